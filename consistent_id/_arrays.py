@@ -1,0 +1,41 @@
+"""Array aliases, and the one place where a value's arrays are copied and frozen."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from consistent_id.errors import ProblemError
+
+Array = NDArray[np.float64]
+Vector = Array
+Matrix = Array
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.intp]
+
+
+def frozen(
+    values: ArrayLike,
+    shape: tuple[int | None, ...],
+    what: str,
+    error: type[Exception] = ProblemError,
+    finite: bool = True,
+) -> Array:
+    """Return a read-only float64 copy of `values`, of the given shape and finite.
+
+    A ``None`` in `shape` stands for any length.
+    """
+    try:
+        array = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError) as cause:
+        raise error(f"{what}: expected numbers of shape {shape}, got {cause}") from None
+    fits = array.ndim == len(shape) and all(
+        want is None or want == have
+        for want, have in zip(shape, array.shape, strict=True)
+    )
+    if not fits:
+        wanted = "(" + ", ".join("any" if n is None else str(n) for n in shape) + ")"
+        raise error(f"{what}: expected shape {wanted}, got {array.shape}")
+    if finite and not np.isfinite(array).all():
+        place = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        raise error(f"{what}: entry {place} is {array[place]}, expected finite numbers")
+    array.setflags(write=False)
+    return array

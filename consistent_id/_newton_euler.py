@@ -1,0 +1,202 @@
+"""The regressor recursion, written once, on scalars.
+
+A scalar is anything with ``+``, ``-`` and ``*``: a float, an array of samples, a
+CasADi expression.  Vectors are 3-tuples of scalars, so that one text serves every
+number type, and structural zeros stay Python numbers, which cost nothing.
+
+Link ``k`` moves with angular velocity ``w``, angular acceleration ``dw`` and linear
+acceleration less gravity ``a``, all of its frame's origin and in its own axes.  Its
+wrench is ``f = m a + W h`` and ``n = I dw + w x I w + h x a``, where
+``W h = dw x h + w x (w x h)``.  A unit rate of an ancestor joint moves the frame with
+the screw ``(e, v)``, so by virtual power that joint feels ``v.f + e.n``, which is
+linear in ``(m, h, I)``.  No backward pass is needed.
+"""
+
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
+
+Scalar = Any
+Vec = tuple[Scalar, Scalar, Scalar]
+Matrix = tuple[Vec, Vec, Vec]
+
+_NONE: Vec = (0.0, 0.0, 0.0)
+
+
+class JointGeometry(NamedTuple):
+    """What the recursion knows of a joint, in plain Python numbers.
+
+    The joint turns about (or slides along) the third column of `align`, an
+    orthonormal basis given in the joint frame; `rotation` and `translation` place the
+    joint frame in the parent link's frame.
+    """
+
+    parent: int
+    slides: bool
+    rotation: Matrix
+    translation: Vec
+    align: Matrix
+
+
+class JointMotion(NamedTuple):
+    """One joint's position, as sine and cosine too, and its two derivatives."""
+
+    q: Scalar
+    sin: Scalar
+    cos: Scalar
+    dq: Scalar
+    ddq: Scalar
+
+
+class _State(NamedTuple):
+    """A link's motion, and the unit screws ``(joint, e, v)`` of its ancestors."""
+
+    w: Vec
+    dw: Vec
+    a: Vec
+    screws: tuple[tuple[int, Vec, Vec], ...]
+    W: Matrix
+
+
+def regressor_entries(
+    joints: Sequence[JointGeometry], gravity: Vec, motion: Sequence[JointMotion]
+) -> Iterator[tuple[int, int, tuple[Scalar, ...]]]:
+    """Yield ``(joint, link, entries)`` for each link and each of its ancestor joints.
+
+    `entries` are the coefficients of ``m, hx, hy, hz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz`` of
+    the link in the joint's torque (force, for a sliding joint).
+    """
+    at_rest = (-gravity[0], -gravity[1], -gravity[2])
+    base = _State(_NONE, _NONE, at_rest, (), (_NONE, _NONE, _NONE))
+    states: list[_State] = []
+    for k, (joint, moves) in enumerate(zip(joints, motion, strict=True)):
+        parent = base if joint.parent < 0 else states[joint.parent]
+        state = _child(k, joint, moves, parent)
+        states.append(state)
+        for j, e, v in state.screws:
+            yield j, k, _entries(e, v, state)
+
+
+def _child(k: int, joint: JointGeometry, moves: JointMotion, parent: _State) -> _State:
+    """Carry the parent's state over joint `k` into its link's frame."""
+    axis = (joint.align[0][2], joint.align[1][2], joint.align[2][2])
+    arm = joint.translation
+    if joint.slides:
+        arm = _add(arm, _scaled(moves.q, _matvec(joint.rotation, axis)))
+    w = _into(joint, moves, parent.w)
+    dw = _into(joint, moves, parent.dw)
+    a = _into(joint, moves, _add(parent.a, _matvec(parent.W, arm)))
+    screws = tuple(
+        (j, _into(joint, moves, e), _into(joint, moves, _add(v, _cross(e, arm))))
+        for j, e, v in parent.screws
+    )
+    rate, push = _scaled(moves.dq, axis), _scaled(moves.ddq, axis)
+    coupled = _cross(w, rate)
+    if joint.slides:
+        a = _add(_add(a, push), _scaled(2.0, coupled))
+        screws += ((k, _NONE, axis),)
+    else:
+        w, dw = _add(w, rate), _add(_add(dw, push), coupled)
+        screws += ((k, axis, _NONE),)
+    return _State(w, dw, a, screws, _spin(w, dw))
+
+
+def _spin(w: Vec, dw: Vec) -> Matrix:
+    """``W = [dw x] + w w^T - (w.w) 1``, so that ``W h = dw x h + w x (w x h)``."""
+    xx, yy, zz = _mul(w[0], w[0]), _mul(w[1], w[1]), _mul(w[2], w[2])
+    xy, xz, yz = _mul(w[0], w[1]), _mul(w[0], w[2]), _mul(w[1], w[2])
+    x, y, z = dw
+    return (
+        (_minus(0.0, _plus(yy, zz)), _minus(xy, z), _plus(xz, y)),
+        (_plus(xy, z), _minus(0.0, _plus(xx, zz)), _minus(yz, x)),
+        (_minus(xz, y), _plus(yz, x), _minus(0.0, _plus(xx, yy))),
+    )
+
+
+def _entries(e: Vec, v: Vec, link: _State) -> tuple[Scalar, ...]:
+    """Coefficients of the ten inertial parameters in ``v.f + e.n``.
+
+    The inertia's are those of ``e dw^T + (e x w) w^T``, symmetrised; written out, each
+    is linear in ``e`` with entries of ``W`` (or products of rates) as coefficients.
+    """
+    (x, y, z), (wx, wy, wz), (dwx, dwy, dwz), W = e, link.w, link.dw, link.W
+    ux, uy, uz = _cross(e, link.w)
+    xx, yy, zz = W[0][0], W[1][1], W[2][2]
+    return (
+        _dot(v, link.a),
+        *_add(_matvec_transposed(W, v), _cross(link.a, e)),
+        _plus(_mul(x, dwx), _mul(ux, wx)),
+        _plus(_minus(_mul(y, W[2][1]), _mul(x, W[2][0])), _mul(z, _minus(xx, yy))),
+        _plus(_mul(y, dwy), _mul(uy, wy)),
+        _plus(_minus(_mul(x, W[1][0]), _mul(z, W[1][2])), _mul(y, _minus(zz, xx))),
+        _plus(_minus(_mul(z, W[0][2]), _mul(y, W[0][1])), _mul(x, _minus(yy, zz))),
+        _plus(_mul(z, dwz), _mul(uz, wz)),
+    )
+
+
+def _into(joint: JointGeometry, moves: JointMotion, x: Vec) -> Vec:
+    """Turn a vector of the parent link's axes into the link's own axes."""
+    x = _matvec_transposed(joint.rotation, x)
+    if joint.slides:
+        return x
+    x1, x2, x3 = _matvec_transposed(joint.align, x)
+    turned = (
+        _plus(_mul(moves.cos, x1), _mul(moves.sin, x2)),
+        _minus(_mul(moves.cos, x2), _mul(moves.sin, x1)),
+        x3,
+    )
+    return _matvec(joint.align, turned)
+
+
+def _mul(x: Scalar, y: Scalar) -> Scalar:
+    """Product that keeps structural zeros and ones out of the arithmetic."""
+    if type(x) is float:
+        if x == 0.0:
+            return 0.0
+        if x == 1.0:
+            return y
+    if type(y) is float:
+        if y == 0.0:
+            return 0.0
+        if y == 1.0:
+            return x
+    return x * y
+
+
+def _plus(x: Scalar, y: Scalar) -> Scalar:
+    if type(x) is float and x == 0.0:
+        return y
+    if type(y) is float and y == 0.0:
+        return x
+    return x + y
+
+
+def _minus(x: Scalar, y: Scalar) -> Scalar:
+    return x if type(y) is float and y == 0.0 else x - y
+
+
+def _scaled(s: Scalar, x: Vec) -> Vec:
+    return _mul(s, x[0]), _mul(s, x[1]), _mul(s, x[2])
+
+
+def _add(x: Vec, y: Vec) -> Vec:
+    return _plus(x[0], y[0]), _plus(x[1], y[1]), _plus(x[2], y[2])
+
+
+def _dot(x: Vec, y: Vec) -> Scalar:
+    return _plus(_plus(_mul(x[0], y[0]), _mul(x[1], y[1])), _mul(x[2], y[2]))
+
+
+def _cross(x: Vec, y: Vec) -> Vec:
+    return (
+        _minus(_mul(x[1], y[2]), _mul(x[2], y[1])),
+        _minus(_mul(x[2], y[0]), _mul(x[0], y[2])),
+        _minus(_mul(x[0], y[1]), _mul(x[1], y[0])),
+    )
+
+
+def _matvec(m: Matrix, x: Vec) -> Vec:
+    return _dot(m[0], x), _dot(m[1], x), _dot(m[2], x)
+
+
+def _matvec_transposed(m: Matrix, x: Vec) -> Vec:
+    return _add(_add(_scaled(x[0], m[0]), _scaled(x[1], m[1])), _scaled(x[2], m[2]))

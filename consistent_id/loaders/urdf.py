@@ -1,0 +1,148 @@
+"""Robots from URDF: our own lint first, then Pinocchio as the loader."""
+
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from consistent_id.errors import ModelError
+from consistent_id.inertia import InertialParameters
+from consistent_id.loaders._urdf_lint import lint
+from consistent_id.model import (
+    STANDARD_GRAVITY,
+    Datasheet,
+    Joint,
+    JointKind,
+    JointLimits,
+    Link,
+    RobotModel,
+)
+
+_SNAP = 1e-10  # entries of a rotation nearer than this to -1, 0 or 1 are taken as such
+
+
+def load_urdf(
+    path: str | Path, *, gravity: ArrayLike = STANDARD_GRAVITY, tip: str | None = None
+) -> RobotModel:
+    """Load a robot from a URDF file; fixed joints are merged into their parents.
+
+    Masses and centres of mass of the file become nominal values and datasheet values.
+
+    Parameters
+    ----------
+    path : str or Path
+    gravity : array_like, shape (3,), [m/s^2]
+        In the base frame.
+    tip : str, optional
+        Keep only the chain from the base to this moving link.
+
+    Returns
+    -------
+    RobotModel
+
+    Raises
+    ------
+    ModelError
+        If the file cannot be read or describes no robot; with file and line.
+    """
+    import pinocchio as pin
+
+    path = Path(path)
+    try:
+        text = path.read_bytes()
+    except OSError as cause:
+        raise ModelError(f"{path}: cannot be read ({cause.strerror})") from None
+    lint(text, path)
+    try:
+        model = pin.buildModelFromXML(text.decode())
+    except (ValueError, RuntimeError) as cause:
+        raise ModelError(f"{path}: Pinocchio refuses it: {cause}") from None
+    robot = from_pinocchio(model, gravity=gravity)
+    return robot if tip is None else robot.up_to(tip)
+
+
+def from_pinocchio(model: Any, *, gravity: ArrayLike | None = None) -> RobotModel:
+    """Convert a ``pinocchio.Model`` of one-axis joints into a `RobotModel`.
+
+    Raises
+    ------
+    ModelError
+        If a joint has more than one degree of freedom.
+    """
+    import pinocchio as pin
+
+    data = model.createData()
+    pin.computeJointJacobians(model, data, pin.neutral(model))
+    joints, links = [], []
+    for k in range(1, model.njoints):
+        kind = _kind(model, k)
+        column = model.joints[k].idx_v
+        jacobian = pin.getJointJacobian(model, data, k, pin.LOCAL)
+        twist = jacobian.reshape(6, -1)[:, column]
+        placement = model.jointPlacements[k]
+        joints.append(
+            Joint(
+                name=model.names[k],
+                kind=kind,
+                parent=model.parents[k] - 1,
+                rotation=_snapped(placement.rotation),
+                translation=placement.translation,
+                axis=_snapped(twist[:3] if kind == "prismatic" else twist[3:]),
+                limits=_limits(model, k, kind),
+            )
+        )
+        links.append(_link(model, k))
+    if gravity is None:
+        gravity = model.gravity.linear
+    return RobotModel(model.name, tuple(joints), tuple(links), np.asarray(gravity))
+
+
+def _kind(model: Any, k: int) -> JointKind:
+    joint = model.joints[k]
+    short = joint.shortname()
+    if joint.nv != 1 or "Helical" in short or "Mimic" in short:
+        raise ModelError(
+            f"joint {model.names[k]!r} is a {short}; only revolute, continuous, "
+            "prismatic and fixed joints are supported"
+        )
+    if "Prismatic" in short or short.startswith("JointModelP"):
+        return "prismatic"
+    return "continuous" if joint.nq == 2 else "revolute"
+
+
+def _limits(model: Any, k: int, kind: JointKind) -> JointLimits:
+    """Limits as the file states them; what it leaves out is infinite, not zero."""
+    position, rate = model.joints[k].idx_q, model.joints[k].idx_v
+    lower, upper = -np.inf, np.inf
+    if kind != "continuous":
+        lower = float(model.lowerPositionLimit[position])
+        upper = float(model.upperPositionLimit[position])
+    return JointLimits(
+        lower,
+        upper,
+        abs(float(model.upperVelocityLimit[rate])) or np.inf,
+        abs(float(model.upperEffortLimit[rate])) or np.inf,
+    )
+
+
+def _link(model: Any, k: int) -> Link:
+    import pinocchio as pin
+
+    bodies = [
+        frame.name
+        for frame in model.frames
+        if frame.parentJoint == k and frame.type == pin.FrameType.BODY
+    ]
+    body = model.inertias[k]
+    nominal = InertialParameters.from_central(body.mass, body.lever, body.inertia)
+    name = cast(str, bodies[0]) if bodies else f"link_of_{model.names[k]}"
+    com = body.lever if body.mass > 0.0 else None
+    sheet = Datasheet(mass=body.mass if body.mass > 0.0 else None, com=com)
+    return Link(name, nominal, sheet)
+
+
+def _snapped(values: np.ndarray) -> np.ndarray:
+    """Restore exact zeros and ones, which speed up the regressor, after 1.5707963."""
+    nearest = np.round(values)
+    return np.where(abs(values - nearest) < _SNAP, nearest, values)

@@ -1,0 +1,142 @@
+"""A recording: what a robot's log says, checked once at the door."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+
+from consistent_id._arrays import Matrix, Vector, frozen
+from consistent_id.errors import RecordingError
+from consistent_id.parameters import did_you_mean
+
+_CHANNELS = ("position", "velocity", "acceleration", "torque")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recording:
+    """Motion and torque of named joints on one clock.
+
+    Parameters
+    ----------
+    joints : tuple of str
+    time : array_like, shape (samples,), [s]
+        Strictly increasing.
+    position : array_like, shape (samples, joints), [rad or m]
+    velocity, acceleration : array_like, shape (samples, joints), optional
+    torque : array_like, shape (samples, joints), optional, [N m or N]
+    name : str
+        Where it comes from; used in messages.
+
+    Raises
+    ------
+    RecordingError
+        If shapes do not fit, a value is not finite or time does not increase; the
+        message names channel, joint and sample.
+
+    Examples
+    --------
+    >>> time = np.arange(4) * 0.001
+    >>> log = Recording(("elbow",), time, np.sin(time)[:, None])
+    >>> log.rate, log.velocity is None
+    (1000.0, True)
+    """
+
+    joints: tuple[str, ...]
+    time: Vector
+    position: Matrix
+    velocity: Matrix | None = None
+    acceleration: Matrix | None = None
+    torque: Matrix | None = None
+    name: str = "recording"
+
+    def __post_init__(self) -> None:
+        if not self.joints or len(set(self.joints)) != len(self.joints):
+            raise RecordingError(
+                f"{self.name}: joints are {self.joints}, expected distinct names"
+            )
+        time = frozen(
+            self.time, (None,), f"{self.name}: time", RecordingError, finite=False
+        )
+        if len(time) < 2:
+            raise RecordingError(
+                f"{self.name}: {len(time)} samples, expected 2 or more"
+            )
+        self._check_time(time)
+        object.__setattr__(self, "time", time)
+        for channel in _CHANNELS:
+            values = getattr(self, channel)
+            if values is not None:
+                array = self._checked(channel, values, len(time))
+                object.__setattr__(self, channel, array)
+
+    def _check_time(self, time: Vector) -> None:
+        if not np.isfinite(time).all():
+            bad = int(np.argmin(np.isfinite(time)))
+            raise RecordingError(f"{self.name}: time of sample {bad} is {time[bad]}")
+        steps = np.diff(time)
+        if (steps <= 0.0).any():
+            bad = int(np.argmax(steps <= 0.0))
+            raise RecordingError(
+                f"{self.name}: time goes from {time[bad]:.9g} s (sample {bad}) to "
+                f"{time[bad + 1]:.9g} s; it must increase. Sort the samples, and drop "
+                "repeated ones"
+            )
+
+    def _checked(self, channel: str, values: Matrix, samples: int) -> Matrix:
+        shape = (samples, len(self.joints))
+        what = f"{self.name}: {channel}"
+        array = frozen(values, shape, what, RecordingError, finite=False)
+        if not np.isfinite(array).all():
+            sample, joint = (int(i) for i in np.argwhere(~np.isfinite(array))[0])
+            count = int((~np.isfinite(array)).sum())
+            raise RecordingError(
+                f"{what} of joint {self.joints[joint]!r} is {array[sample, joint]} at "
+                f"sample {sample} (t = {self.time[sample]:.6g} s), the first of "
+                f"{count}. Remove or repair those samples"
+            )
+        return array
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    @property
+    def duration(self) -> float:
+        """Time from the first to the last sample [s]."""
+        return float(self.time[-1] - self.time[0])
+
+    @property
+    def rate(self) -> float:
+        """Mean sampling rate [Hz]."""
+        return (len(self) - 1) / self.duration
+
+    def of(self, joints: Sequence[str]) -> Self:
+        """Return the named joints' channels, in the given order.
+
+        Raises
+        ------
+        RecordingError
+            If a joint was not recorded.
+        """
+        missing = [name for name in joints if name not in self.joints]
+        if missing:
+            near = did_you_mean(missing[0], self.joints)
+            raise RecordingError(f"{self.name} has no joint {missing[0]!r}; {near}")
+        if tuple(joints) == self.joints:
+            return self
+        columns = [self.joints.index(name) for name in joints]
+        channels = {
+            channel: values[:, columns]
+            for channel in _CHANNELS
+            if (values := getattr(self, channel)) is not None
+        }
+        return replace(self, joints=tuple(joints), **channels)
+
+    def samples(self, keep: slice) -> Self:
+        """Return a run of samples (every ``keep.step``-th of them)."""
+        channels = {
+            channel: values[keep]
+            for channel in _CHANNELS
+            if (values := getattr(self, channel)) is not None
+        }
+        return replace(self, time=self.time[keep], **channels)

@@ -1,0 +1,244 @@
+"""A regression compressed to triangular factors, one per joint.
+
+The regressor is never stacked and never squared: chunks stream through a QR, so memory
+does not grow with the number of samples and no digits are lost.  Factors of several
+recordings add; weights of joints scale factors.
+"""
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from consistent_id._arrays import Array, IntArray, Matrix, Vector, frozen
+from consistent_id.base import independent_columns, random_regressor
+from consistent_id.errors import NotExcitedError, ProblemError, RecordingError
+from consistent_id.parameters import ParameterLayout
+from consistent_id.recording import Recording
+from consistent_id.regressor import CHUNK, TorqueModel
+
+_WORKERS = 2
+_PIECE = 4 * CHUNK  # samples that one worker compresses before factors are merged
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Regression:
+    """All that least squares needs of any number of samples.
+
+    Parameters
+    ----------
+    layout : ParameterLayout
+    joints : tuple of str
+    factors : tuple of ndarray, each shape (rows, parameters + 1)
+        ``F_j`` with ``||F_j [x, -1]|| = ||Y_j x - tau_j||`` for every ``x``.
+    counts : tuple of int
+        Samples behind each factor.
+    sigma : array_like, shape (joints,), [N m or N]
+        Noise standard deviation by which each joint's rows are divided in `stacked`.
+    """
+
+    layout: ParameterLayout
+    joints: tuple[str, ...]
+    factors: tuple[Matrix, ...]
+    counts: tuple[int, ...]
+    sigma: Vector = field(default_factory=lambda: np.ones(0))
+
+    def __post_init__(self) -> None:
+        n, width = len(self.joints), len(self.layout) + 1
+        if len(self.factors) != n or len(self.counts) != n:
+            raise ProblemError(f"{n} joints need {n} factors and {n} counts")
+        factors = tuple(
+            frozen(factor, (None, width), f"factor of {joint}")
+            for joint, factor in zip(self.joints, self.factors, strict=True)
+        )
+        sigma = np.ones(n) if np.size(self.sigma) == 0 else self.sigma
+        sigma = frozen(sigma, (n,), "sigma")
+        if not (sigma > 0.0).all():
+            raise ProblemError(f"sigma is {sigma}, expected positive values")
+        object.__setattr__(self, "factors", factors)
+        object.__setattr__(self, "sigma", sigma)
+
+    def __add__(self, other: "Regression") -> Self:
+        """Merge two regressions of one torque model."""
+        if (self.layout, self.joints) != (other.layout, other.joints):
+            raise ProblemError("regressions of different models cannot be added")
+        if not np.array_equal(self.sigma, other.sigma):
+            raise ProblemError("regressions with different weights cannot be added")
+        factors = tuple(
+            _triangle(np.vstack([mine, theirs]))
+            for mine, theirs in zip(self.factors, other.factors, strict=True)
+        )
+        counts = tuple(a + b for a, b in zip(self.counts, other.counts, strict=True))
+        return replace(self, factors=factors, counts=counts)
+
+    def weighted(self, sigma: ArrayLike) -> Self:
+        """Return the regression with each joint's rows divided by its noise level."""
+        return replace(self, sigma=np.asarray(sigma, dtype=np.float64))
+
+    def stacked(self) -> Matrix:
+        """Return one triangular factor for all joints, weights applied."""
+        scaled = [f / s for f, s in zip(self.factors, self.sigma, strict=True)]
+        return _triangle(np.vstack(scaled))
+
+    def residual_rms(self, x: ArrayLike) -> Vector:
+        """Root-mean-square torque residual of each joint, [N m or N], unweighted."""
+        z = np.append(np.asarray(x, dtype=np.float64), -1.0)
+        norms = np.array([np.linalg.norm(factor @ z) for factor in self.factors])
+        return np.asarray(norms / np.sqrt(self.counts))
+
+    @property
+    def torque_rms(self) -> Vector:
+        """Root-mean-square torque of each joint, [N m or N]."""
+        return self.residual_rms(np.zeros(len(self.layout)))
+
+
+def build_regression(
+    model: TorqueModel,
+    recordings: Recording | Sequence[Recording],
+    *,
+    row_weights: Sequence[Array] | None = None,
+) -> Regression:
+    """Compress recordings into a `Regression`.
+
+    Parameters
+    ----------
+    model : TorqueModel
+    recordings : Recording or sequence of Recording
+        With velocity, acceleration and torque; joints are matched by name.
+    row_weights : sequence of ndarray, each shape (samples, joints), optional
+        Factors by which each row and its torque are multiplied.
+
+    Raises
+    ------
+    RecordingError
+        If a channel or a joint is missing.
+    NotExcitedError
+        If there is no recording.
+    """
+    from threadpoolctl import threadpool_limits
+
+    if isinstance(recordings, Recording):
+        recordings = [recordings]
+    if not recordings:
+        raise NotExcitedError("there is no recording to learn from")
+    structure = _row_structure(model)
+    pieces = [
+        (motion, slice(start, start + _PIECE))
+        for motion in (
+            _motion(model, recording, None if row_weights is None else row_weights[i])
+            for i, recording in enumerate(recordings)
+        )
+        for start in range(0, len(motion.torque), _PIECE)
+    ]
+
+    def compressed(piece: tuple[_Motion, slice]) -> list[Matrix]:
+        return _compress(model, structure, *piece)
+
+    # NumPy and LAPACK free the interpreter's lock, so pieces run side by side; threads
+    # inside a factorisation of this size make it slower, and change its last bits.
+    # Pieces are merged in order, whatever the number of workers.
+    merged: list[Matrix] = []
+    with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(_WORKERS) as pool:
+        for factors in pool.map(compressed, pieces):
+            merged = (
+                [_triangle(np.vstack(p)) for p in zip(merged, factors, strict=True)]
+                if merged
+                else factors
+            )
+    expanded = (
+        np.hstack([R[:, :-1] @ expand, R[:, -1:]])
+        for R, (_, expand) in zip(merged, structure, strict=True)
+    )
+    counts = sum(len(recording) for recording in recordings)
+    return Regression(
+        layout=model.layout,
+        joints=model.robot.joint_names,
+        factors=tuple(expanded),
+        counts=(counts,) * len(model.robot),
+    )
+
+
+class _Motion(NamedTuple):
+    """A recording's arrays in the model's order of joints, all of one length."""
+
+    q: Array
+    dq: Array
+    ddq: Array
+    torque: Array
+    weights: Array | None
+
+
+def _motion(model: TorqueModel, recording: Recording, weights: Array | None) -> _Motion:
+    recording = recording.of(model.robot.joint_names)
+    dq, ddq, tau = recording.velocity, recording.acceleration, recording.torque
+    if dq is None or ddq is None or tau is None:
+        given = {"velocity": dq, "acceleration": ddq, "torque": tau}
+        missing = [name for name, values in given.items() if values is None]
+        raise RecordingError(
+            f"{recording.name} has no {' and no '.join(missing)}; velocity and "
+            "acceleration come from signals.differentiated(recording)"
+        )
+    return _Motion(recording.position, dq, ddq, tau, weights)
+
+
+def _compress(
+    model: TorqueModel,
+    structure: Sequence[tuple[IntArray, Matrix]],
+    motion: _Motion,
+    piece: slice,
+) -> list[Matrix]:
+    """Return, per joint, the triangular factor of its rows in a piece of a motion."""
+    tau = motion.torque[piece]
+    weights = None if motion.weights is None else motion.weights[piece]
+    factors = [np.zeros((0, len(kept) + 1)) for kept, _ in structure]
+    for part, Y in model.chunks(motion.q[piece], motion.dq[piece], motion.ddq[piece]):
+        for j, (kept, _) in enumerate(structure):
+            done = len(factors[j])
+            rows = np.empty((done + Y.shape[2], len(kept) + 1), order="F")
+            rows[:done] = factors[j]
+            rows[done:, :-1] = Y[j, kept].T
+            rows[done:, -1] = tau[part, j]
+            if weights is not None:
+                rows[done:] *= weights[part, j, None]
+            factors[j] = _triangle(rows)
+    return factors
+
+
+@lru_cache(maxsize=16)
+def _row_structure(model: TorqueModel) -> tuple[tuple[IntArray, Matrix], ...]:
+    """Return, per joint, its row's independent columns and how they give all others.
+
+    A row of joint ``j`` is zero beyond its descendants, and of the rest about half are
+    combinations of others for every motion; only independent columns are factorised.
+    """
+    p, inertial = len(model.layout), model.layout.inertial_size
+    structure = []
+    for row in random_regressor(model):
+        kept, dependent, K = independent_columns(row[:inertial].T)
+        drive = [i for i in range(inertial, p) if row[i].any()]
+        expand = np.zeros((len(kept) + len(drive), p))
+        expand[range(len(kept)), list(kept)] = 1.0
+        expand[: len(kept), list(dependent)] = K
+        expand[range(len(kept), len(expand)), drive] = 1.0
+        structure.append((np.array([*kept, *drive], dtype=np.intp), expand))
+    return tuple(structure)
+
+
+def _triangle(rows: Matrix) -> Matrix:
+    """Return the triangular factor of a QR decomposition, destroying `rows`."""
+    if len(rows) <= rows.shape[1]:
+        return rows
+    R, *_ = _geqrf()(rows, overwrite_a=1)
+    return np.triu(R[: rows.shape[1]])
+
+
+@lru_cache(maxsize=1)
+def _geqrf() -> Callable[..., tuple[Any, ...]]:
+    # numpy.linalg.qr copies twice; LAPACK's own routine works in place.
+    from scipy.linalg.lapack import dgeqrf
+
+    return dgeqrf  # type: ignore[no-any-return]

@@ -1,0 +1,223 @@
+"""The torque model: torques as a linear function of the parameters.
+
+``tau = Y(q, dq, ddq) x``, where ``x`` holds ten inertial parameters per link and the
+drive terms of each joint.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from consistent_id._arrays import Array, Vector, frozen
+from consistent_id._newton_euler import JointGeometry, JointMotion, regressor_entries
+from consistent_id.errors import ProblemError
+from consistent_id.friction import DriveTerms, drive_unit
+from consistent_id.model import Joint, RobotModel
+from consistent_id.parameters import ParameterLayout
+
+CHUNK = 4096
+"""Samples per chunk: keeps the recursion's arrays in the processor's cache."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TorqueModel:
+    """A robot's torque as a linear function of its parameters.
+
+    Parameters
+    ----------
+    robot : RobotModel
+    drive : DriveTerms or tuple of DriveTerms
+        Friction and drive terms, for all joints alike or joint by joint.
+
+    Examples
+    --------
+    >>> from consistent_id import DHRow, DriveTerms, from_modified_dh
+    >>> arm = from_modified_dh("arm", [DHRow(0, 0), DHRow(-np.pi / 2, 0)])
+    >>> torque = TorqueModel(arm, DriveTerms(viscous=True))
+    >>> torque.regressor([[0.1, 0.2]], [[0, 0]], [[0, 0]]).shape
+    (2, 22, 1)
+    """
+
+    robot: RobotModel
+    drive: DriveTerms | tuple[DriveTerms, ...] = field(default_factory=DriveTerms)
+    terms: tuple[DriveTerms, ...] = field(init=False)
+    layout: ParameterLayout = field(init=False)
+
+    def __post_init__(self) -> None:
+        robot, drive = self.robot, self.drive
+        if isinstance(drive, DriveTerms):
+            drive = (drive,) * len(robot)
+        if len(drive) != len(robot):
+            raise ProblemError(
+                f"drive terms for {len(drive)} joints, but the robot has {len(robot)}"
+            )
+        columns = [
+            (joint, term)
+            for joint, of_joint in zip(robot.joints, drive, strict=True)
+            for term in of_joint.names
+        ]
+        layout = ParameterLayout(
+            links=robot.link_names,
+            drive=tuple((joint.name, term) for joint, term in columns),
+            drive_units=tuple(
+                drive_unit(term, joint.kind == "prismatic") for joint, term in columns
+            ),
+        )
+        object.__setattr__(self, "terms", drive)
+        object.__setattr__(self, "layout", layout)
+
+    def regressor(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Array:
+        """Return the regressor of samples.
+
+        Parameters
+        ----------
+        q, dq, ddq : array_like, shape (samples, joints)
+            Positions [rad or m] and their derivatives [per s, per s^2].
+
+        Returns
+        -------
+        ndarray, shape (joints, parameters, samples)
+            Joint-major: ``tau[:, j] = Y[j].T @ x``.
+
+        Raises
+        ------
+        ProblemError
+            If a shape is wrong or a value is not finite.
+        """
+        blocks = list(self.chunks(q, dq, ddq))
+        if not blocks:
+            return np.zeros((len(self.robot), len(self.layout), 0))
+        return np.concatenate([block for _, block in blocks], axis=2)
+
+    def chunks(
+        self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, size: int = CHUNK
+    ) -> Iterator[tuple[slice, Array]]:
+        """Yield ``(samples, regressor)`` piece by piece, in constant memory.
+
+        The regressor's array is reused: consume it before the next step.
+        """
+        joints = len(self.robot)
+        motion = [
+            frozen(x, (None, joints), name)
+            for x, name in ((q, "q"), (dq, "dq"), (ddq, "ddq"))
+        ]
+        samples = len(motion[0])
+        for x, name in zip(motion, ("q", "dq", "ddq"), strict=True):
+            if len(x) != samples:
+                raise ProblemError(f"{name} has {len(x)} samples, q has {samples}")
+        geometry = joint_geometry(self.robot)
+        out = np.zeros((joints, len(self.layout), min(size, samples)))
+        for start in range(0, samples, size):
+            part = slice(start, min(start + size, samples))
+            block = out[:, :, : part.stop - start]
+            pieces = [np.ascontiguousarray(x[part].T) for x in motion]
+            self._fill(block, geometry, *pieces)
+            # A short last block is a view with gaps; hand out whole arrays only.
+            yield part, block if part.stop - start == size else block.copy()
+
+    def predict(
+        self, x: ArrayLike, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike
+    ) -> Array:
+        """Return the torques of parameters `x`, shape (samples, joints), [N m or N]."""
+        x = frozen(x, (len(self.layout),), "parameters")
+        parts = [
+            np.einsum("jps,p->sj", block, x) for _, block in self.chunks(q, dq, ddq)
+        ]
+        return np.concatenate(parts) if parts else np.zeros((0, len(self.robot)))
+
+    def _fill(
+        self,
+        out: Array,
+        geometry: Sequence[JointGeometry],
+        q: Array,
+        dq: Array,
+        ddq: Array,
+    ) -> None:
+        motion = [
+            JointMotion(*joint)
+            for joint in zip(q, np.sin(q), np.cos(q), dq, ddq, strict=True)
+        ]
+        gravity = _floats(self.robot.gravity)
+        for j, k, entries in regressor_entries(geometry, gravity, motion):
+            for i, entry in enumerate(entries, start=10 * k):
+                out[j, i] = entry
+        column = self.layout.inertial_size
+        for j, terms in enumerate(self.terms):
+            for values in terms.columns(dq[j], ddq[j]):
+                out[j, column] = values
+                column += 1
+
+
+def joint_torque_regressor(
+    robot: RobotModel, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike
+) -> Array:
+    """Return the rigid-body regressor, shape (joints, 10 links, samples).
+
+    See `TorqueModel.regressor`, which has drive terms besides.
+    """
+    return TorqueModel(robot).regressor(q, dq, ddq)
+
+
+def casadi_regressor(robot: RobotModel) -> Any:
+    """Return the rigid-body regressor as a CasADi function of one sample.
+
+    Returns
+    -------
+    casadi.Function
+        ``(q, dq, ddq) -> Y``, shapes (joints,) and (joints, 10 links), SX.
+    """
+    import casadi as ca
+
+    n = len(robot)
+    q, dq, ddq = (ca.SX.sym(name, n) for name in ("q", "dq", "ddq"))
+    Y = ca.SX(n, 10 * n)
+    motion = [
+        JointMotion(q[j], ca.sin(q[j]), ca.cos(q[j]), dq[j], ddq[j]) for j in range(n)
+    ]
+    gravity = _floats(robot.gravity)
+    for j, k, entries in regressor_entries(joint_geometry(robot), gravity, motion):
+        for i, entry in enumerate(entries, start=10 * k):
+            Y[j, i] = entry
+    return ca.Function("regressor", [q, dq, ddq], [Y], ["q", "dq", "ddq"], ["Y"])
+
+
+def joint_geometry(robot: RobotModel) -> tuple[JointGeometry, ...]:
+    """Return what the recursion needs of each joint, in plain Python numbers."""
+    return tuple(
+        JointGeometry(
+            parent=joint.parent,
+            slides=joint.kind == "prismatic",
+            rotation=_rows(joint.rotation),
+            translation=_floats(joint.translation),
+            align=_rows(_basis_with_axis(joint)),
+        )
+        for joint in robot.joints
+    )
+
+
+def _basis_with_axis(joint: Joint) -> Array:
+    """Return a rotation whose third column is the joint's axis.
+
+    A cyclic permutation where the axis is a coordinate axis, so that it costs nothing.
+    """
+    axis = joint.axis
+    if np.count_nonzero(axis) == 1:
+        place = int(np.argmax(abs(axis)))
+        basis = np.roll(np.eye(3), place - 2, axis=0)
+        return basis if axis[place] > 0 else basis * np.array([1.0, -1.0, -1.0])
+    helper = np.eye(3)[np.argmin(abs(axis))]
+    first = np.cross(axis, helper)
+    first /= np.linalg.norm(first)
+    return np.column_stack([first, np.cross(axis, first), axis])
+
+
+def _floats(vector: Vector) -> tuple[float, float, float]:
+    x, y, z = vector.tolist()
+    return x, y, z
+
+
+def _rows(matrix: Array) -> tuple[Any, Any, Any]:
+    return _floats(matrix[0]), _floats(matrix[1]), _floats(matrix[2])
