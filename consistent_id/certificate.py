@@ -1,0 +1,132 @@
+"""Proof that a point is optimal, without trust in the solver that found it.
+
+Let ``f(u) = 1/2 ||G u - g||^2`` and ``v`` be any feasible point, ``d = v - u``.  Then
+``f(v) = f(u) + grad f(u).d + 1/2 ||G d||^2``, and writing the gradient through
+multipliers of the right sign leaves
+
+``f(u) - f(v) <= complementarity - r.d - 1/2 ||G d||^2``
+
+where ``r`` is what the multipliers fail to explain.  The part of ``r`` in the row space
+of ``G`` costs at most ``1/2 ||G^+T r||^2``; the part in its null space, which is
+rounding, at most its norm times ``||d||``.  The sum is the gap.  It holds whatever the
+solver did, against all ``v`` in a ball about a centre (the nominal robot) that is
+`RADIUS` times as large as the centre itself.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from consistent_id._arrays import Matrix, Vector
+from consistent_id.cone_program import ConeSolution, LeastNorm, Multipliers
+
+_NULL = 1e-12  # singular values of G below this, relative to the largest, are zero
+
+Verdict = Literal["certified", "uncertified", "refused"]
+
+GAP_TOLERANCE = 1e-6
+"""Largest relative gap of a certified optimum."""
+
+FEASIBILITY_TOLERANCE = 1e-7
+"""Largest violation of a certified point, in units of typical parameters."""
+
+RADIUS = 10.0
+"""Radius of the ball in which a proof holds, in units of one plus its centre's norm."""
+
+
+@dataclass(frozen=True, slots=True)
+class Optimality:
+    """What was recomputed of a solution.
+
+    Parameters
+    ----------
+    objective : float
+        Half the squared norm, dimensionless.
+    gap : float
+        Upper bound on the excess over the optimum, divided by `reference`.
+    violation : float
+        Largest violation of a constraint, in units of typical parameters.
+    stationarity : float
+        Norm of the gradient that the multipliers leave unexplained.
+    """
+
+    objective: float
+    gap: float
+    violation: float
+    stationarity: float
+
+    @property
+    def verdict(self) -> Verdict:
+        """``"certified"`` iff gap and violation are within the tolerances."""
+        fine = self.gap <= GAP_TOLERANCE and self.violation <= FEASIBILITY_TOLERANCE
+        return "certified" if fine else "uncertified"
+
+
+def certify(
+    problem: LeastNorm,
+    solution: ConeSolution,
+    centre: Vector,
+    *,
+    reference: float = 0.0,
+) -> Optimality:
+    """Recompute feasibility and the duality gap of a solution.
+
+    Parameters
+    ----------
+    problem : LeastNorm
+    solution : ConeSolution
+    centre : ndarray
+        Centre of the ball in which the proof holds.
+    reference : float
+        What the gap is measured against, if larger than the objective.
+    """
+    u, domain = solution.u, problem.domain
+    misfit = problem.G @ u - problem.g
+    objective = float(misfit @ misfit) / 2
+    rest, duals = _unexplained(problem, u, solution.multipliers)
+    slack = 0.0
+    slack += float(abs(duals.equal @ (domain.b_eq - domain.A_eq @ u)))
+    slack += float(duals.at_most @ np.maximum(domain.b_in - domain.A_in @ u, 0.0))
+    for block, Z in zip(domain.blocks, duals.blocks, strict=True):
+        slack += max(0.0, float(np.sum(Z * block.scaled(u))))
+    violation = domain.violation(u)
+    stationarity = float(np.linalg.norm(rest))
+    gap = slack + _cost_of_rest(problem.G, rest, u, centre)
+    gap = min(gap, objective)  # the optimum is not below 0
+    scale = max(objective, reference)
+    return Optimality(
+        objective,
+        float(gap / scale) if scale > 0.0 else 0.0,
+        violation,
+        stationarity,
+    )
+
+
+def _cost_of_rest(G: Matrix, rest: Vector, u: Vector, centre: Vector) -> float:
+    """Bound ``-rest.d - 1/2 ||G d||^2`` for all ``u + d`` in the ball."""
+    _, s, Vt = np.linalg.svd(G, full_matrices=False)
+    rows = Vt[s > _NULL * s[0]]
+    along = rows @ rest
+    across = rest - rows.T @ along
+    quadratic = float(np.sum((along / s[: len(rows)]) ** 2)) / 2
+    radius = RADIUS * (1.0 + float(np.linalg.norm(centre)))
+    to_centre = abs(float(across @ (centre - u)))
+    return quadratic + to_centre + radius * float(np.linalg.norm(across))
+
+
+def _unexplained(
+    problem: LeastNorm, u: Vector, duals: Multipliers
+) -> tuple[Vector, Multipliers]:
+    """Gradient left over by the multipliers; those of equalities are refined first."""
+    domain = problem.domain
+    rest = problem.G.T @ (problem.G @ u - problem.g)
+    rest = rest + domain.A_in.T @ duals.at_most
+    for block, Z in zip(domain.blocks, duals.blocks, strict=True):
+        rest = rest - np.tensordot(block.coefficients, Z, axes=2)
+    if len(domain.b_eq) == 0:
+        return rest, duals
+    solved = np.linalg.lstsq(domain.A_eq.T, -rest, rcond=None)
+    equal = np.asarray(solved[0], dtype=np.float64)
+    refined = Multipliers(equal, duals.at_most, duals.blocks)
+    return rest + domain.A_eq.T @ equal, refined

@@ -1,0 +1,1 @@
+"""Estimators: from a regression to an estimate."""

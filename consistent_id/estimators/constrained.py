@@ -1,0 +1,277 @@
+"""The best fit among parameters that a real body could have.
+
+In the standard parameters from the start, because that is where consistency lives:
+
+1. the least weighted misfit ``||R x - z||`` over the constraints;
+2. among all constrained ``x`` whose misfit is within a slack of it, the one nearest to
+   the nominal robot, so that what the data leave open is settled by the prior and not
+   by the solver's whim.
+
+Both are cone programmes on the compressed regression; both optima are certified.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from time import perf_counter
+
+import numpy as np
+
+from consistent_id._arrays import Matrix, Vector
+from consistent_id.base import BaseParameters, base_parameters
+from consistent_id.certificate import (
+    FEASIBILITY_TOLERANCE,
+    GAP_TOLERANCE,
+    Optimality,
+    certify,
+)
+from consistent_id.cone_program import (
+    TOLERANCES,
+    ConeSolution,
+    LeastNorm,
+    solve_least_norm,
+)
+from consistent_id.conic import ConicSet
+from consistent_id.constraints import (
+    Constraint,
+    FixedMasses,
+    NonNegativeDrive,
+    PhysicalConsistency,
+    lowered,
+)
+from consistent_id.errors import InfeasibleError, SolverError
+from consistent_id.estimate import Certificate, Estimate
+from consistent_id.estimators.least_squares import residual_sigma
+from consistent_id.feasibility import find_interior
+from consistent_id.inertia import pseudo_inertia
+from consistent_id.priors import PointToSet, distance_to_nominal
+from consistent_id.regression import Regression
+from consistent_id.regressor import TorqueModel
+from consistent_id.scaling import link_scales
+
+DEFAULT_CONSTRAINTS: tuple[Constraint, ...] = (
+    PhysicalConsistency(),
+    FixedMasses(),
+    NonNegativeDrive(),
+)
+"""Every link a body, masses of the datasheet, friction that dissipates."""
+
+_WEIGHTS = 20  # weights of the prior tried, at the most
+_STEP = np.log(30.0)  # by which the weight grows or shrinks until it is bracketed
+_USED = 0.5  # share of the slack that must be used up
+_USABLE = 1e-5  # violation beyond which a point is no answer at all
+_EXACT_FIT = 1e-6  # misfit, relative to the torque, that counts as none
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Scaled:
+    """The fit in dimensionless variables ``u = x / unit`` and units of the residual."""
+
+    M: Matrix
+    z: Vector
+    residual: float
+    domain: ConicSet
+    unit: Vector
+
+
+def constrained_least_squares(
+    model: TorqueModel,
+    regression: Regression,
+    *,
+    constraints: Sequence[Constraint] = DEFAULT_CONSTRAINTS,
+    prior: PointToSet | None = None,
+    base: BaseParameters | None = None,
+    method: str = "constrained",
+) -> Estimate:
+    """Estimate all parameters under physical constraints.
+
+    Parameters
+    ----------
+    model : TorqueModel
+    regression : Regression
+        Its `sigma` are the weights; see `joint_noise`.
+    constraints : sequence of Constraint
+        By default every link physically consistent, datasheet masses, and no negative
+        friction or rotor inertia.
+    prior : PointToSet, optional
+        Settles what the data leave open.
+    base : BaseParameters, optional
+    method : str
+
+    Returns
+    -------
+    Estimate
+        Certified when feasibility, both optima and the slack have been verified from
+        the problem's own data.
+
+    Raises
+    ------
+    InfeasibleError
+        If no parameters satisfy the constraints; names those to blame.
+    SolverError
+        If no solver returns a usable point.
+    """
+    started = perf_counter()
+    base = base_parameters(model) if base is None else base
+    prior = PointToSet() if prior is None else prior
+    domain = lowered(constraints, model)
+    scaled = _scaled(model, regression, base, domain)
+    drive_units = scaled.unit[model.layout.inertial_size :]
+    G, g = distance_to_nominal(model, prior.distance, drive_units)
+    fit = LeastNorm(scaled.M, scaled.z, scaled.domain)
+    nominal = _nominal(G * scaled.unit, g)
+    first, best = _solved(fit, nominal, scaled.residual**2 / 2)
+
+    slack = prior.relative_slack(len(base), sum(regression.counts))
+    second, near = _nearest(fit, first, scaled.residual, slack, G * scaled.unit, g)
+
+    x = second.u * scaled.unit
+    return Estimate(
+        method=method,
+        model=model,
+        base=base,
+        parameters=x,
+        base_covariance=None,
+        undetermined=(),
+        sigma=residual_sigma(regression, x, len(base)),
+        certificate=_certificate(model, x, best, near, slack),
+        notes=(
+            f"nearest to nominal ({prior.distance} distance) among estimates whose "
+            f"misfit is within {slack:.2%} of the best constrained fit",
+        ),
+        seconds=perf_counter() - started,
+    )
+
+
+def _scaled(
+    model: TorqueModel, regression: Regression, base: BaseParameters, domain: ConicSet
+) -> _Scaled:
+    R = regression.stacked()
+    columns = list(base.independent)
+    Q, R_base = np.linalg.qr(R[:, columns])
+    z = Q.T @ R[:, -1]
+    residual = float(np.linalg.norm(R[:, -1] - Q @ z))
+    inertial = link_scales(model.robot).units
+    norms = np.linalg.norm(R[:, model.layout.inertial_size : -1], axis=0)
+    drive = np.linalg.norm(R[:, -1]) / np.where(norms > 0.0, norms, np.inf)
+    drive = np.where(drive > 0.0, drive, 1.0)
+    unit = np.concatenate([inertial, drive])
+    size = max(residual, _EXACT_FIT * float(np.linalg.norm(R[:, -1])), 1e-300)
+    return _Scaled(
+        M=R_base @ (base.projection * unit) / size,
+        z=z / size,
+        residual=residual / size,
+        domain=domain.normalised(unit),
+        unit=unit,
+    )
+
+
+def _nearest(
+    fit: LeastNorm,
+    best: ConeSolution,
+    residual: float,
+    slack: float,
+    G: Matrix,
+    g: Vector,
+) -> tuple[ConeSolution, Optimality]:
+    """Return the point nearest to nominal whose misfit is within `slack` of the best.
+
+    The weight of the distance is raised until the misfit uses up the slack; the
+    optimum for a weight is the nearest point for its own misfit, and, unlike a bound on
+    the misfit, it is a well-conditioned problem.
+    """
+    centre = _nominal(G, g)
+    least = float(np.linalg.norm(fit.G @ best.u - fit.g)) ** 2
+    allowed = max(((1.0 + slack) ** 2 - 1.0) * (least + residual**2), _EXACT_FIT**2)
+    low, high = -np.inf, np.inf
+    log_weight = np.log(allowed)
+    kept: tuple[ConeSolution, Optimality] | None = None
+    for _ in range(_WEIGHTS):
+        root = np.exp(log_weight / 2)
+        problem = LeastNorm(
+            np.vstack([fit.G, root * G]), np.append(fit.g, root * g), fit.domain
+        )
+        reference = (least + residual**2) / 2
+        solution, optimality = _solved(problem, centre, reference)
+        excess = float(np.linalg.norm(fit.G @ solution.u - fit.g)) ** 2 - least
+        if excess <= allowed:
+            kept, low = (solution, optimality), log_weight
+            if excess >= _USED * allowed:
+                break
+        else:
+            high = log_weight
+        if np.isinf(low) or np.isinf(high):
+            log_weight += _STEP if np.isinf(high) else -_STEP
+        else:
+            log_weight = (low + high) / 2
+    if kept is None:
+        raise SolverError("no weight of the prior keeps the misfit within its slack")
+    return kept
+
+
+def _nominal(G: Matrix, g: Vector) -> Vector:
+    return np.asarray(np.linalg.lstsq(G, g, rcond=None)[0], dtype=np.float64)
+
+
+def _solved(
+    problem: LeastNorm, centre: Vector, reference: float = 0.0
+) -> tuple[ConeSolution, Optimality]:
+    """Solve until certified; when nothing comes of it, ask if a solution can exist."""
+    found: list[tuple[ConeSolution, Optimality]] = []
+    failures = []
+    for tolerance in TOLERANCES:
+        try:
+            solution = solve_least_norm(problem, tolerance=tolerance)
+        except SolverError as failure:
+            failures.append(str(failure))
+            continue
+        found.append(
+            (solution, certify(problem, solution, centre, reference=reference))
+        )
+        if found[-1][1].verdict == "certified":
+            return found[-1]
+    usable = [pair for pair in found if pair[1].violation <= _USABLE]
+    if usable:
+        return min(usable, key=lambda pair: pair[1].gap)
+    interior = find_interior(problem.domain)
+    if interior.proves_empty:
+        raise InfeasibleError(
+            "no parameters satisfy these constraints together. To blame: "
+            f"{'; '.join(interior.to_blame)}. Loosen one of them, or check the "
+            "datasheet values and the margin"
+        )
+    raise SolverError(
+        "no usable optimum, though no contradiction in the constraints was proven: "
+        f"{'; '.join(failures) or 'every point violates them'}"
+    )
+
+
+def _certificate(
+    model: TorqueModel, x: Vector, fit: Optimality, near: Optimality, slack: float
+) -> Certificate:
+    scales = link_scales(model.robot).root
+    links = x[: model.layout.inertial_size].reshape(-1, 10)
+    least = min(
+        float(np.linalg.eigvalsh(J / np.outer(root, root))[0])
+        for J, root in zip(pseudo_inertia(links), scales, strict=True)
+    )
+    figures = {
+        "fit: relative gap": fit.gap,
+        "fit: violation": fit.violation,
+        "prior: relative gap": near.gap,
+        "prior: violation": near.violation,
+        "slack": slack,
+        "least eigenvalue of J, per typical link": least,
+    }
+    worst = max(fit.gap, near.gap), max(fit.violation, near.violation)
+    if "uncertified" not in (fit.verdict, near.verdict):
+        reason = (
+            f"both optima within a relative {worst[0]:.1e} of their duality bounds, "
+            f"constraints violated by at most {worst[1]:.1e}"
+        )
+        return Certificate("certified", reason, figures)
+    reason = (
+        f"relative gap {worst[0]:.1e} (allowed {GAP_TOLERANCE:.0e}), violation "
+        f"{worst[1]:.1e} (allowed {FEASIBILITY_TOLERANCE:.0e}); the estimate is usable "
+        "only as far as these figures say"
+    )
+    return Certificate("uncertified", reason, figures)

@@ -1,0 +1,137 @@
+"""Interior points of convex sets, and proofs that there are none.
+
+``maximise t  subject to  F_k(u) >= t 1,  A_in u <= b_in - t,  A_eq u = b_eq,  t <= 1``
+
+For ``t < 0`` the multipliers ``Z_k >= 0`` are a proof of emptiness in the manner of
+Farkas: ``sum_k <Z_k, F_k(u)>`` is the same negative number for every candidate ``u``,
+while any body would make it zero or more.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from consistent_id._arrays import Array, Matrix, Vector
+from consistent_id.certificate import RADIUS
+from consistent_id.conic import ConicSet
+from consistent_id.errors import SolverError
+
+_SHARE = 0.01  # least share of the blame, of the largest, that is worth naming
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Interior:
+    """How deep inside, or how far outside, the best point of a set lies.
+
+    Parameters
+    ----------
+    depth : float
+        The least eigenvalue or slack at the best point; negative if there is none.
+    bound : float
+        Proven upper bound on the depth of any point within the certificate's radius.
+    u : ndarray
+        The best point.
+    to_blame : tuple of str
+        Labels of the constraints in the proof, heaviest first.
+    multipliers : tuple of ndarray
+        ``Z_k`` of each semidefinite block; traces and row weights sum to one.
+    """
+
+    depth: float
+    bound: float
+    u: Vector
+    to_blame: tuple[str, ...]
+    multipliers: tuple[Matrix, ...]
+
+    @property
+    def proves_empty(self) -> bool:
+        """True iff the multipliers prove that no point exists."""
+        return self.bound < 0.0
+
+
+def find_interior(domain: ConicSet) -> Interior:
+    """Find the deepest point of a normalised set, or prove it empty.
+
+    Raises
+    ------
+    SolverError
+        If the solver returns no point.
+    """
+    import cvxpy as cp
+
+    u, t = cp.Variable(domain.A_eq.shape[1]), cp.Variable()
+    rows: list[Any] = [t <= 1.0]
+    if len(domain.b_eq):
+        rows.append(domain.A_eq @ u == domain.b_eq)
+    below = domain.A_in @ u + t <= domain.b_in if len(domain.b_in) else None
+    blocks = []
+    for block in domain.blocks:
+        k = len(block.scale)
+        flat = block.coefficients.reshape(-1, k * k).T
+        F = cp.reshape(flat @ u + block.constant.ravel(), (k, k), order="C")
+        blocks.append(F - t * np.eye(k) >> 0)
+    constraints = [*rows, *blocks, *([] if below is None else [below])]
+    program = cp.Problem(cp.Maximize(t), constraints)
+    try:
+        program.solve(solver=cp.CLARABEL, max_iter=200)
+    except cp.error.SolverError as cause:
+        raise SolverError(f"the feasibility problem was not solved: {cause}") from None
+    if u.value is None:
+        raise SolverError(f"the feasibility problem ended {program.status!r}")
+    Z = tuple(_psd((b.dual_value + b.dual_value.T) / 2) for b in blocks)
+    y = np.zeros(0) if below is None else np.maximum(np.asarray(below.dual_value), 0.0)
+    point = np.asarray(u.value)
+    return Interior(
+        depth=_depth(domain, point),
+        bound=_bound(domain, point, Z, y),
+        u=point,
+        to_blame=_blame(domain, Z, y),
+        multipliers=Z,
+    )
+
+
+def _depth(domain: ConicSet, u: Vector) -> float:
+    depths = [float(np.linalg.eigvalsh(block.scaled(u))[0]) for block in domain.blocks]
+    if len(domain.b_in):
+        depths.append(float((domain.b_in - domain.A_in @ u).min()))
+    return min(depths, default=1.0)
+
+
+def _bound(domain: ConicSet, u: Vector, Z: tuple[Matrix, ...], y: Vector) -> float:
+    """Upper bound on the depth of any ``v`` near `u`, by weak duality.
+
+    ``depth(v) (sum tr Z + sum y) <= sum <Z, F(v)> + y.(b_in - A_in v)``, and the right
+    side is linear in ``v``: its slope, less what equalities take up, times the radius.
+    """
+    weight = sum(float(np.trace(z)) for z in Z) + float(y.sum())
+    if weight <= 0.0:
+        return 1.0
+    value = float(y @ (domain.b_in - domain.A_in @ u)) if len(y) else 0.0
+    slope = -domain.A_in.T @ y if len(y) else np.zeros(len(u))
+    for block, z in zip(domain.blocks, Z, strict=True):
+        value += float(np.sum(z * block.value(u)))
+        slope = slope + np.tensordot(block.coefficients, z, axes=2)
+    if len(domain.b_eq):
+        solved = np.linalg.lstsq(domain.A_eq.T, slope, rcond=None)
+        taken: Array = np.asarray(solved[0], dtype=np.float64)
+        slope = slope - domain.A_eq.T @ taken
+        value += float(taken @ (domain.b_eq - domain.A_eq @ u))
+    reach = RADIUS * (1.0 + float(np.linalg.norm(u)))
+    return float((value + np.linalg.norm(slope) * reach) / weight)
+
+
+def _blame(domain: ConicSet, Z: tuple[Matrix, ...], y: Vector) -> tuple[str, ...]:
+    shares = [
+        (float(np.trace(z)), f"link {block.label!r} as a body")
+        for block, z in zip(domain.blocks, Z, strict=True)
+    ]
+    shares += list(zip(y.tolist(), domain.in_labels, strict=True)) if len(y) else []
+    largest = max((share for share, _ in shares), default=0.0)
+    named = [pair for pair in shares if pair[0] > _SHARE * largest]
+    return tuple(label for _, label in sorted(named, reverse=True))
+
+
+def _psd(Z: Matrix) -> Matrix:
+    values, vectors = np.linalg.eigh(Z)
+    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
