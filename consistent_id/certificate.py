@@ -6,9 +6,10 @@ multipliers of the right sign leaves
 
 ``f(u) - f(v) <= complementarity - r.d - 1/2 ||G d||^2``
 
-where ``r`` is what the multipliers fail to explain.  The part of ``r`` in the row space
-of ``G`` costs at most ``1/2 ||G^+T r||^2``; the part in its null space, which is
-rounding, at most its norm times ``||d||``.  The sum is the gap.  It holds whatever the
+where ``r`` is what the multipliers fail to explain.  On the steps that equalities
+allow, the part of ``r`` in the row space of ``G`` costs at most ``1/2 ||G^+T r||^2``;
+the part in its null space, which is rounding, at most its norm times ``||d||``.  The
+sum is the gap.  It holds whatever the
 solver did, against all ``v`` in a ball about a centre (the nominal robot) that is
 `RADIUS` times as large as the centre itself.
 """
@@ -21,7 +22,7 @@ import numpy as np
 from consistent_id._arrays import Matrix, Vector
 from consistent_id.cone_program import ConeSolution, LeastNorm, Multipliers
 
-_NULL = 1e-12  # singular values of G below this, relative to the largest, are zero
+_NULL = 1e-12  # singular values below this, relative to the largest, are zero
 
 Verdict = Literal["certified", "uncertified", "refused"]
 
@@ -92,7 +93,7 @@ def certify(
         slack += max(0.0, float(np.sum(Z * block.scaled(u))))
     violation = domain.violation(u)
     stationarity = float(np.linalg.norm(rest))
-    gap = slack + _cost_of_rest(problem.G, rest, u, centre)
+    gap = slack + _cost_of_rest(problem, rest, u, centre)
     gap = min(gap, objective)  # the optimum is not below 0
     scale = max(objective, reference)
     return Optimality(
@@ -103,16 +104,27 @@ def certify(
     )
 
 
-def _cost_of_rest(G: Matrix, rest: Vector, u: Vector, centre: Vector) -> float:
-    """Bound ``-rest.d - 1/2 ||G d||^2`` for all ``u + d`` in the ball."""
-    _, s, Vt = np.linalg.svd(G, full_matrices=False)
-    rows = Vt[s > _NULL * s[0]]
-    along = rows @ rest
-    across = rest - rows.T @ along
+def _cost_of_rest(problem: LeastNorm, rest: Vector, u: Vector, centre: Vector) -> float:
+    """Bound ``-rest.d - 1/2 ||G d||^2`` for feasible ``u + d`` in the ball.
+
+    Feasible steps lie in the null space of the equalities, so only that part counts.
+    """
+    E = _null_space(problem.domain.A_eq)
+    _, s, Vt = np.linalg.svd(problem.G @ E, full_matrices=False)
+    rows = Vt[s > _NULL * s.max(initial=0.0)]
+    within = E.T @ rest
+    along = rows @ within
+    across = within - rows.T @ along
     quadratic = float(np.sum((along / s[: len(rows)]) ** 2)) / 2
     radius = RADIUS * (1.0 + float(np.linalg.norm(centre)))
-    to_centre = abs(float(across @ (centre - u)))
+    to_centre = abs(float(across @ (E.T @ (centre - u))))
     return quadratic + to_centre + radius * float(np.linalg.norm(across))
+
+
+def _null_space(A: Matrix) -> Matrix:
+    _, s, Vt = np.linalg.svd(A)
+    rank = int((s > _NULL * s.max(initial=0.0)).sum())
+    return Vt[rank:].T
 
 
 def _unexplained(

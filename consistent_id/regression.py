@@ -69,7 +69,7 @@ class Regression:
         if not np.array_equal(self.sigma, other.sigma):
             raise ProblemError("regressions with different weights cannot be added")
         factors = tuple(
-            _triangle(np.vstack([mine, theirs]))
+            triangle(np.vstack([mine, theirs]))
             for mine, theirs in zip(self.factors, other.factors, strict=True)
         )
         counts = tuple(a + b for a, b in zip(self.counts, other.counts, strict=True))
@@ -82,7 +82,7 @@ class Regression:
     def stacked(self) -> Matrix:
         """Return one triangular factor for all joints, weights applied."""
         scaled = [f / s for f, s in zip(self.factors, self.sigma, strict=True)]
-        return _triangle(np.vstack(scaled))
+        return triangle(np.vstack(scaled))
 
     def residual_rms(self, x: ArrayLike) -> Vector:
         """Root-mean-square torque residual of each joint, [N m or N], unweighted."""
@@ -145,7 +145,7 @@ def build_regression(
     with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(_WORKERS) as pool:
         for factors in pool.map(compressed, pieces):
             merged = (
-                [_triangle(np.vstack(p)) for p in zip(merged, factors, strict=True)]
+                [triangle(np.vstack(p)) for p in zip(merged, factors, strict=True)]
                 if merged
                 else factors
             )
@@ -204,7 +204,7 @@ def _compress(
             rows[done:, -1] = tau[part, j]
             if weights is not None:
                 rows[done:] *= weights[part, j, None]
-            factors[j] = _triangle(rows)
+            factors[j] = triangle(rows)
     return factors
 
 
@@ -228,7 +228,7 @@ def _row_structure(model: TorqueModel) -> tuple[tuple[IntArray, Matrix], ...]:
     return tuple(structure)
 
 
-def _triangle(rows: Matrix) -> Matrix:
+def triangle(rows: Matrix) -> Matrix:
     """Return the triangular factor of a QR decomposition, destroying `rows`."""
     if len(rows) <= rows.shape[1]:
         return rows

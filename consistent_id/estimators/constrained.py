@@ -11,7 +11,7 @@ Both are cone programmes on the compressed regression; both optima are certified
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from time import perf_counter
 
 import numpy as np
@@ -55,6 +55,7 @@ DEFAULT_CONSTRAINTS: tuple[Constraint, ...] = (
 )
 """Every link a body, masses of the datasheet, friction that dissipates."""
 
+_RESCALE = 10.0  # misfit, in units of the residual, beyond which it is the unit itself
 _WEIGHTS = 20  # weights of the prior tried, at the most
 _STEP = np.log(30.0)  # by which the weight grows or shrinks until it is bracketed
 _USED = 0.5  # share of the slack that must be used up
@@ -71,6 +72,12 @@ class _Scaled:
     residual: float
     domain: ConicSet
     unit: Vector
+
+    def in_units_of(self, size: float) -> "_Scaled":
+        """Return the same fit with misfits divided by `size`."""
+        return replace(
+            self, M=self.M / size, z=self.z / size, residual=self.residual / size
+        )
 
 
 def constrained_least_squares(
@@ -117,10 +124,14 @@ def constrained_least_squares(
     scaled = _scaled(model, regression, base, domain)
     drive_units = scaled.unit[model.layout.inertial_size :]
     G, g = distance_to_nominal(model, prior.distance, drive_units)
-    fit = LeastNorm(scaled.M, scaled.z, scaled.domain)
     nominal = _nominal(G * scaled.unit, g)
-    first, best = _solved(fit, nominal, scaled.residual**2 / 2)
-
+    first, best = _best_fit(scaled, nominal)
+    total = _total_misfit(scaled, first)
+    if total > _RESCALE:
+        # Constraints cost far more than the noise: that cost is the problem's unit.
+        scaled = scaled.in_units_of(total)
+        first, best = _best_fit(scaled, nominal)
+    fit = LeastNorm(scaled.M, scaled.z, scaled.domain)
     slack = prior.relative_slack(len(base), sum(regression.counts))
     second, near = _nearest(fit, first, scaled.residual, slack, G * scaled.unit, g)
 
@@ -163,6 +174,16 @@ def _scaled(
         domain=domain.normalised(unit),
         unit=unit,
     )
+
+
+def _best_fit(scaled: _Scaled, centre: Vector) -> tuple[ConeSolution, Optimality]:
+    fit = LeastNorm(scaled.M, scaled.z, scaled.domain)
+    return _solved(fit, centre, scaled.residual**2 / 2)
+
+
+def _total_misfit(scaled: _Scaled, solution: ConeSolution) -> float:
+    misfit = float(np.linalg.norm(scaled.M @ solution.u - scaled.z))
+    return float(np.hypot(misfit, scaled.residual))
 
 
 def _nearest(

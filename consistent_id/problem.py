@@ -1,0 +1,261 @@
+"""An identification problem: robot, data, assumptions, as one value."""
+
+import os
+import string
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from consistent_id.constraints import (
+    CentreOfMassBoxes,
+    Constraint,
+    FixedCentresOfMass,
+    FixedMasses,
+    FixedParameters,
+    MassBounds,
+    NonNegativeDrive,
+    PhysicalConsistency,
+)
+from consistent_id.errors import ProblemError
+from consistent_id.friction import DriveTerms
+from consistent_id.loaders import DHRow, from_modified_dh, load_urdf
+from consistent_id.model import Datasheet, JointLimits, RobotModel
+from consistent_id.parameters import did_you_mean
+from consistent_id.priors import PointToSet
+from consistent_id.problem_file import (
+    DataTable,
+    DHTable,
+    DriveTable,
+    LinkTable,
+    ProblemTable,
+    RecordingTable,
+    read_problem_table,
+)
+from consistent_id.readers import Columns, read_recording
+from consistent_id.recording import Recording
+from consistent_id.regressor import TorqueModel
+from consistent_id.signals import (
+    decimated,
+    differentiated,
+    low_passed,
+    resampled,
+    trimmed,
+)
+from consistent_id.trajectory import Sinusoid, SinusoidalMotion
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A problem read from its folder; recordings are read when asked for.
+
+    Parameters
+    ----------
+    folder : Path
+    table : ProblemTable
+        The file's content.
+    model : TorqueModel
+    constraints : tuple of Constraint
+    prior : PointToSet
+    """
+
+    folder: Path
+    table: ProblemTable
+    model: TorqueModel
+    constraints: tuple[Constraint, ...]
+    prior: PointToSet
+
+    @property
+    def name(self) -> str:
+        """The problem's name."""
+        return self.table.name
+
+    @cached_property
+    def training(self) -> tuple[Recording, ...]:
+        """Prepared recordings to learn from."""
+        return self._recordings("training")
+
+    @cached_property
+    def validation(self) -> tuple[Recording, ...]:
+        """Prepared recordings to judge by."""
+        return self._recordings("validation")
+
+    def motion(self, name: str) -> Recording:
+        """Return a motion of the file, sampled, without torque."""
+        if name not in self.table.motions:
+            near = did_you_mean(name, self.table.motions)
+            raise ProblemError(f"problem {self.name!r}: no motion {name!r}; {near}")
+        table = self.table.motions[name]
+        joints = tuple(
+            tuple(
+                Sinusoid(
+                    *_ends(term.amplitude), term.frequency, np.radians(term.phase_deg)
+                )
+                for term in terms
+            )
+            for terms in table.joints
+        )
+        motion = SinusoidalMotion(table.duration, table.rate, joints)
+        return motion.recording(self.model.robot.joint_names, name=name)
+
+    def _recordings(self, role: str) -> tuple[Recording, ...]:
+        data = self.table.data
+        if data is None:
+            raise ProblemError(
+                f"problem {self.name!r} has no recordings; add a [data] table"
+            )
+        folder = self.folder / _expanded(data.folder, self.name)
+        return tuple(
+            _prepared(folder, entry, data, self.model.robot)
+            for entry in data.recordings
+            if entry.role == role
+        )
+
+
+def load_problem(path: str | Path) -> Problem:
+    """Load a problem from its folder, or from the file itself.
+
+    Raises
+    ------
+    ProblemError
+        If the file does not fit; with the path of the faulty key.
+    ModelError
+        If the robot cannot be built.
+    """
+    path = Path(path)
+    file = path / "problem.toml" if path.is_dir() else path
+    table = read_problem_table(file)
+    robot = _robot(table, file.parent)
+    robot = robot.with_datasheet(
+        {name: _datasheet(robot, name, link) for name, link in table.links.items()}
+    )
+    for name in table.joints:
+        if name not in robot.joint_names:
+            near = did_you_mean(name, robot.joint_names)
+            raise ProblemError(f"{file}: [joints.{name}]: no such joint; {near}")
+    drive = tuple(
+        _drive(table.joints.get(name, table.drive)) for name in robot.joint_names
+    )
+    return Problem(
+        folder=file.parent,
+        table=table,
+        model=TorqueModel(robot, drive),
+        constraints=_constraints(table),
+        prior=PointToSet(table.prior.slack, table.prior.distance),
+    )
+
+
+def _robot(table: ProblemTable, folder: Path) -> RobotModel:
+    model = table.model
+    if (model.urdf is None) == (not model.modified_dh):
+        raise ProblemError(
+            f"problem {table.name!r}: [model] needs either urdf or modified_dh"
+        )
+    if model.urdf is not None:
+        file = folder / _expanded(model.urdf, table.name)
+        return load_urdf(file, gravity=model.gravity, tip=model.tip)
+    rows = [_dh_row(row) for row in model.modified_dh]
+    robot = from_modified_dh(table.name, rows, gravity=model.gravity)
+    return robot if model.tip is None else robot.up_to(model.tip)
+
+
+def _dh_row(row: DHTable) -> DHRow:
+    limits = JointLimits(
+        -np.inf if row.lower is None else row.lower,
+        np.inf if row.upper is None else row.upper,
+        row.velocity or np.inf,
+        row.effort or np.inf,
+    )
+    alpha, theta = np.radians(row.alpha_deg), np.radians(row.theta_deg)
+    return DHRow(float(alpha), row.a, row.d, float(theta), row.kind, limits)
+
+
+def _datasheet(robot: RobotModel, name: str, table: LinkTable) -> Datasheet:
+    """Datasheet of the file over that of the model."""
+    known = {link.name: link.datasheet for link in robot.links}.get(name, Datasheet())
+    bounds = table.mass_bounds
+    return Datasheet(
+        mass=known.mass if table.mass is None else table.mass,
+        mass_bounds=known.mass_bounds if bounds is None else (bounds[0], bounds[1]),
+        com=known.com if table.com is None else np.array(table.com),
+        com_box=known.com_box if table.com_box is None else np.array(table.com_box),
+    )
+
+
+def _drive(table: DriveTable) -> DriveTerms:
+    return DriveTerms(
+        table.viscous,
+        table.coulomb,
+        table.velocity_scale,
+        table.offset,
+        table.rotor_inertia,
+    )
+
+
+def _constraints(table: ProblemTable) -> tuple[Constraint, ...]:
+    asked = table.constraints
+    chosen: list[Constraint] = [PhysicalConsistency(asked.margin)]
+    if asked.masses == "datasheet":
+        chosen.append(FixedMasses())
+    elif asked.masses == "bounds":
+        chosen.append(MassBounds())
+    if asked.centres_of_mass == "datasheet":
+        chosen.append(FixedCentresOfMass())
+    elif asked.centres_of_mass == "box":
+        chosen.append(CentreOfMassBoxes())
+    if asked.drive_signs:
+        chosen.append(NonNegativeDrive())
+    if asked.fixed:
+        chosen.append(FixedParameters(asked.fixed))
+    return tuple(chosen)
+
+
+def _expanded(path: str, problem: str) -> str:
+    """Replace ``${NAME}`` by environment variables; a missing one is an error."""
+    try:
+        return string.Template(path).substitute(os.environ)
+    except KeyError as missing:
+        name = missing.args[0]
+        raise ProblemError(
+            f"problem {problem!r}: {path} needs the environment variable {name}, which "
+            "is not set. Set it to the folder that holds the data"
+        ) from None
+    except ValueError as cause:
+        raise ProblemError(f"problem {problem!r}: {path}: {cause}") from None
+
+
+def _prepared(
+    folder: Path, entry: RecordingTable, data: DataTable, robot: RobotModel
+) -> Recording:
+    """Read one recording and prepare it: resample, filter, differentiate, trim."""
+    names = data.columns
+    columns = Columns(
+        names.time, names.position, names.velocity, names.acceleration, names.torque
+    )
+    gain = data.torque_gain
+    raw = read_recording(
+        folder / entry.file, robot.joint_names, columns, torque_gain=gain
+    )
+    start, stop = -np.inf, np.inf
+    if entry.rows is not None:
+        first, last = entry.rows
+        if not 1 <= first < last <= len(raw):
+            raise ProblemError(
+                f"{raw.name}: rows {first} to {last}, but the file has {len(raw)}"
+            )
+        start, stop = raw.time[first - 1], raw.time[last - 1]
+    todo = data.preparation
+    recording = raw if todo.resample is None else resampled(raw, todo.resample)
+    recording = low_passed(
+        recording, motion_cutoff=todo.motion_cutoff, torque_cutoff=todo.torque_cutoff
+    )
+    recording = differentiated(recording)
+    # Cut last: filters and differences need the samples on either side.
+    return decimated(trimmed(recording, start, stop), todo.decimate)
+
+
+def _ends(amplitude: float | list[float]) -> tuple[float, float]:
+    if isinstance(amplitude, list):
+        return amplitude[0], amplitude[1]
+    return amplitude, amplitude

@@ -1,0 +1,207 @@
+"""The problem file: ``problem.toml`` decoded into typed values, nothing unknown kept.
+
+One struct per table of the file; `problem.load_problem` turns them into a problem.
+"""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import msgspec
+from msgspec import Meta
+
+from consistent_id.errors import ProblemError
+
+Positive = Annotated[float, Meta(gt=0.0)]
+NonNegative = Annotated[float, Meta(ge=0.0)]
+Three = Annotated[list[float], Meta(min_length=3, max_length=3)]
+Pair = Annotated[list[float], Meta(min_length=2, max_length=2)]
+
+
+class Table(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
+    """A table of the file; a key that it does not name is an error."""
+
+
+class DHTable(Table, frozen=True, kw_only=True):
+    """One row of modified Denavit-Hartenberg parameters; angles in degrees."""
+
+    alpha_deg: float
+    a: float
+    d: float = 0.0
+    theta_deg: float = 0.0
+    kind: Literal["revolute", "continuous", "prismatic"] = "revolute"
+    lower: float | None = None
+    upper: float | None = None
+    velocity: Positive | None = None
+    effort: Positive | None = None
+
+
+class ModelTable(Table, frozen=True, kw_only=True):
+    """The robot: a URDF file or a DH table."""
+
+    urdf: str | None = None
+    modified_dh: list[DHTable] = []
+    gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
+    tip: str | None = None
+
+
+class LinkTable(Table, frozen=True, kw_only=True):
+    """What the datasheet says of a link."""
+
+    mass: NonNegative | None = None
+    mass_bounds: Pair | None = None
+    com: Three | None = None
+    com_box: Annotated[list[Three], Meta(min_length=2, max_length=2)] | None = None
+
+
+class DriveTable(Table, frozen=True, kw_only=True):
+    """Friction and drive terms of all joints, or of one."""
+
+    viscous: bool = False
+    coulomb: Literal["sign", "tanh", "none"] = "none"
+    velocity_scale: Positive | None = None
+    offset: bool = False
+    rotor_inertia: bool = False
+
+
+class ConstraintsTable(Table, frozen=True, kw_only=True):
+    """Constraints of the constrained estimate."""
+
+    margin: Annotated[float, Meta(ge=0.0, lt=1.0)] = 1e-6
+    masses: Literal["datasheet", "bounds", "free"] = "datasheet"
+    centres_of_mass: Literal["datasheet", "box", "free"] = "free"
+    drive_signs: bool = True
+    fixed: dict[str, float] = {}
+
+
+class PriorTable(Table, frozen=True, kw_only=True):
+    """What settles the parameters that data leave open."""
+
+    slack: Annotated[float, Meta(gt=0.0, lt=1.0)] | None = None
+    distance: Literal["pullback", "euclidean"] = "pullback"
+
+
+class ColumnsTable(Table, frozen=True, kw_only=True):
+    """Names of the columns in the recordings."""
+
+    time: str = "time"
+    position: str = "q_{joint}"
+    velocity: str | None = None
+    acceleration: str | None = None
+    torque: str | None = None
+
+
+class PreparationTable(Table, frozen=True, kw_only=True):
+    """What is done to each recording, in this order."""
+
+    resample: Positive | None = None
+    motion_cutoff: Positive | None = None
+    torque_cutoff: Positive | None = None
+    decimate: Annotated[int, Meta(ge=1)] = 1
+
+
+class RecordingTable(Table, frozen=True, kw_only=True):
+    """One recording and its part in the study; rows are counted from 1, both kept."""
+
+    file: str
+    role: Literal["training", "validation"]
+    rows: Annotated[list[int], Meta(min_length=2, max_length=2)] | None = None
+
+
+class DataTable(Table, frozen=True, kw_only=True):
+    """Recordings of a real robot."""
+
+    recordings: Annotated[list[RecordingTable], Meta(min_length=1)]
+    folder: str = "."
+    columns: ColumnsTable = ColumnsTable()
+    torque_gain: float | list[float] = 1.0
+    preparation: PreparationTable = PreparationTable()
+
+
+class SinusoidTable(Table, frozen=True, kw_only=True):
+    """One term of a joint's motion."""
+
+    amplitude: float | Pair
+    frequency: NonNegative
+    phase_deg: float = 0.0
+
+
+class MotionTable(Table, frozen=True, kw_only=True):
+    """A motion given by formulas."""
+
+    duration: Positive
+    rate: Positive
+    joints: list[list[SinusoidTable]]
+
+
+class SimulationTable(Table, frozen=True, kw_only=True):
+    """A simulated experiment: the published robot's nearest body as the truth."""
+
+    training: str
+    validation: str
+    noise: NonNegative | list[NonNegative]
+    seed: int = 0
+
+
+class CombinationTable(Table, frozen=True, kw_only=True):
+    """One combination of a published parametrisation."""
+
+    name: str
+    meaning: str
+    unit: str
+    terms: dict[str, float]
+    effect: Literal["inertia", "gravity"] = "inertia"
+
+
+class PublishedTable(Table, frozen=True, kw_only=True):
+    """What a paper printed: its combinations, its experiments, its tables."""
+
+    source: str
+    motion: str
+    combinations: list[CombinationTable]
+    experiments: list[list[float]]
+    fixed: list[str] = []
+    zero: list[str] = []
+    mean: list[float] = []
+    standard_deviation: list[float] = []
+    central_inertia: dict[str, list[float]] = {}
+    mean_squared_errors: list[list[float]] = []
+    decimals: int = 4
+
+
+class ProblemTable(Table, frozen=True, kw_only=True):
+    """The whole file."""
+
+    name: str
+    model: ModelTable
+    description: str = ""
+    source: str = ""
+    licence: str = ""
+    links: dict[str, LinkTable] = {}
+    drive: DriveTable = DriveTable()
+    joints: dict[str, DriveTable] = {}
+    constraints: ConstraintsTable = ConstraintsTable()
+    prior: PriorTable = PriorTable()
+    data: DataTable | None = None
+    motions: dict[str, MotionTable] = {}
+    simulation: SimulationTable | None = None
+    published: PublishedTable | None = None
+
+
+def read_problem_table(path: Path) -> ProblemTable:
+    """Decode a problem file.
+
+    Raises
+    ------
+    ProblemError
+        If it cannot be read or does not fit; with the path of the faulty key.
+    """
+    try:
+        text = path.read_bytes()
+    except OSError as cause:
+        raise ProblemError(f"{path}: cannot be read ({cause.strerror})") from None
+    try:
+        return msgspec.toml.decode(text, type=ProblemTable)
+    except msgspec.ValidationError as cause:
+        raise ProblemError(f"{path}: {cause} ($ is the file)") from None
+    except (msgspec.DecodeError, UnicodeDecodeError) as cause:
+        raise ProblemError(f"{path}: not TOML: {cause}") from None

@@ -1,0 +1,50 @@
+"""Recordings that a robot of known parameters would have written."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from consistent_id._arrays import frozen
+from consistent_id.errors import ProblemError, RecordingError
+from consistent_id.recording import Recording
+from consistent_id.regressor import TorqueModel
+
+
+def simulate_torque(
+    model: TorqueModel,
+    parameters: ArrayLike,
+    motion: Recording,
+    *,
+    noise: ArrayLike = 0.0,
+    rng: np.random.Generator | None = None,
+) -> Recording:
+    """Return a motion with the torques of known parameters, and white noise on them.
+
+    Parameters
+    ----------
+    model : TorqueModel
+    parameters : array_like, shape (parameters,)
+    motion : Recording
+        With velocity and acceleration.
+    noise : array_like, shape () or (joints,), [N m or N]
+        Standard deviation.
+    rng : numpy.random.Generator, optional
+        Needed for noise.
+    """
+    motion = motion.of(model.robot.joint_names)
+    if motion.velocity is None or motion.acceleration is None:
+        raise RecordingError(
+            f"{motion.name} has no velocity or no acceleration; call "
+            "signals.differentiated(recording) first"
+        )
+    torque = model.predict(
+        parameters, motion.position, motion.velocity, motion.acceleration
+    )
+    sigma = np.broadcast_to(np.asarray(noise, dtype=float), torque.shape[1:])
+    sigma = frozen(sigma, torque.shape[1:], "noise")
+    if sigma.any():
+        if rng is None:
+            raise ProblemError("noise needs a random generator; pass rng=")
+        torque = torque + rng.normal(size=torque.shape) * sigma
+    return replace(motion, torque=torque)
