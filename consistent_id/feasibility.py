@@ -17,6 +17,8 @@ from consistent_id.certificate import RADIUS
 from consistent_id.conic import ConicSet
 from consistent_id.errors import SolverError
 
+_EQUAL = 1e-9  # residual beyond which equalities contradict each other
+_SMALL = 1e-7  # of several deepest points, prefer a small one
 _SHARE = 0.01  # least share of the blame, of the largest, that is worth naming
 
 
@@ -60,6 +62,9 @@ def find_interior(domain: ConicSet) -> Interior:
     """
     import cvxpy as cp
 
+    contradiction = _contradiction(domain)
+    if contradiction is not None:
+        return contradiction
     u, t = cp.Variable(domain.A_eq.shape[1]), cp.Variable()
     rows: list[Any] = [t <= 1.0]
     if len(domain.b_eq):
@@ -72,7 +77,7 @@ def find_interior(domain: ConicSet) -> Interior:
         F = cp.reshape(flat @ u + block.constant.ravel(), (k, k), order="C")
         blocks.append(F - t * np.eye(k) >> 0)
     constraints = [*rows, *blocks, *([] if below is None else [below])]
-    program = cp.Problem(cp.Maximize(t), constraints)
+    program = cp.Problem(cp.Maximize(t - _SMALL * cp.norm(u)), constraints)
     try:
         program.solve(solver=cp.CLARABEL, max_iter=200)
     except cp.error.SolverError as cause:
@@ -89,6 +94,28 @@ def find_interior(domain: ConicSet) -> Interior:
         to_blame=_blame(domain, Z, y),
         multipliers=Z,
     )
+
+
+def _contradiction(domain: ConicSet) -> Interior | None:
+    """Return the proof that the equalities alone exclude each other, if they do.
+
+    The residual ``y`` of the best approximation obeys ``A_eq^T y = 0`` and
+    ``y.b_eq = ||y||^2 > 0``.
+    """
+    if len(domain.b_eq) == 0:
+        return None
+    u = np.asarray(np.linalg.lstsq(domain.A_eq, domain.b_eq, rcond=None)[0])
+    residual = domain.b_eq - domain.A_eq @ u
+    size = float(np.linalg.norm(residual))
+    if size <= _EQUAL * (1.0 + float(np.linalg.norm(domain.b_eq))):
+        return None
+    heavy = np.argsort(-abs(residual))
+    largest = abs(residual).max()
+    blame = tuple(
+        domain.eq_labels[i] for i in heavy if abs(residual[i]) > _SHARE * largest
+    )
+    nothing = tuple(np.zeros_like(block.constant) for block in domain.blocks)
+    return Interior(-size, -size, u, blame, nothing)
 
 
 def _depth(domain: ConicSet, u: Vector) -> float:

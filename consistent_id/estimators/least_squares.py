@@ -6,6 +6,7 @@ base vector among all that fit best, and says so.
 """
 
 from dataclasses import dataclass, replace
+from itertools import permutations
 from time import perf_counter
 
 import numpy as np
@@ -129,7 +130,7 @@ def least_squares(
         base_covariance=covariance,
         undetermined=undetermined,
         sigma=sigma,
-        certificate=_certificate(A, b, solution),
+        certificate=stationarity_certificate(A, b, solution),
         notes=tuple(notes),
         seconds=perf_counter() - started,
     )
@@ -214,7 +215,10 @@ def _covariance(
     return noise
 
 
-def _certificate(A: Matrix, b: Vector, solution: LinearSolution) -> Certificate:
+def stationarity_certificate(
+    A: Matrix, b: Vector, solution: LinearSolution
+) -> Certificate:
+    """Certify a least-squares solution by its vanishing gradient."""
     gradient = A.T @ (A @ solution.x - b)
     scale = np.linalg.norm(A, axis=0) * np.linalg.norm(b)
     left = float((abs(gradient) / np.where(scale > 0, scale, 1.0)).max())
@@ -229,13 +233,35 @@ def _certificate(A: Matrix, b: Vector, solution: LinearSolution) -> Certificate:
 
 
 def _readable(null: Matrix) -> Matrix:
-    """Null space in reduced echelon form, so that directions read as combinations."""
+    """Null space in sparse form, so that directions read as short combinations.
+
+    From the reduced echelon form, directions are added to each other as long as that
+    makes one shorter; the first entry of each is one.
+    """
     if null.shape[1] == 0:
         return null
     from scipy.linalg import qr
 
     _, _, order = qr(null.T, mode="economic", pivoting=True)
     pivots = np.sort(order[: null.shape[1]])
-    reduced = null @ np.linalg.inv(null[pivots])
-    nearest = np.round(reduced)
-    return np.asarray(np.where(abs(reduced - nearest) < 1e-7, nearest, reduced))
+    directions = [_cleaned(row) for row in (null @ np.linalg.inv(null[pivots])).T]
+    shorter = True
+    while shorter:
+        shorter = False
+        for i, j in permutations(range(len(directions)), 2):
+            best = _shortest_sum(directions[i], directions[j])
+            if np.count_nonzero(best) < np.count_nonzero(directions[i]):
+                directions[i], shorter = best, True
+    return np.column_stack([row / row[np.flatnonzero(row)[0]] for row in directions])
+
+
+def _shortest_sum(v: Vector, w: Vector) -> Vector:
+    """Of ``v`` less a multiple of ``w``, the one with the fewest entries."""
+    both = np.flatnonzero((v != 0.0) & (w != 0.0))
+    sums = [_cleaned(v - v[e] / w[e] * w) for e in both]
+    return min(sums, key=np.count_nonzero, default=v)
+
+
+def _cleaned(row: Vector) -> Vector:
+    nearest = np.round(row)
+    return np.asarray(np.where(abs(row - nearest) < 1e-7, nearest, row))

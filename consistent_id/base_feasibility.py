@@ -1,0 +1,167 @@
+"""Is there any body with these base parameters?  The fair question to least squares.
+
+Least squares determines base parameters only; infinitely many standard parameters share
+them.  It contradicts physics when none of those belongs to a body.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from consistent_id._arrays import Array, Vector
+from consistent_id.base import BaseParameters
+from consistent_id.cone_program import LeastNorm, solve_least_norm
+from consistent_id.conic import ConicSet, SemidefiniteBlock
+from consistent_id.constraints import Constraint, PhysicalConsistency, lowered
+from consistent_id.errors import SolverError
+from consistent_id.feasibility import Interior, find_interior
+from consistent_id.inertia import InertialParameters
+from consistent_id.regressor import TorqueModel
+from consistent_id.scaling import link_scales
+
+_BACK_OFF = 1e-4  # share of the depth given up for smaller, more telling numbers
+_UNDECIDED = 1e-9  # depths nearer to zero than this are neither proof nor witness
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinkViolation:
+    """What is wrong with a link, whatever the other links are.
+
+    Parameters
+    ----------
+    link : str
+    depth : float
+        Largest least eigenvalue of the link's pseudo-inertia, divided by its typical
+        mass and length, over all parameters with the given base parameters; negative.
+    statement : str
+        The violated inequality and by how much, at the least violating parameters.
+    """
+
+    link: str
+    depth: float
+    statement: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BaseFeasibility:
+    """Answer to "is there a body with these base parameters?".
+
+    Parameters
+    ----------
+    answer : {"consistent", "impossible", "undecided"}
+        ``"consistent"`` with `parameters` as a witness, ``"impossible"`` with
+        multipliers as a proof (`proof.bound` is negative).
+    proof : Interior
+        In dimensionless parameters.
+    parameters : ndarray
+        The least violating parameters, in original units.
+    violations : tuple of LinkViolation
+        Links that cannot be bodies even alone.
+    """
+
+    answer: str
+    proof: Interior
+    parameters: Vector
+    violations: tuple[LinkViolation, ...]
+
+    @property
+    def summary(self) -> str:
+        """The answer in one sentence."""
+        if self.answer == "consistent":
+            return "a consistent robot with these base parameters exists"
+        if self.answer == "undecided":
+            return "at the edge of consistency; neither proven nor refuted"
+        if self.violations:
+            return "impossible: " + "; ".join(v.statement for v in self.violations)
+        blamed = ", ".join(self.proof.to_blame)
+        return f"impossible: {blamed} contradict each other"
+
+
+def base_feasibility(
+    model: TorqueModel,
+    base: BaseParameters,
+    base_values: Vector,
+    *,
+    constraints: Sequence[Constraint] = (PhysicalConsistency(margin=0.0),),
+) -> BaseFeasibility:
+    """Ask whether any parameters with these base parameters satisfy the constraints.
+
+    Parameters
+    ----------
+    model : TorqueModel
+    base : BaseParameters
+    base_values : ndarray, shape (base,)
+    constraints : sequence of Constraint
+        By default physical consistency of all links.
+    """
+    layout = model.layout
+    inertial_units = link_scales(model.robot).units
+    unit = np.concatenate([inertial_units, np.ones(len(layout) - layout.inertial_size)])
+    same_torque = ConicSet.equal(base.projection, base_values, base.groupings)
+    domain = (same_torque & lowered(constraints, model)).normalised(unit)
+    proof = find_interior(domain)
+    violations = []
+    if proof.bound < -_UNDECIDED:
+        answer = "impossible"
+        violations = _violations(domain, unit, layout.links)
+    else:
+        answer = "consistent" if proof.depth >= -_UNDECIDED else "undecided"
+    return BaseFeasibility(answer, proof, proof.u * unit, tuple(violations))
+
+
+def _violations(
+    domain: ConicSet, unit: Vector, links: tuple[str, ...]
+) -> list[LinkViolation]:
+    """Ask the question for each link alone."""
+    found = []
+    for block in domain.blocks:
+        alone = find_interior(_only(domain, block))
+        if alone.bound >= -_UNDECIDED:
+            continue
+        k = links.index(block.label)
+        body = (_smallest(domain, block, alone) * unit)[10 * k : 10 * k + 10]
+        words = f"{block.label}: {in_words(body)}"
+        found.append(LinkViolation(block.label, alone.depth, words))
+    return found
+
+
+def _smallest(domain: ConicSet, block: SemidefiniteBlock, alone: Interior) -> Vector:
+    """Return the smallest of the least violating parameters, to speak of."""
+    size = len(alone.u)
+    depth = alone.depth - _BACK_OFF * abs(alone.depth)
+    lowered_block = replace(block, constant=block.constant - depth * np.eye(4))
+    problem = LeastNorm(np.eye(size), np.zeros(size), _only(domain, lowered_block))
+    try:
+        return solve_least_norm(problem, tolerance=1e-8).u
+    except SolverError:
+        return alone.u
+
+
+def _only(domain: ConicSet, block: SemidefiniteBlock) -> ConicSet:
+    return ConicSet(
+        domain.A_eq,
+        domain.b_eq,
+        domain.eq_labels,
+        domain.A_in,
+        domain.b_in,
+        domain.in_labels,
+        (block,),
+    )
+
+
+def in_words(vector: Array) -> str:
+    """Say what keeps ten inertial parameters from being a body's, and by how much."""
+    body = InertialParameters(vector)
+    if body.mass <= 0.0:
+        return f"mass {body.mass:.4g} kg is not positive"
+    central = body.central_inertia
+    values, axes = np.linalg.eigh(central)
+    excess = values[2] - values[0] - values[1]
+    if excess > 0.0:
+        axis = np.array2string(axes[:, 2], precision=2, suppress_small=True)
+        return (
+            f"the moment of inertia {values[2]:.4g} kg m^2 about {axis} exceeds the "
+            f"sum of the other two, {values[0] + values[1]:.4g}, by {excess:.4g}"
+        )
+    return "a body could have these parameters"

@@ -1,0 +1,288 @@
+"""What a paper's printed estimates are worth: ranks, tables, physical consistency."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from time import perf_counter
+
+import numpy as np
+
+from consistent_id._arrays import Array, Matrix, Vector
+from consistent_id.base import (
+    BaseParameters,
+    base_parameters,
+    linear_combination,
+)
+from consistent_id.base_feasibility import BaseFeasibility, base_feasibility
+from consistent_id.constraints import (
+    Constraint,
+    FixedCentresOfMass,
+    FixedMasses,
+    PhysicalConsistency,
+    lowered,
+)
+from consistent_id.errors import ProblemError
+from consistent_id.estimate import Estimate
+from consistent_id.estimators.constrained import constrained_least_squares
+from consistent_id.estimators.least_squares import (
+    residual_sigma,
+    solve_linear,
+    stationarity_certificate,
+)
+from consistent_id.inertia import InertialParameters
+from consistent_id.parametrisation import Combination, Parametrisation
+from consistent_id.priors import PointToSet
+from consistent_id.problem import Problem
+from consistent_id.problem_file import PublishedTable
+from consistent_id.recording import Recording
+from consistent_id.regression import build_regression
+from consistent_id.regressor import TorqueModel
+from consistent_id.simulation import simulate_torque
+
+_NEAREST = PointToSet(slack=1e-4)  # exact torque: fit first, nominal hardly at all
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RankReport:
+    """Rank of a parametrisation along a motion.
+
+    Parameters
+    ----------
+    columns : tuple of str
+    rank : int
+    singular_values : ndarray
+        Of the regressor with unit columns, relative to the largest.
+    null_directions : tuple of str
+        Combinations that can be changed without changing any torque of the motion.
+    """
+
+    columns: tuple[str, ...]
+    rank: int
+    singular_values: Vector
+    null_directions: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PublishedVector:
+    """One printed vector, examined.
+
+    Parameters
+    ----------
+    name : str
+    feasibility : BaseFeasibility
+        With the datasheet's masses and centres of mass.
+    nearest : Estimate
+        The consistent robot whose torque along the motion differs least.
+    torque_change : ndarray, shape (joints,), [N m or N]
+        Root-mean-square difference of the two along the motion.
+    """
+
+    name: str
+    feasibility: BaseFeasibility
+    nearest: Estimate
+    torque_change: Vector
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PublishedReport:
+    """A paper's parametrisation and estimates, checked.
+
+    Parameters
+    ----------
+    parametrisation : Parametrisation
+    motion : Recording
+    all_columns, free_columns : RankReport
+        With all combinations, and without those fixed from the datasheet.
+    mean, standard_deviation : ndarray
+        Over the experiments, recomputed.
+    largest_differences : dict of str to float
+        Between recomputed and printed tables.
+    central_inertia : dict of str to ndarray
+        Moments A, B, C and products D, E, F of the mean, recomputed.
+    vectors : tuple of PublishedVector
+        The mean, then each experiment.
+    """
+
+    parametrisation: Parametrisation
+    motion: Recording
+    all_columns: RankReport
+    free_columns: RankReport
+    mean: Vector
+    standard_deviation: Vector
+    largest_differences: dict[str, float]
+    central_inertia: dict[str, Array]
+    vectors: tuple[PublishedVector, ...]
+
+
+def parametrisation_of(problem: Problem) -> Parametrisation:
+    """Return the published parametrisation of a problem."""
+    table = published_table(problem)
+    combinations = tuple(
+        Combination(c.name, c.meaning, c.unit, c.terms, c.effect)
+        for c in table.combinations
+    )
+    return Parametrisation(problem.model, combinations, tuple(table.zero))
+
+
+def published_table(problem: Problem) -> PublishedTable:
+    """Return what a problem's paper printed; without a paper, that is an error."""
+    if problem.table.published is None:
+        raise ProblemError(f"problem {problem.name!r} has no [published] table")
+    return problem.table.published
+
+
+def check_published(problem: Problem) -> PublishedReport:
+    """Recompute and examine everything that a problem's ``[published]`` table prints.
+
+    Raises
+    ------
+    ProblemError
+        If the table's shapes do not fit, or its combinations are incomplete.
+    """
+    table = published_table(problem)
+    mine = parametrisation_of(problem)
+    experiments = _experiments(table.experiments, mine)
+    motion = problem.motion(table.motion)
+    R = mine.factor(motion)[:, :-1]
+    fixed = mine.places(table.fixed)
+    free = [i for i in range(len(mine)) if i not in fixed]
+    mean, deviation = experiments.mean(axis=0), experiments.std(axis=0, ddof=1)
+    known = lowered((FixedMasses(), FixedCentresOfMass()), problem.model)
+    printed_mean = np.array(table.mean) if table.mean else mean
+    vectors = {"mean": printed_mean} | {
+        f"experiment {i}": row for i, row in enumerate(experiments, start=1)
+    }
+    standard = {name: mine.parameters(alpha, known) for name, alpha in vectors.items()}
+    inertia = _central_inertia(problem.model, standard["mean"])
+    return PublishedReport(
+        parametrisation=mine,
+        motion=motion,
+        all_columns=_rank(R, mine, list(range(len(mine)))),
+        free_columns=_rank(R, mine, free),
+        mean=mean,
+        standard_deviation=deviation,
+        largest_differences=_differences(
+            {
+                "mean": (mean, table.mean),
+                "standard deviation": (deviation, table.standard_deviation),
+            }
+            | {
+                f"central inertia of {link}": (inertia[link], row)
+                for link, row in table.central_inertia.items()
+            }
+        ),
+        central_inertia=inertia,
+        vectors=tuple(
+            _examined(problem, name, x, motion) for name, x in standard.items()
+        ),
+    )
+
+
+def _experiments(rows: Sequence[Sequence[float]], mine: Parametrisation) -> Matrix:
+    if len(rows) < 2 or any(len(row) != len(mine) for row in rows):
+        raise ProblemError(
+            f"[published] experiments: expected 2 or more rows of {len(mine)} values, "
+            f"got rows of {sorted({len(row) for row in rows})}"
+        )
+    return np.array(rows, dtype=np.float64)
+
+
+def _rank(R: Matrix, mine: Parametrisation, columns: list[int]) -> RankReport:
+    solution = solve_linear(R[:, columns], np.zeros(len(R)))
+    names = tuple(mine.names[i] for i in columns)
+    return RankReport(
+        columns=names,
+        rank=solution.rank,
+        singular_values=solution.singular_values / solution.singular_values[0],
+        null_directions=tuple(
+            linear_combination(direction, names) for direction in solution.null_space.T
+        ),
+    )
+
+
+def _differences(
+    pairs: Mapping[str, tuple[Array, Sequence[float]]],
+) -> dict[str, float]:
+    return {
+        name: float(abs(computed - np.array(printed)).max())
+        for name, (computed, printed) in pairs.items()
+        if len(printed)
+    }
+
+
+def _central_inertia(model: TorqueModel, x: Vector) -> dict[str, Array]:
+    """Return A, B, C, D, E, F of each link; products are ``-Iyz, -Ixz, -Ixy``."""
+    tables = {}
+    for k, name in enumerate(model.layout.links):
+        body = InertialParameters(x[10 * k : 10 * k + 10])
+        # A link without a known mass enters with its inertia about the origin.
+        matrix = body.central_inertia if body.mass > 0.0 else body.inertia
+        A, B, C = np.diag(matrix)
+        tables[name] = np.array([A, B, C, -matrix[1, 2], -matrix[0, 2], -matrix[0, 1]])
+    return tables
+
+
+def _examined(
+    problem: Problem, name: str, x: Vector, motion: Recording
+) -> PublishedVector:
+    model = problem.model
+    base = base_parameters(model)
+    assumed: tuple[Constraint, ...] = (
+        PhysicalConsistency(margin=0.0),
+        FixedMasses(),
+        FixedCentresOfMass(),
+    )
+    feasibility = base_feasibility(
+        model, base, base.projection @ x, constraints=assumed
+    )
+    regression = build_regression(model, simulate_torque(model, x, motion))
+    nearest = constrained_least_squares(
+        model,
+        regression,
+        constraints=problem.constraints,
+        prior=_NEAREST,
+        base=base,
+        method=f"nearest to {name}",
+    )
+    change = regression.residual_rms(nearest.parameters)
+    return PublishedVector(name, feasibility, nearest, change)
+
+
+def published_least_squares(
+    problem: Problem, recording: Recording, *, base: BaseParameters | None = None
+) -> Estimate:
+    """Identify as the paper did: its parameters, some fixed from the datasheet.
+
+    The smallest of all vectors that fit best, where the paper's ``Y^T Y`` is singular;
+    the combinations it leaves open are named in the estimate.
+    """
+    started = perf_counter()
+    mine, table = parametrisation_of(problem), published_table(problem)
+    known = lowered((FixedMasses(), FixedCentresOfMass()), problem.model)
+    fixed = mine.places(table.fixed)
+    free = [i for i in range(len(mine)) if i not in fixed]
+    alpha = mine.matrix @ mine.parameters(np.zeros(len(mine)), known)
+    R = mine.factor(recording)
+    target = R[:, -1] - R[:, fixed] @ alpha[fixed]
+    solution = solve_linear(R[:, free], target)
+    alpha[free] = solution.x
+    x = mine.parameters(alpha, known)
+    base = base_parameters(problem.model) if base is None else base
+    regression = build_regression(problem.model, recording)
+    names = tuple(mine.names[i] for i in free)
+    return Estimate(
+        method="least squares as published",
+        model=problem.model,
+        base=base,
+        parameters=x,
+        base_covariance=None,
+        undetermined=tuple(
+            linear_combination(direction, names) for direction in solution.null_space.T
+        ),
+        sigma=residual_sigma(regression, x, solution.rank),
+        certificate=stationarity_certificate(R[:, free], target, solution),
+        notes=(
+            f"the data determine {solution.rank} of {len(free)} free parameters; this "
+            "is the smallest of all vectors that fit best",
+        ),
+        seconds=perf_counter() - started,
+    )

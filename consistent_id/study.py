@@ -1,0 +1,213 @@
+"""From a problem to its answer: identify, compare, with everything that was found."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from consistent_id.base import (
+    BaseParameters,
+    ConditionNumber,
+    base_parameters,
+    condition_number,
+    linear_combination,
+)
+from consistent_id.comparison import Comparison, compare
+from consistent_id.errors import ProblemError
+from consistent_id.estimate import Estimate
+from consistent_id.estimators.constrained import constrained_least_squares
+from consistent_id.estimators.least_squares import (
+    joint_noise,
+    least_squares,
+    solve_linear,
+    weighted_least_squares,
+)
+from consistent_id.estimators.robust import huber
+from consistent_id.problem import Problem
+from consistent_id.published import (
+    PublishedReport,
+    check_published,
+    published_least_squares,
+)
+from consistent_id.recording import Recording
+from consistent_id.regression import Regression, build_regression
+from consistent_id.simulation import simulate_torque
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Excitation:
+    """How well the training data excite the robot.
+
+    Parameters
+    ----------
+    structural_rank : int
+        Number of base parameters, from random motions.
+    data_rank : int
+        Of them, determined by the data.
+    condition : tuple of ConditionNumber
+        Of the base regressor, unscaled and with unit columns.
+    undetermined : tuple of str
+        Combinations of base parameters that the data leave open.
+    """
+
+    structural_rank: int
+    data_rank: int
+    condition: tuple[ConditionNumber, ...]
+    undetermined: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Study:
+    """A problem worked through.
+
+    Parameters
+    ----------
+    problem : Problem
+    base : BaseParameters
+    training, validation : tuple of Recording
+    excitation : Excitation
+    comparison : Comparison
+    published : PublishedReport, optional
+        If the problem has a paper.
+    """
+
+    problem: Problem
+    base: BaseParameters
+    training: tuple[Recording, ...]
+    validation: tuple[Recording, ...]
+    excitation: Excitation
+    comparison: Comparison
+    published: PublishedReport | None
+
+    @property
+    def estimates(self) -> tuple[Estimate, ...]:
+        """The estimates, in the order compared."""
+        return tuple(report.estimate for report in self.comparison.reports)
+
+
+def identify(
+    problem: Problem,
+    training: Sequence[Recording] | None = None,
+    *,
+    base: BaseParameters | None = None,
+) -> tuple[Estimate, ...]:
+    """Estimate a problem's parameters by every method there is.
+
+    Least squares and the constrained estimate come with equal weights for all joints,
+    and both again weighted by each joint's noise, so that each constrained estimate has
+    a twin without constraints; robust least squares comes besides.
+
+    Parameters
+    ----------
+    problem : Problem
+    training : sequence of Recording, optional
+        By default the problem's own.
+    base : BaseParameters, optional
+    """
+    model = problem.model
+    training = problem.training if training is None else training
+    base = base_parameters(model) if base is None else base
+    regression = build_regression(model, training)
+    weighted = regression.weighted(joint_noise(model, regression, base=base))
+    constraints, prior = problem.constraints, problem.prior
+    return (
+        least_squares(model, regression, base=base),
+        weighted_least_squares(model, regression, base=base),
+        huber(model, training, base=base),
+        constrained_least_squares(
+            model, regression, constraints=constraints, prior=prior, base=base
+        ),
+        constrained_least_squares(
+            model,
+            weighted,
+            constraints=constraints,
+            prior=prior,
+            base=base,
+            method="weighted constrained",
+        ),
+    )
+
+
+def run_study(problem: Problem) -> Study:
+    """Work a problem through: its paper if it has one, estimates, comparison.
+
+    Raises
+    ------
+    ProblemError
+        If the problem has neither recordings nor a simulated experiment.
+    """
+    published = None if problem.table.published is None else check_published(problem)
+    training, validation = _recordings(problem, published)
+    base = base_parameters(problem.model)
+    estimates = identify(problem, training, base=base)
+    if published is not None:
+        estimates = (
+            published_least_squares(problem, training[0], base=base),
+            *estimates,
+        )
+    regression = build_regression(problem.model, training)
+    return Study(
+        problem=problem,
+        base=base,
+        training=training,
+        validation=validation,
+        excitation=excitation_of(regression, base),
+        comparison=compare(estimates, validation, training=training),
+        published=published,
+    )
+
+
+def excitation_of(regression: Regression, base: BaseParameters) -> Excitation:
+    """Return rank and condition of the base regressor in the data."""
+    columns = list(base.independent)
+    R = regression.stacked()
+    solution = solve_linear(R[:, columns], R[:, -1])
+    return Excitation(
+        structural_rank=len(base),
+        data_rank=solution.rank,
+        condition=tuple(
+            condition_number(
+                R[:, columns], basis=f"{len(base)} base columns", unit_columns=unit
+            )
+            for unit in (False, True)
+        ),
+        undetermined=tuple(
+            linear_combination(direction, base.names)
+            for direction in solution.null_space.T
+        ),
+    )
+
+
+def simulated_experiment(
+    problem: Problem, published: PublishedReport
+) -> tuple[Recording, Recording]:
+    """Return simulated training and validation recordings, from the file's seed.
+
+    The truth is the consistent robot nearest to the published mean.
+    """
+    table = problem.table.simulation
+    if table is None:
+        raise ProblemError(f"problem {problem.name!r} has no [simulation] table")
+    truth = published.vectors[0].nearest.parameters
+    rng = np.random.default_rng(table.seed)
+    training, validation = (
+        simulate_torque(
+            problem.model, truth, problem.motion(name), noise=table.noise, rng=rng
+        )
+        for name in (table.training, table.validation)
+    )
+    return training, validation
+
+
+def _recordings(
+    problem: Problem, published: PublishedReport | None
+) -> tuple[tuple[Recording, ...], tuple[Recording, ...]]:
+    if problem.table.data is not None:
+        return problem.training, problem.validation
+    if published is None:
+        raise ProblemError(
+            f"problem {problem.name!r} has neither [data] nor a [published] table with "
+            "a [simulation]; there is nothing to learn from"
+        )
+    training, validation = simulated_experiment(problem, published)
+    return (training,), (validation,)
