@@ -5,6 +5,8 @@ from consistent_id.inertia import InertialParameters
 from consistent_id.loaders import DHRow, from_modified_dh, load_urdf
 from consistent_id.regressor import TorqueModel
 
+__version__ = "0.1.0"
+
 __all__ = [
     "DHRow",
     "DriveTerms",

@@ -96,6 +96,8 @@ class PublishedReport:
         Over the experiments, recomputed.
     largest_differences : dict of str to float
         Between recomputed and printed tables.
+    mean_links : dict of str to ndarray
+        Inertial parameters of each link, from the mean and the datasheet.
     central_inertia : dict of str to ndarray
         Moments A, B, C and products D, E, F of the mean, recomputed.
     vectors : tuple of PublishedVector
@@ -109,6 +111,7 @@ class PublishedReport:
     mean: Vector
     standard_deviation: Vector
     largest_differences: dict[str, float]
+    mean_links: dict[str, Array]
     central_inertia: dict[str, Array]
     vectors: tuple[PublishedVector, ...]
 
@@ -169,6 +172,13 @@ def check_published(problem: Problem) -> PublishedReport:
                 f"central inertia of {link}": (inertia[link], row)
                 for link, row in table.central_inertia.items()
             }
+        ),
+        mean_links=dict(
+            zip(
+                problem.model.layout.links,
+                standard["mean"].reshape(-1, 10),
+                strict=True,
+            )
         ),
         central_inertia=inertia,
         vectors=tuple(

@@ -137,7 +137,7 @@ def run_study(problem: Problem) -> Study:
         If the problem has neither recordings nor a simulated experiment.
     """
     published = None if problem.table.published is None else check_published(problem)
-    training, validation = _recordings(problem, published)
+    training, validation = recordings_of(problem, published)
     base = base_parameters(problem.model)
     estimates = identify(problem, training, base=base)
     if published is not None:
@@ -199,15 +199,17 @@ def simulated_experiment(
     return training, validation
 
 
-def _recordings(
-    problem: Problem, published: PublishedReport | None
+def recordings_of(
+    problem: Problem, published: PublishedReport | None = None
 ) -> tuple[tuple[Recording, ...], tuple[Recording, ...]]:
+    """Return a problem's training and validation recordings, real or simulated."""
     if problem.table.data is not None:
         return problem.training, problem.validation
-    if published is None:
+    if problem.table.published is None or problem.table.simulation is None:
         raise ProblemError(
-            f"problem {problem.name!r} has neither [data] nor a [published] table with "
-            "a [simulation]; there is nothing to learn from"
+            f"problem {problem.name!r} has neither [data] nor a [simulation] with a "
+            "[published] truth; there is nothing to learn from"
         )
+    published = check_published(problem) if published is None else published
     training, validation = simulated_experiment(problem, published)
     return (training,), (validation,)

@@ -1,0 +1,121 @@
+"""The shell tool: ``consistent-id info | identify | compare``.
+
+Exit codes: 0 done, 1 refused (no usable estimate), 2 wrong usage or input, 3 solver
+failure, 130 interrupted.
+"""
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from consistent_id.errors import ConsistentIdError, SolverError
+
+_EPILOG = """examples:
+  consistent-id info problems/rx60
+  consistent-id identify problems/ur10e --output results/ur10e
+  consistent-id compare problems/rx60
+"""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the tool; return its exit code."""
+    options = _parser().parse_args(arguments)
+    try:
+        return int(_COMMANDS[options.command](options))
+    except SolverError as error:
+        print(f"consistent-id: {error}", file=sys.stderr)
+        return 3
+    except ConsistentIdError as error:
+        print(f"consistent-id: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("consistent-id: interrupted", file=sys.stderr)
+        return 130
+    except BrokenPipeError:
+        sys.stderr.close()  # the reader, such as `head`, has gone
+        return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    from consistent_id import __version__
+
+    parser = argparse.ArgumentParser(
+        prog="consistent-id",
+        description="Identify the dynamic parameters of robots, as a real body could "
+        "have them.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=__version__)
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    for name, text in (
+        ("info", "show a problem's robot, datasheet and base parameters"),
+        ("identify", "estimate a problem's parameters by every method"),
+        ("compare", "compare least squares with constrained estimates"),
+    ):
+        command = commands.add_parser(name, help=text, description=text)
+        command.add_argument(
+            "problem", type=Path, help="folder with a problem.toml, or the file"
+        )
+        command.add_argument(
+            "--json", action="store_true", help="print JSON instead of tables"
+        )
+        if name != "info":
+            default = " (default: results/NAME)" if name == "compare" else ""
+            command.add_argument(
+                "--output", type=Path, help=f"folder to write results to{default}"
+            )
+    return parser
+
+
+def _info(options: argparse.Namespace) -> int:
+    from consistent_id.commands import info
+    from consistent_id.problem import load_problem
+
+    tables = info(load_problem(options.problem))
+    if options.json:
+        print(json.dumps([_as_dict(table) for table in tables], indent=1))
+    else:
+        print("\n\n".join(table.text() for table in tables))
+    return 0
+
+
+def _identify(options: argparse.Namespace) -> int:
+    from consistent_id.commands import identify_problem
+    from consistent_id.problem import load_problem
+
+    estimates, tables = identify_problem(load_problem(options.problem), options.output)
+    if options.json:
+        print(json.dumps([e.to_dict() for e in estimates], indent=1))
+    else:
+        print("\n\n".join(table.text() for table in tables))
+    certified = any(e.certificate.verdict == "certified" for e in estimates)
+    return 0 if certified else 1
+
+
+def _compare(options: argparse.Namespace) -> int:
+    from consistent_id.commands import compare_problem
+    from consistent_id.problem import load_problem
+    from consistent_id.summary import study_record
+
+    problem = load_problem(options.problem)
+    output = options.output or Path("results") / problem.name
+    study, tables, written = compare_problem(problem, output)
+    if options.json:
+        print(json.dumps(study_record(study), indent=1, allow_nan=False))
+    else:
+        print("\n\n".join(table.text() for table in tables))
+        print("\nwritten: " + ", ".join(str(path) for path in written))
+    usable = any(report.verdict == "certified" for report in study.comparison.reports)
+    return 0 if usable else 1
+
+
+def _as_dict(table: object) -> dict[str, object]:
+    from dataclasses import asdict
+
+    return asdict(table)  # type: ignore[call-overload, no-any-return]
+
+
+_COMMANDS = {"info": _info, "identify": _identify, "compare": _compare}

@@ -1,0 +1,147 @@
+"""What the shell commands do, as functions that return values and write files."""
+
+import json
+from pathlib import Path
+
+from consistent_id._files import write_atomically
+from consistent_id.base import base_parameters
+from consistent_id.estimate import Estimate
+from consistent_id.figures import motion_figure, save_figure, torque_figure
+from consistent_id.problem import Problem
+from consistent_id.regression import build_regression
+from consistent_id.study import Study, excitation_of, identify, run_study
+from consistent_id.study import recordings_of as study_recordings
+from consistent_id.summary import excitation_table, study_record, study_tables
+from consistent_id.tables import Table
+
+_DRAWN = ("least squares", "constrained")
+
+
+def info(problem: Problem) -> list[Table]:
+    """Return what a problem consists of: robot, datasheet, base parameters."""
+    robot, model = problem.model.robot, problem.model
+    base = base_parameters(model)
+    links = Table(
+        f"Robot {robot.name}: {len(robot)} joints, gravity {robot.gravity} m/s^2",
+        ("joint", "kind", "moves", "datasheet mass [kg]", "drive terms"),
+        tuple(
+            (
+                joint.name,
+                joint.kind,
+                link.name,
+                "-" if link.datasheet.mass is None else f"{link.datasheet.mass:g}",
+                ", ".join(terms.names) or "none",
+            )
+            for joint, link, terms in zip(
+                robot.joints, robot.links, model.terms, strict=True
+            )
+        ),
+    )
+    groups = Table(
+        f"Base parameters: {len(base)} of {len(model.layout)} (structural rank)",
+        ("leading parameter", "grouping"),
+        tuple(zip(base.names, base.groupings, strict=True)),
+        (f"without effect on torque: {', '.join(base.without_effect) or 'none'}",),
+    )
+    return [links, groups]
+
+
+def identify_problem(
+    problem: Problem, output: Path | None = None
+) -> tuple[tuple[Estimate, ...], list[Table]]:
+    """Identify a problem's parameters; write one JSON file per estimate if asked."""
+    training, _ = study_recordings(problem)
+    base = base_parameters(problem.model)
+    estimates = identify(problem, training, base=base)
+    excitation = excitation_of(build_regression(problem.model, training), base)
+    tables = [excitation_table(excitation, training)]
+    tables += [parameter_table(estimate) for estimate in estimates]
+    if output is not None:
+        for estimate in estimates:
+            estimate.save(output / f"{estimate.method.replace(' ', '_')}.json")
+    return estimates, tables
+
+
+def parameter_table(estimate: Estimate) -> Table:
+    """Return an estimate's parameters, with standard errors where there are any."""
+    layout = estimate.model.layout
+    if estimate.base_covariance is None:
+        return Table(
+            f"{estimate.method}: {estimate.certificate.verdict}",
+            ("parameter", "value", "unit"),
+            tuple(
+                (name, f"{value:.6g}", unit)
+                for name, value, unit in zip(
+                    layout.names, estimate.parameters, layout.units, strict=True
+                )
+            ),
+            (estimate.certificate.reason, *estimate.notes),
+        )
+    errors = estimate.standard_errors
+    assert errors is not None
+    return Table(
+        f"{estimate.method}: {estimate.certificate.verdict}",
+        ("base parameter, led by", "value", "standard error", "unit"),
+        tuple(
+            (name, f"{value:.6g}", f"{error:.2g}", layout.units[i])
+            for name, value, error, i in zip(
+                estimate.base.names,
+                estimate.base_values,
+                errors,
+                estimate.base.independent,
+                strict=True,
+            )
+        ),
+        (
+            estimate.certificate.reason,
+            *estimate.notes,
+            *(f"left open by the data: {text}" for text in estimate.undetermined),
+        ),
+    )
+
+
+def compare_problem(
+    problem: Problem, output: Path | None = None
+) -> tuple[Study, list[Table], list[Path]]:
+    """Work a problem through and compare its estimates.
+
+    Parameters
+    ----------
+    problem : Problem
+    output : Path, optional
+        Folder for ``comparison.md``, ``comparison.json`` and figures.
+
+    Returns
+    -------
+    study : Study
+    tables : list of Table
+    written : list of Path
+    """
+    study = run_study(problem)
+    tables = study_tables(study)
+    written = []
+    if output is not None:
+        text = "\n".join(
+            [f"# {problem.name}", "", *(table.markdown() for table in tables)]
+        )
+        record = json.dumps(study_record(study), indent=1, allow_nan=False)
+        written.append(write_atomically(output / "comparison.md", text))
+        written.append(write_atomically(output / "comparison.json", record + "\n"))
+        written += _figures(study, output)
+    return study, tables, written
+
+
+def _figures(study: Study, output: Path) -> list[Path]:
+    drawn = [e for e in study.estimates if e.method in _DRAWN]
+    paths = []
+    if study.published is not None:
+        motion = motion_figure(study.published.motion)
+        paths.append(save_figure(motion, output / "motion.png"))
+    for role, recordings in (
+        ("training", study.training),
+        ("validation", study.validation),
+    ):
+        for i, recording in enumerate(recordings, start=1):
+            figure = torque_figure(recording, drawn)
+            paths.append(save_figure(figure, output / f"torque_{role}_{i}.png"))
+    return paths

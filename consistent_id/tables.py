@@ -1,0 +1,68 @@
+"""Tables of text, for people (aligned) and for Markdown."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A titled table with notes below it.
+
+    Examples
+    --------
+    >>> print(Table("Masses", ("link", "kg"), (("arm", "2.1"),)).text())
+    Masses
+      link   kg
+      arm   2.1
+    """
+
+    title: str
+    header: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    notes: tuple[str, ...] = ()
+
+    def text(self) -> str:
+        """Return the table for a terminal; numbers are aligned to the right."""
+        lines = [self.title]
+        if self.rows:
+            widths = [
+                max(len(row[i]) for row in (self.header, *self.rows))
+                for i in range(len(self.header))
+            ]
+            right = [_numeric(row[i] for row in self.rows) for i in range(len(widths))]
+            lines += [
+                "  "
+                + "  ".join(
+                    cell.rjust(width) if numbers else cell.ljust(width)
+                    for cell, width, numbers in zip(row, widths, right, strict=True)
+                ).rstrip()
+                for row in (self.header, *self.rows)
+            ]
+        return "\n".join([*lines, *(f"  {note}" for note in self.notes)])
+
+    def markdown(self) -> str:
+        """Return the table as GitHub-flavoured Markdown."""
+        lines = [f"### {self.title}", ""]
+        if self.rows:
+            right = [
+                _numeric(row[i] for row in self.rows) for i in range(len(self.header))
+            ]
+            lines.append(_row(self.header))
+            lines.append(_row(["---:" if numbers else "---" for numbers in right]))
+            lines += [_row(row) for row in self.rows]
+            lines.append("")
+        lines += [f"{note}\n" for note in self.notes]
+        return "\n".join(lines)
+
+
+def _row(cells: Sequence[str]) -> str:
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+
+
+def _numeric(cells: object) -> bool:
+    """Tell whether a column holds numbers (or dashes) only."""
+    return all(
+        cell.strip().lstrip("+-").replace("e", "").replace("%", "")[:1].isdigit()
+        or cell in ("", "-", "inf")
+        for cell in cells  # type: ignore[attr-defined]
+    )
