@@ -1,17 +1,120 @@
-"""Dynamic parameters of robots, as a real body could have them."""
+"""Dynamic parameters of robots, as a real body could have them.
 
+Robot model -> recording -> regression -> estimator -> estimate -> comparison; each
+arrow is a function, each noun a frozen value.
+"""
+
+from consistent_id.base import BaseParameters, base_parameters, condition_number
+from consistent_id.base_feasibility import base_feasibility
+from consistent_id.comparison import Comparison, compare
+from consistent_id.constraints import (
+    CentreOfMassBoxes,
+    FixedCentresOfMass,
+    FixedMasses,
+    FixedParameters,
+    MassBounds,
+    NonNegativeDrive,
+    PhysicalConsistency,
+)
+from consistent_id.errors import (
+    ConsistentIdError,
+    InfeasibleError,
+    ModelError,
+    NotExcitedError,
+    ProblemError,
+    RecordingError,
+    SolverError,
+)
+from consistent_id.estimate import Certificate, Estimate
+from consistent_id.estimators.constrained import constrained_least_squares
+from consistent_id.estimators.least_squares import (
+    joint_noise,
+    least_squares,
+    weighted_least_squares,
+)
+from consistent_id.estimators.robust import huber
 from consistent_id.friction import DriveTerms
 from consistent_id.inertia import InertialParameters
 from consistent_id.loaders import DHRow, from_modified_dh, load_urdf
-from consistent_id.regressor import TorqueModel
+from consistent_id.model import Datasheet, Joint, JointLimits, Link, RobotModel
+from consistent_id.priors import PointToSet
+from consistent_id.problem import Problem, load_problem
+from consistent_id.readers import Columns, read_recording
+from consistent_id.recording import Recording
+from consistent_id.regression import Regression, build_regression
+from consistent_id.regressor import (
+    TorqueModel,
+    casadi_regressor,
+    joint_torque_regressor,
+)
+from consistent_id.signals import (
+    decimated,
+    differentiated,
+    low_passed,
+    resampled,
+    trimmed,
+)
+from consistent_id.simulation import simulate_torque
+from consistent_id.study import Study, identify, run_study
 
 __version__ = "0.1.0"
 
 __all__ = [
+    "BaseParameters",
+    "CentreOfMassBoxes",
+    "Certificate",
+    "Columns",
+    "Comparison",
+    "ConsistentIdError",
     "DHRow",
+    "Datasheet",
     "DriveTerms",
+    "Estimate",
+    "FixedCentresOfMass",
+    "FixedMasses",
+    "FixedParameters",
     "InertialParameters",
+    "InfeasibleError",
+    "Joint",
+    "JointLimits",
+    "Link",
+    "MassBounds",
+    "ModelError",
+    "NonNegativeDrive",
+    "NotExcitedError",
+    "PhysicalConsistency",
+    "PointToSet",
+    "Problem",
+    "ProblemError",
+    "Recording",
+    "RecordingError",
+    "Regression",
+    "RobotModel",
+    "SolverError",
+    "Study",
     "TorqueModel",
+    "base_feasibility",
+    "base_parameters",
+    "build_regression",
+    "casadi_regressor",
+    "compare",
+    "condition_number",
+    "constrained_least_squares",
+    "decimated",
+    "differentiated",
     "from_modified_dh",
+    "huber",
+    "identify",
+    "joint_noise",
+    "joint_torque_regressor",
+    "least_squares",
+    "load_problem",
     "load_urdf",
+    "low_passed",
+    "read_recording",
+    "resampled",
+    "run_study",
+    "simulate_torque",
+    "trimmed",
+    "weighted_least_squares",
 ]

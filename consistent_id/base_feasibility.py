@@ -20,7 +20,7 @@ from consistent_id.inertia import InertialParameters
 from consistent_id.regressor import TorqueModel
 from consistent_id.scaling import link_scales
 
-_BACK_OFF = 1e-4  # share of the depth given up for smaller, more telling numbers
+_BACK_OFF = 0.01  # share of the depth given up for smaller, more telling numbers
 _UNDECIDED = 1e-9  # depths nearer to zero than this are neither proof nor witness
 
 

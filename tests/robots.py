@@ -1,0 +1,57 @@
+"""Random robots and states, as Pinocchio and as the package see them."""
+
+import numpy as np
+import pinocchio as pin
+
+from consistent_id.inertia import InertialParameters
+from consistent_id.loaders.urdf import from_pinocchio
+from consistent_id.model import RobotModel
+
+
+def random_robot(
+    rng: np.random.Generator, joints: int, tree: bool = False
+) -> tuple[pin.Model, RobotModel]:
+    """A robot of random joints, placements and (consistent) inertias."""
+    pin.seed(int(rng.integers(2**31)))
+    model = pin.Model()
+    for k in range(joints):
+        parent = int(rng.integers(0, k + 1)) if tree else k
+        joint = model.addJoint(parent, random_joint(rng), pin.SE3.Random(), f"j{k}")
+        body = random_body(rng)
+        inertia = pin.Inertia(body.mass, body.com, body.central_inertia)
+        model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
+    return model, from_pinocchio(model)
+
+
+def random_joint(rng: np.random.Generator):
+    """A revolute or prismatic joint about a coordinate axis or any other."""
+    axis = rng.normal(size=3)
+    axis /= np.linalg.norm(axis)
+    kinds = (
+        pin.JointModelRX(),
+        pin.JointModelRY(),
+        pin.JointModelRZ(),
+        pin.JointModelPX(),
+        pin.JointModelPY(),
+        pin.JointModelPZ(),
+        pin.JointModelRevoluteUnaligned(axis),
+        pin.JointModelPrismaticUnaligned(axis),
+    )
+    return kinds[rng.integers(len(kinds))]
+
+
+def random_body(rng: np.random.Generator, points: int = 6) -> InertialParameters:
+    """The body of a few random point masses: consistent by construction."""
+    masses, places = rng.uniform(0.1, 2.0, points), rng.normal(size=(points, 3))
+    J = np.zeros((4, 4))
+    for m, r in zip(masses, places, strict=True):
+        J += m * np.outer([*r, 1.0], [*r, 1.0])
+    return InertialParameters.from_pseudo_inertia(J)
+
+
+def random_states(
+    rng: np.random.Generator, joints: int, samples: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Positions, velocities and accelerations, each (samples, joints)."""
+    q, dq, ddq = rng.uniform(-2.0, 2.0, (3, samples, joints))
+    return q, dq, ddq

@@ -1,0 +1,66 @@
+"""Imports run one way, and heavy libraries are imported where they are used."""
+
+import ast
+from pathlib import Path
+
+import consistent_id
+
+PACKAGE = Path(consistent_id.__file__).parent
+
+# Each module may import only from those before it.
+ORDER = """
+errors _newton_euler _files _arrays inertia parameters model loaders._urdf_lint
+loaders.urdf loaders.modified_dh loaders friction regressor recording readers signals
+trajectory base regression simulation scaling conic constraints priors cone_program
+certificate feasibility estimate base_feasibility estimators.least_squares
+estimators.robust estimators.constrained estimators comparison parametrisation
+problem_file problem published study tables summary figures commands
+""".split()
+
+HEAVY = {"cvxpy", "casadi", "pinocchio", "scipy", "matplotlib", "pyarrow", "clarabel"}
+
+
+def _modules() -> dict[str, ast.Module]:
+    found = {}
+    for path in PACKAGE.rglob("*.py"):
+        parts = path.relative_to(PACKAGE).with_suffix("").parts
+        name = ".".join(p for p in parts if p != "__init__")
+        found[name] = ast.parse(path.read_text())
+    return found
+
+
+def _imported(tree: ast.AST) -> list[str]:
+    names = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and node.level == 0:
+            names.append(node.module or "")
+        elif isinstance(node, ast.Import):
+            names += [alias.name for alias in node.names]
+    return names
+
+
+def test_every_module_has_its_place_and_imports_only_from_those_before_it():
+    modules = _modules()
+    assert set(modules) - {"", "cli"} == set(ORDER)
+    for name, tree in modules.items():
+        if name in ("", "cli"):
+            continue
+        for imported in _imported(tree):
+            if imported.startswith("consistent_id."):
+                target = imported.removeprefix("consistent_id.")
+                assert ORDER.index(target) < ORDER.index(name), f"{name} -> {target}"
+
+
+def test_heavy_libraries_are_not_imported_at_the_top_of_a_module():
+    for name, tree in _modules().items():
+        top = [
+            node for node in tree.body if isinstance(node, ast.Import | ast.ImportFrom)
+        ]
+        for imported in _imported(ast.Module(body=top, type_ignores=[])):
+            assert imported.split(".")[0] not in HEAVY, f"{name} imports {imported}"
+
+
+def test_estimators_do_not_know_casadi():
+    for name, tree in _modules().items():
+        if name.startswith("estimators"):
+            assert "casadi" not in _imported(tree)

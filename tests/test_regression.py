@@ -1,0 +1,274 @@
+"""Regression: the stacked matrix, built with Pinocchio, is the truth."""
+
+import tracemalloc
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from robots import random_robot, random_states
+
+from consistent_id.base import base_parameters, condition_number
+from consistent_id.errors import NotExcitedError, ProblemError, RecordingError
+from consistent_id.friction import DriveTerms
+from consistent_id.loaders import DHRow, from_modified_dh
+from consistent_id.recording import Recording
+from consistent_id.regression import Regression, build_regression
+from consistent_id.regressor import TorqueModel
+
+DRIVE = DriveTerms(viscous=True, coulomb="sign", offset=True, rotor_inertia=True)
+ROBOTS = [(1, False, 1), (4, False, 2), (7, False, 3), (6, True, 4)]
+
+
+def recorded(robot, rng, samples, name="log"):
+    """Random states and torques, with the joints in reverse and a stranger first."""
+    n = len(robot)
+    motion = [x[:, ::-1] for x in random_states(rng, n, samples)]
+    torque = rng.normal(size=(samples, n))
+    stranger = np.full((samples, 1), 1e3)
+    joints = ("stranger", *robot.joint_names[::-1])
+    channels = [np.hstack([stranger, x]) for x in (*motion, torque)]
+    return Recording(joints, 0.01 * np.arange(samples), *channels, name=name)
+
+
+def stacked_rows(pin_model, robot, recording):
+    """``[Y, tau]`` from Pinocchio, shape (joints, samples, parameters + 1)."""
+    log, n = recording.of(robot.joint_names), len(robot)
+    data = pin_model.createData()
+    rows = np.zeros((n, len(log), 14 * n + 1))
+    states = zip(log.position, log.velocity, log.acceleration, strict=True)
+    for i, state in enumerate(states):
+        rows[:, i, : 10 * n] = pin.computeJointTorqueRegressor(pin_model, data, *state)
+    for j in range(n):
+        dq, ddq = log.velocity[:, j], log.acceleration[:, j]
+        terms = np.column_stack([dq, np.sign(dq), np.ones_like(dq), ddq])
+        rows[j, :, 10 * n + 4 * j : 10 * n + 4 * j + 4] = terms
+    rows[:, :, -1] = log.torque.T
+    return rows
+
+
+def problem(joints=4, tree=False, seed=2, samples=200):
+    rng = np.random.default_rng(seed)
+    pin_model, robot = random_robot(rng, joints, tree=tree)
+    recording = recorded(robot, rng, samples)
+    rows = stacked_rows(pin_model, robot, recording)
+    return TorqueModel(robot, DRIVE), recording, rows, rng
+
+
+def assert_same_squares(regression, rows):
+    """``F'F = [Y, tau]'[Y, tau]`` joint by joint: the same norm for every ``x``."""
+    for F, Y in zip(regression.factors, rows, strict=True):
+        # Rounding of sums of hundreds of products; relative to the largest entry.
+        gram = Y.T @ Y
+        np.testing.assert_allclose(F.T @ F, gram, rtol=0, atol=1e-12 * abs(gram).max())
+
+
+@pytest.mark.parametrize(("joints", "tree", "seed"), ROBOTS)
+@pytest.mark.parametrize("samples", [2, 300])
+def test_factors_give_the_residual_norm_of_the_stacked_matrix(
+    joints, tree, seed, samples
+):
+    model, recording, rows, rng = problem(joints, tree, seed, samples)
+    regression = build_regression(model, recording)
+    for _ in range(5):
+        x = rng.normal(size=len(model.layout))
+        z = np.append(x, -1.0)
+        truth = np.linalg.norm(rows @ z, axis=1)
+        found = [np.linalg.norm(F @ z) for F in regression.factors]
+        # Rounding, times the condition of the independent columns of a row.
+        np.testing.assert_allclose(found, truth, rtol=1e-10)
+        rms = np.sqrt(np.mean((rows @ z) ** 2, axis=1))
+        np.testing.assert_allclose(regression.residual_rms(x), rms, rtol=1e-10)
+    torque = recording.of(model.robot.joint_names).torque
+    torque_rms = np.sqrt(np.mean(torque**2, axis=0))
+    np.testing.assert_allclose(regression.torque_rms, torque_rms, rtol=1e-12)
+    assert regression.counts == (samples,) * joints
+    assert regression.joints == model.robot.joint_names
+
+
+@pytest.mark.parametrize(("joints", "tree", "seed"), ROBOTS)
+def test_singular_values_are_those_of_the_stacked_matrix(joints, tree, seed):
+    model, recording, rows, rng = problem(joints, tree, seed)
+    sigma = rng.uniform(0.1, 10.0, joints)
+    W = (rows / sigma[:, None, None]).reshape(-1, rows.shape[2])
+    compressed = build_regression(model, recording).weighted(sigma).stacked()
+    np.testing.assert_array_equal(compressed, np.triu(compressed))
+    truth = np.linalg.svd(W, compute_uv=False)
+    found = np.linalg.svd(compressed, compute_uv=False)
+    # The backward error of QR is relative to the largest singular value.
+    np.testing.assert_allclose(found, truth, rtol=0, atol=1e-12 * truth[0])
+
+
+def test_weights_divide_each_joints_rows_and_replace_one_another():
+    model, recording, rows, rng = problem()
+    plain = build_regression(model, recording)
+    sigma = np.array([0.1, 1.0, 3.0, 20.0])
+    weighted = plain.weighted([5.0] * 4).weighted(sigma)
+    x = rng.normal(size=len(model.layout))
+    z = np.append(x, -1.0)
+    truth = np.linalg.norm((rows @ z) / sigma[:, None])
+    assert np.linalg.norm(weighted.stacked() @ z) == pytest.approx(truth, rel=1e-10)
+    np.testing.assert_array_equal(weighted.residual_rms(x), plain.residual_rms(x))
+    np.testing.assert_array_equal(plain.sigma, 1.0)
+
+
+def test_adding_two_recordings_equals_building_from_both():
+    rng = np.random.default_rng(5)
+    pin_model, robot = random_robot(rng, 4)
+    model = TorqueModel(robot, DRIVE)
+    logs = [recorded(robot, rng, samples) for samples in (40, 7, 300)]
+    rows = np.concatenate([stacked_rows(pin_model, robot, log) for log in logs], axis=1)
+    a, b, c = (build_regression(model, log) for log in logs)
+    for regression in (a + b + c, c + (b + a), build_regression(model, logs)):
+        assert_same_squares(regression, rows)
+        assert regression.counts == (347,) * 4
+        np.testing.assert_allclose(
+            regression.torque_rms, np.sqrt(np.mean(rows[:, :, -1] ** 2, 1)), rtol=1e-12
+        )
+    for part, log in zip((a, b, c), logs, strict=True):  # and the parts still stand
+        assert_same_squares(part, stacked_rows(pin_model, robot, log))
+
+
+def test_neither_the_order_of_samples_nor_the_size_of_pieces_matters():
+    # More samples than two pieces of four chunks; the last chunk is a short one.
+    model, recording, rows, rng = problem(joints=2, samples=36_001)
+    assert_same_squares(build_regression(model, recording), rows)
+    order = rng.permutation(len(recording))
+    names = ("position", "velocity", "acceleration", "torque")
+    shuffled = [getattr(recording, name)[order] for name in names]
+    log = Recording(recording.joints, recording.time, *shuffled)
+    assert_same_squares(build_regression(model, log), rows)
+
+
+def test_the_same_recording_gives_the_same_bits():
+    model, recording, _, _ = problem(joints=2, samples=40_000)
+    first, again = (build_regression(model, recording) for _ in range(2))
+    for one, other in zip(first.factors, again.factors, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_memory_does_not_grow_with_the_number_of_samples():
+    robot = from_modified_dh("arm", [DHRow(0, 0), DHRow(1, 0.1), DHRow(-1, 0.2)])
+    model = TorqueModel(robot)
+
+    def peak(samples):
+        motion = np.zeros((4, samples, 3))
+        motion += np.sin(np.arange(1.0, 13.0)).reshape(4, 1, 3)
+        log = Recording(robot.joint_names, np.arange(samples) * 1e-3, *motion)
+        tracemalloc.start()
+        try:
+            build_regression(model, log)
+            return tracemalloc.get_traced_memory()[1]
+        finally:
+            tracemalloc.stop()
+
+    short, long = peak(40_000), peak(160_000)
+    # Two workers' pieces at a time; stacked, the long one's regressor is 119 MB.
+    assert long < 1.5 * short
+    assert long < 8 * 160_000 * 3 * 31 / 4
+
+
+def test_parameters_survive_a_condition_number_that_normal_equations_do_not():
+    rng = np.random.default_rng(11)
+    pin_model, robot = random_robot(rng, 4)
+    model = TorqueModel(robot)
+    base = base_parameters(model)
+    columns = list(base.independent)
+    q, dq, ddq = random_states(rng, 4, 2000)
+    q, dq, ddq = 0.4 + 3e-4 * q, 0.3 * dq, 0.3 * ddq
+    data = pin_model.createData()
+    W = np.vstack(
+        [
+            pin.computeJointTorqueRegressor(pin_model, data, *state).copy()
+            for state in zip(q, dq, ddq, strict=True)
+        ]
+    )[:, columns]
+    print(condition_number(W, basis=""))
+    truth = rng.normal(size=len(base))
+    torque = (W @ truth).reshape(-1, 4)
+    log = Recording(robot.joint_names, np.arange(2000.0), q, dq, ddq, torque)
+    R = build_regression(model, log).stacked()
+    found = np.linalg.lstsq(R[:, columns], R[:, -1], rcond=None)[0]
+    normal = np.linalg.solve(W.T @ W, W.T @ torque.ravel())
+    print(
+        np.linalg.norm(found - truth) / np.linalg.norm(truth),
+        np.linalg.norm(normal - truth) / np.linalg.norm(truth),
+        np.linalg.norm(np.linalg.lstsq(W, torque.ravel(), rcond=None)[0] - truth)
+        / np.linalg.norm(truth),
+    )
+    assert 0
+
+
+def test_row_weights_multiply_rows_and_torques():
+    model, recording, rows, rng = problem()
+    n = len(model.robot)
+    recording = recording.of(model.robot.joint_names)
+    weights = rng.uniform(-2.0, 2.0, (len(recording), n))
+    weights[10:20] = 0.0
+    regression = build_regression(model, recording, row_weights=[weights])
+    assert_same_squares(regression, rows * weights.T[:, :, None])
+    twice = build_regression(
+        model, [recording, recording], row_weights=[weights, 0 * weights]
+    )
+    assert_same_squares(twice, rows * weights.T[:, :, None])
+
+
+@pytest.mark.parametrize("absent", ["velocity", "acceleration", "torque"])
+def test_a_missing_channel_is_refused_by_name(absent):
+    model, log, _, _ = problem()
+    channels = {
+        name: getattr(log, name)
+        for name in ("position", "velocity", "acceleration", "torque")
+        if name != absent
+    }
+    poor = Recording(log.joints, log.time, **channels, name="log 7")
+    with pytest.raises(RecordingError, match=f"^log 7 has no {absent};"):
+        build_regression(model, [log, poor])
+
+
+def test_a_missing_joint_is_refused_by_name():
+    model, log, _, _ = problem()
+    some = log.of(model.robot.joint_names[1:])
+    with pytest.raises(
+        RecordingError, match=f"has no joint '{model.robot.joint_names[0]}'"
+    ):
+        build_regression(model, some)
+
+
+def test_no_recording_is_no_regression():
+    model, *_ = problem()
+    with pytest.raises(NotExcitedError, match="no recording"):
+        build_regression(model, [])
+
+
+@pytest.mark.parametrize(
+    "sigma", [1.0, [1.0], [1, 1, 1, 0], [1, 1, 1, -1], [1, 1, 1, np.nan]]
+)
+def test_noise_levels_must_be_positive_and_one_per_joint(sigma):
+    model, log, _, _ = problem()
+    with pytest.raises(ProblemError, match="sigma"):
+        build_regression(model, log).weighted(sigma)
+
+
+def test_regressions_of_other_models_or_weights_are_not_added():
+    model, log, _, _ = problem()
+    regression = build_regression(model, log)
+    other = build_regression(TorqueModel(model.robot), log)
+    with pytest.raises(ProblemError, match="different models"):
+        regression + other
+    with pytest.raises(ProblemError, match="different weights"):
+        regression + regression.weighted([1, 2, 3, 4])
+
+
+def test_factors_are_checked_copied_and_frozen():
+    model, log, _, _ = problem()
+    kept = build_regression(model, log)
+    with pytest.raises(ValueError, match="read-only"):
+        kept.factors[0][0] = 1.0
+    mine = tuple(factor.copy() for factor in kept.factors)
+    again = Regression(kept.layout, kept.joints, mine, kept.counts)
+    mine[0][:] = 0.0
+    np.testing.assert_array_equal(again.stacked(), kept.stacked())
+    with pytest.raises(ProblemError, match="4 joints need 4 factors"):
+        Regression(kept.layout, kept.joints, mine[:3], kept.counts)
+    with pytest.raises(ProblemError, match=r"factor of .*: expected shape \(any, 57\)"):
+        Regression(kept.layout, kept.joints, [m[:, 1:] for m in mine], kept.counts)
