@@ -20,7 +20,14 @@ from typing import Literal
 import numpy as np
 
 from consistent_id._arrays import Matrix, Vector
-from consistent_id.cone_program import ConeSolution, LeastNorm, Multipliers
+from consistent_id.cone_program import (
+    TOLERANCES,
+    ConeSolution,
+    LeastNorm,
+    Multipliers,
+    solve_least_norm,
+)
+from consistent_id.errors import SolverError
 
 _NULL = 1e-12  # singular values below this, relative to the largest, are zero
 
@@ -102,6 +109,38 @@ def certify(
         violation,
         stationarity,
     )
+
+
+def solve_certified(
+    problem: LeastNorm, centre: Vector, *, reference: float = 0.0
+) -> tuple[ConeSolution, Optimality]:
+    """Solve at one tolerance after another until certified; else return the best.
+
+    Raises
+    ------
+    SolverError
+        If no tolerance gives a point.
+    """
+    found: list[tuple[ConeSolution, Optimality]] = []
+    failures: list[str] = []
+    for tolerance in TOLERANCES:
+        try:
+            solution = solve_least_norm(problem, tolerance=tolerance)
+        except SolverError as failure:
+            failures.append(str(failure))
+            continue
+        optimality = certify(problem, solution, centre, reference=reference)
+        found.append((solution, optimality))
+        if optimality.verdict == "certified":
+            break
+    if not found:
+        raise SolverError("; ".join(failures))
+    return min(found, key=_quality)
+
+
+def _quality(pair: tuple[ConeSolution, Optimality]) -> tuple[bool, float]:
+    optimality = pair[1]
+    return optimality.violation > FEASIBILITY_TOLERANCE, optimality.gap
 
 
 def _cost_of_rest(problem: LeastNorm, rest: Vector, u: Vector, centre: Vector) -> float:

@@ -22,14 +22,9 @@ from consistent_id.certificate import (
     FEASIBILITY_TOLERANCE,
     GAP_TOLERANCE,
     Optimality,
-    certify,
+    solve_certified,
 )
-from consistent_id.cone_program import (
-    TOLERANCES,
-    ConeSolution,
-    LeastNorm,
-    solve_least_norm,
-)
+from consistent_id.cone_program import ConeSolution, LeastNorm
 from consistent_id.conic import ConicSet
 from consistent_id.constraints import (
     Constraint,
@@ -59,6 +54,9 @@ _RESCALE = 10.0  # misfit, in units of the residual, beyond which it is the unit
 _WEIGHTS = 20  # weights of the prior tried, at the most
 _STEP = np.log(30.0)  # by which the weight grows or shrinks until it is bracketed
 _USED = 0.5  # share of the slack that must be used up
+# Misfits are measured in units of the residual (or of a millionth of the torque, or of
+# the misfit itself where constraints cost far more): half a unit squared is theirs.
+_REFERENCE = 0.5
 _USABLE = 1e-5  # violation beyond which a point is no answer at all
 _EXACT_FIT = 1e-6  # misfit, relative to the torque, that counts as none
 
@@ -178,7 +176,7 @@ def _scaled(
 
 def _best_fit(scaled: _Scaled, centre: Vector) -> tuple[ConeSolution, Optimality]:
     fit = LeastNorm(scaled.M, scaled.z, scaled.domain)
-    return _solved(fit, centre, scaled.residual**2 / 2)
+    return _solved(fit, centre)
 
 
 def _total_misfit(scaled: _Scaled, solution: ConeSolution) -> float:
@@ -211,8 +209,7 @@ def _nearest(
         problem = LeastNorm(
             np.vstack([fit.G, root * G]), np.append(fit.g, root * g), fit.domain
         )
-        reference = (least + residual**2) / 2
-        solution, optimality = _solved(problem, centre, reference)
+        solution, optimality = _solved(problem, centre)
         excess = float(np.linalg.norm(fit.G @ solution.u - fit.g)) ** 2 - least
         if excess <= allowed:
             kept, low = (solution, optimality), log_weight
@@ -233,26 +230,16 @@ def _nominal(G: Matrix, g: Vector) -> Vector:
     return np.asarray(np.linalg.lstsq(G, g, rcond=None)[0], dtype=np.float64)
 
 
-def _solved(
-    problem: LeastNorm, centre: Vector, reference: float = 0.0
-) -> tuple[ConeSolution, Optimality]:
-    """Solve until certified; when nothing comes of it, ask if a solution can exist."""
-    found: list[tuple[ConeSolution, Optimality]] = []
-    failures = []
-    for tolerance in TOLERANCES:
-        try:
-            solution = solve_least_norm(problem, tolerance=tolerance)
-        except SolverError as failure:
-            failures.append(str(failure))
-            continue
-        found.append(
-            (solution, certify(problem, solution, centre, reference=reference))
-        )
-        if found[-1][1].verdict == "certified":
-            return found[-1]
-    usable = [pair for pair in found if pair[1].violation <= _USABLE]
-    if usable:
-        return min(usable, key=lambda pair: pair[1].gap)
+def _solved(problem: LeastNorm, centre: Vector) -> tuple[ConeSolution, Optimality]:
+    """Solve and certify; when nothing comes of it, ask if a solution can exist."""
+    try:
+        solution, optimality = solve_certified(problem, centre, reference=_REFERENCE)
+    except SolverError as failure:
+        reason = str(failure)
+    else:
+        if optimality.violation <= _USABLE:
+            return solution, optimality
+        reason = f"the best point violates constraints by {optimality.violation:.1e}"
     interior = find_interior(problem.domain)
     if interior.proves_empty:
         raise InfeasibleError(
@@ -262,7 +249,7 @@ def _solved(
         )
     raise SolverError(
         "no usable optimum, though no contradiction in the constraints was proven: "
-        f"{'; '.join(failures) or 'every point violates them'}"
+        f"{reason}"
     )
 
 
