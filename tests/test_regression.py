@@ -124,8 +124,8 @@ def test_adding_two_recordings_equals_building_from_both():
 
 
 def test_neither_the_order_of_samples_nor_the_size_of_pieces_matters():
-    # More samples than two pieces of four chunks; the last chunk is a short one.
-    model, recording, rows, rng = problem(joints=2, samples=36_001)
+    # Two pieces of four chunks each, and a last piece of one sample.
+    model, recording, rows, rng = problem(joints=2, samples=32_769)
     assert_same_squares(build_regression(model, recording), rows)
     order = rng.permutation(len(recording))
     shuffled = (getattr(recording, name)[order] for name in CHANNELS)
@@ -156,9 +156,8 @@ def test_memory_does_not_grow_with_the_number_of_samples():
             tracemalloc.stop()
 
     peak(1000)  # imports
-    # Up to two workers' pieces at a time, 7 MB each; all rows take 119 MB.
-    assert peak(160_000) < 2.5 * peak(40_000)
-    assert peak(160_000) < 119e6 / 4
+    # One or two workers' pieces at a time, 7 MB each; all rows would take 298 MB.
+    assert peak(400_000) < 2.5 * peak(40_000)
 
 
 def test_parameters_survive_a_condition_number_that_normal_equations_do_not():
@@ -185,7 +184,7 @@ def test_parameters_survive_a_condition_number_that_normal_equations_do_not():
 
 
 def test_row_weights_multiply_rows_and_torques():
-    model, recording, rows, rng = problem()
+    model, recording, rows, rng = problem(samples=5000)  # more than one chunk
     recording = recording.of(model.robot.joint_names)
     weights = rng.uniform(-2.0, 2.0, recording.torque.shape)
     weights[10:20] = 0.0

@@ -116,14 +116,20 @@ def _limits(model: Any, k: int, kind: JointKind) -> JointLimits:
     position, rate = model.joints[k].idx_q, model.joints[k].idx_v
     lower, upper = -np.inf, np.inf
     if kind != "continuous":
-        lower = float(model.lowerPositionLimit[position])
-        upper = float(model.upperPositionLimit[position])
+        lower = _stated(model.lowerPositionLimit[position])
+        upper = _stated(model.upperPositionLimit[position])
     return JointLimits(
         lower,
         upper,
-        abs(float(model.upperVelocityLimit[rate])) or np.inf,
-        abs(float(model.upperEffortLimit[rate])) or np.inf,
+        abs(_stated(model.upperVelocityLimit[rate])) or np.inf,
+        abs(_stated(model.upperEffortLimit[rate])) or np.inf,
     )
+
+
+def _stated(limit: float) -> float:
+    """Return a limit, infinite where Pinocchio has put the largest double for none."""
+    largest = np.finfo(np.float64).max
+    return float(limit) if abs(limit) < largest else float(np.copysign(np.inf, limit))
 
 
 def _link(model: Any, k: int) -> Link:
