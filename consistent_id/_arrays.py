@@ -23,6 +23,8 @@ def frozen(
 
     A ``None`` in `shape` stands for any length.
     """
+    if np.ma.isMaskedArray(values):
+        raise error(f"{what}: a masked array, expected plain numbers without gaps")
     try:
         array = np.array(values, dtype=np.float64)
     except (TypeError, ValueError) as cause:

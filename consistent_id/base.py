@@ -18,9 +18,10 @@ STRUCTURAL_TOLERANCE = 1e-9
 """A unit column nearer than this to the span of those before it is dependent.
 
 On random motions of random robots of up to nine joints, dependent columns come within
-1e-13 and independent ones stay beyond 1e-5.
+1e-11 and independent ones stay beyond 1e-5.
 """
 
+_PURE = 1e-6  # share by which a unit vector may miss a row space, or touch it
 _ROUND = 1e-10  # entries of K below this are rounding errors
 
 
@@ -101,7 +102,7 @@ def base_parameters(model: TorqueModel, *, seed: int = 0) -> BaseParameters:
 def random_regressor(model: TorqueModel, *, seed: int = 0) -> Array:
     """Return the regressor of random states, shape (joints, parameters, samples).
 
-    There are three times as many rows as there are parameters.
+    There are three times as many samples as there are parameters.
     """
     rng = np.random.default_rng(seed)
     n, p = len(model.robot), len(model.layout)
@@ -121,7 +122,8 @@ def independent_columns(
     W : ndarray, shape (rows, columns)
     tolerance : float
         Distance of a unit column from the span of the independent ones before it, at
-        or below which it counts as dependent.
+        or below which it counts as dependent.  Columns whose norm is below this share
+        of the largest count as zero.
 
     Returns
     -------
@@ -162,7 +164,8 @@ class ConditionNumber:
     Parameters
     ----------
     value : float
-        Largest over smallest singular value; infinite if the rank is deficient.
+        Largest over smallest singular value; infinite if the rank is deficient, up to
+        rounding: the smallest is below ``eps max(shape)`` of the largest.
     basis : str
         Which columns the matrix has.
     scaling : str
@@ -195,10 +198,55 @@ def condition_number(
         norms = np.linalg.norm(matrix, axis=0)
         matrix = matrix / np.where(norms > 0.0, norms, 1.0)
     singular = np.linalg.svd(matrix, compute_uv=False)
-    deficient = len(singular) < matrix.shape[1] or singular[-1] == 0.0
+    rounding = np.finfo(np.float64).eps * max(matrix.shape) * singular[0]
+    deficient = len(singular) < matrix.shape[1] or singular[-1] <= rounding
     value = np.inf if deficient else singular[0] / singular[-1]
     scaling = "unit columns" if unit_columns else "none"
     return ConditionNumber(float(value), basis, scaling)
+
+
+def parameter_origins(
+    data: Matrix, known: Matrix, *, elsewhere: str
+) -> tuple[str, ...]:
+    """Say of each parameter what its value rests on.
+
+    Parameters
+    ----------
+    data : ndarray, shape (rows, parameters)
+        Rows of the regression that the data determine.
+    known : ndarray, shape (rows, parameters)
+        Rows of the equalities that hold by assumption.
+    elsewhere : str
+        Name for what settles parameters that neither touches.
+
+    Returns
+    -------
+    tuple of str
+        ``"constraint"`` (the equalities alone fix it), ``"data"`` (data and equalities
+        do), ``"combination"`` (they fix only sums it is part of), or `elsewhere`.
+    """
+    fixed = _share_in_row_space(known)
+    seen = _share_in_row_space(np.vstack([data, known]))
+    return tuple(
+        "constraint"
+        if f > 1.0 - _PURE
+        else "data"
+        if s > 1.0 - _PURE
+        else "combination"
+        if s > _PURE
+        else elsewhere
+        for f, s in zip(fixed, seen, strict=True)
+    )
+
+
+def _share_in_row_space(A: Matrix) -> Vector:
+    """Squared length of each unit vector's projection on the rows of a matrix."""
+    if not A.any():
+        return np.zeros(A.shape[1])
+    norms = np.linalg.norm(A, axis=1, keepdims=True)
+    _, s, Vt = np.linalg.svd(A / np.where(norms > 0.0, norms, 1.0), full_matrices=False)
+    rows = Vt[s > STRUCTURAL_TOLERANCE * s[0]]
+    return np.asarray(np.sum(rows**2, axis=0))
 
 
 def linear_combination(

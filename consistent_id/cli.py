@@ -98,7 +98,7 @@ def _identify(options: argparse.Namespace) -> int:
 def _compare(options: argparse.Namespace) -> int:
     from consistent_id.commands import compare_problem
     from consistent_id.problem import load_problem
-    from consistent_id.summary import study_record
+    from consistent_id.record import study_record
 
     problem = load_problem(options.problem)
     output = options.output or Path("results") / problem.name

@@ -8,10 +8,11 @@ from consistent_id.base import base_parameters
 from consistent_id.estimate import Estimate
 from consistent_id.figures import motion_figure, save_figure, torque_figure
 from consistent_id.problem import Problem
+from consistent_id.record import study_record
 from consistent_id.regression import build_regression
 from consistent_id.study import Study, excitation_of, identify, run_study
 from consistent_id.study import recordings_of as study_recordings
-from consistent_id.summary import excitation_table, study_record, study_tables
+from consistent_id.summary import excitation_table, study_tables
 from consistent_id.tables import Table
 
 _DRAWN = ("least squares", "constrained")
@@ -68,11 +69,15 @@ def parameter_table(estimate: Estimate) -> Table:
     if estimate.base_covariance is None:
         return Table(
             f"{estimate.method}: {estimate.certificate.verdict}",
-            ("parameter", "value", "unit"),
+            ("parameter", "value", "unit", "rests on"),
             tuple(
-                (name, f"{value:.6g}", unit)
-                for name, value, unit in zip(
-                    layout.names, estimate.parameters, layout.units, strict=True
+                (name, f"{value:.6g}", unit, origin)
+                for name, value, unit, origin in zip(
+                    layout.names,
+                    estimate.parameters,
+                    layout.units,
+                    estimate.origins,
+                    strict=True,
                 )
             ),
             (estimate.certificate.reason, *estimate.notes),
@@ -135,7 +140,7 @@ def _figures(study: Study, output: Path) -> list[Path]:
     drawn = [e for e in study.estimates if e.method in _DRAWN]
     paths = []
     if study.published is not None:
-        motion = motion_figure(study.published.motion)
+        motion = motion_figure(study.problem.model.robot, study.published.motion)
         paths.append(save_figure(motion, output / "motion.png"))
     for role, recordings in (
         ("training", study.training),

@@ -18,6 +18,8 @@ from consistent_id._arrays import Array, Matrix, Vector
 from consistent_id.conic import ConicSet
 from consistent_id.errors import SolverError
 
+_FAR = 1e3  # norm of g, in units of a misfit that matters, beyond which to rescale
+
 TOLERANCES = (1e-10, 1e-9, 1e-8)
 """Tolerances worth asking of the solver, from the tightest on."""
 
@@ -69,7 +71,9 @@ def solve_least_norm(
 
     started = perf_counter()
     u = cp.Variable(problem.G.shape[1])
-    objective = cp.norm(problem.G @ u - problem.g)
+    # Far from the origin, absolute tolerances would ask for digits that are not there.
+    scale = max(1.0, float(np.linalg.norm(problem.g)) / _FAR)
+    objective = cp.norm(problem.G / scale @ u - problem.g / scale)
     model = _Model(u, problem.domain)
     program = cp.Problem(cp.Minimize(objective), model.constraints)
     names = ("tol_gap_abs", "tol_gap_rel", "tol_feas")
@@ -83,10 +87,11 @@ def solve_least_norm(
         raise SolverError(f"Clarabel failed: {cause}") from None
     if u.value is None or not np.isfinite(u.value).all() or not model.has_duals():
         raise SolverError(f"Clarabel ended {program.status!r} without a point")
+    # Duals of the scaled norm, turned into those of half the square of the unscaled.
     size = float(np.linalg.norm(problem.G @ u.value - problem.g))
     total = perf_counter() - started
     solve = float(program.solver_stats.solve_time or 0.0)
-    multipliers = model.multipliers(size)
+    multipliers = model.multipliers(size * scale)
     return ConeSolution(
         np.asarray(u.value), multipliers, str(program.status), total - solve, solve
     )
@@ -116,7 +121,7 @@ class _Model:
         return all(c.dual_value is not None for c in self.constraints)
 
     def multipliers(self, size: float) -> Multipliers:
-        """Duals of the norm, turned into those of half its square."""
+        """Return the duals times `size`."""
 
         def of(constraint: Any) -> Array:
             if constraint is None:

@@ -83,6 +83,7 @@ class FixedMasses:
         if masses is None:
             sheets = {link.name: link.datasheet.mass for link in model.robot.links}
             masses = {name: mass for name, mass in sheets.items() if mass is not None}
+            _something(masses, "mass", "FixedMasses")
         known_links(masses, model, "fixed mass")
         return fixed_values(
             {f"{link}.m": mass for link, mass in masses.items()}, model.layout
@@ -103,6 +104,7 @@ class MassBounds:
                 link.name: link.datasheet.mass_bounds for link in model.robot.links
             }
             bounds = {name: pair for name, pair in sheets.items() if pair is not None}
+            _something(bounds, "mass_bounds", "MassBounds")
         known_links(bounds, model, "mass bounds")
         rows, limits, labels = [], [], []
         for link, (low, high) in bounds.items():
@@ -133,6 +135,7 @@ class FixedCentresOfMass:
             centres = {
                 name: com.tolist() for name, com in sheets.items() if com is not None
             }
+            _something(centres, "com", "FixedCentresOfMass")
         known_links(centres, model, "fixed centre of mass")
         rows, labels = [], []
         for link, com in centres.items():
@@ -164,6 +167,7 @@ class CentreOfMassBoxes:
                 for name, box in sheets.items()
                 if box is not None
             }
+            _something(boxes, "com_box", "CentreOfMassBoxes")
         known_links(boxes, model, "centre-of-mass box")
         rows, labels = [], []
         for link, (low, high) in boxes.items():
@@ -219,6 +223,15 @@ def known_links(named: Mapping[str, object], model: TorqueModel, what: str) -> N
         if name not in model.layout.links:
             near = did_you_mean(name, model.layout.links)
             raise ProblemError(f"{what}: no link named {name!r}; {near}")
+
+
+def _something(values: Mapping[str, object], key: str, constraint: str) -> None:
+    """Refuse a constraint that would hold nothing and so pass for one that does."""
+    if not values:
+        raise ProblemError(
+            f"{constraint}: no link's datasheet has a {key}; give values, or leave "
+            "this constraint out"
+        )
 
 
 def _unit_row(layout: ParameterLayout, name: str) -> Vector:

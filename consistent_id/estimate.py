@@ -47,6 +47,10 @@ class Estimate:
         Standard parameters; only their base parameters are determined by data.
     base_covariance : array_like, shape (base, base), optional
         Of the base parameters, for white noise; None where it has no simple form.
+    origins : tuple of str
+        What each parameter rests on: ``"data"``, ``"combination"`` (data fix only sums
+        it is part of), ``"constraint"``, ``"prior"``, or ``"convention"`` (the smallest
+        vector); see `parameter_origins`.
     undetermined : tuple of str
         Combinations of base parameters that the data leave open, as readable sums.
     sigma : array_like, shape (joints,), [N m or N]
@@ -63,6 +67,7 @@ class Estimate:
     base: BaseParameters
     parameters: Vector
     base_covariance: Matrix | None
+    origins: tuple[str, ...]
     undetermined: tuple[str, ...]
     sigma: Vector
     certificate: Certificate
@@ -147,9 +152,13 @@ class Estimate:
                 "figures": self.certificate.figures,
             },
             "parameters": {
-                name: {"value": float(value), "unit": unit}
-                for name, value, unit in zip(
-                    layout.names, self.parameters, layout.units, strict=True
+                name: {"value": float(value), "unit": unit, "origin": origin}
+                for name, value, unit, origin in zip(
+                    layout.names,
+                    self.parameters,
+                    layout.units,
+                    self.origins,
+                    strict=True,
                 )
             },
             "base_parameters": [
@@ -205,6 +214,7 @@ class Estimate:
                 base=base,
                 parameters=np.array([entry["value"] for entry in named.values()]),
                 base_covariance=None,
+                origins=tuple(entry["origin"] for entry in named.values()),
                 undetermined=tuple(record["undetermined"]),
                 sigma=np.array(list(record["sigma"].values())),
                 certificate=Certificate(**record["certificate"]),

@@ -7,19 +7,21 @@ from typing import Any
 import numpy as np
 
 from consistent_id.estimate import Estimate
+from consistent_id.model import Joint, RobotModel
 from consistent_id.recording import Recording
 
 _POINTS = 2000  # samples drawn per curve; more would not be seen
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 
 
-def motion_figure(recording: Recording) -> Any:
+def motion_figure(robot: RobotModel, recording: Recording) -> Any:
     """Return a figure of the joints' positions over time."""
+    recording = recording.of(robot.joint_names)
     figure, axes = _panels(len(recording.joints), "joint motion: " + recording.name)
     keep = _thinned(recording)
-    for axis, name, q in zip(axes, recording.joints, recording.position.T, strict=True):
+    for axis, joint, q in zip(axes, robot.joints, recording.position.T, strict=True):
         axis.plot(recording.time[keep], q[keep], color=_COLOURS[0])
-        axis.set_ylabel(f"{name}\n[rad or m]")
+        axis.set_ylabel(f"{joint.name}\n[{_unit(joint, 'rad', 'm')}]")
     axes[-1].set_xlabel("time [s]")
     return figure
 
@@ -34,7 +36,7 @@ def torque_figure(recording: Recording, estimates: Sequence[Estimate]) -> Any:
     measured = recording.torque
     for j, name in enumerate(model.robot.joint_names):
         left = axes[2 * j]
-        left.set_ylabel(f"{name}\n[N m or N]")
+        left.set_ylabel(f"{name}\n[{_unit(model.robot.joints[j], 'N m', 'N')}]")
         if measured is not None:
             left.plot(time, measured[keep, j], color="0.6", lw=2.5, label="measured")
     for estimate, colour in zip(estimates, _cycle(len(estimates)), strict=True):
@@ -78,6 +80,10 @@ def _panels(rows: int, title: str, columns: int = 1) -> tuple[Any, list[Any]]:
     for axis in axes.ravel():
         axis.grid(alpha=0.3)
     return figure, list(axes.ravel())
+
+
+def _unit(joint: Joint, turning: str, sliding: str) -> str:
+    return sliding if joint.kind == "prismatic" else turning
 
 
 def _thinned(recording: Recording) -> slice:

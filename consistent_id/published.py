@@ -11,6 +11,7 @@ from consistent_id.base import (
     BaseParameters,
     base_parameters,
     linear_combination,
+    parameter_origins,
 )
 from consistent_id.base_feasibility import BaseFeasibility, base_feasibility
 from consistent_id.constraints import (
@@ -285,6 +286,9 @@ def published_least_squares(
         base=base,
         parameters=x,
         base_covariance=None,
+        origins=parameter_origins(
+            solution.row_space @ mine.matrix[free], known.A_eq, elsewhere="convention"
+        ),
         undetermined=tuple(
             linear_combination(direction, names) for direction in solution.null_space.T
         ),

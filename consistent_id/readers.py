@@ -4,6 +4,7 @@ import csv
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from string import Formatter
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -59,6 +60,8 @@ def read_recording(
         If the file, a column or a value is missing or faulty; with file, row, column.
     """
     path, columns = Path(path), columns or Columns()
+    if not joints:
+        raise RecordingError(f"{path}: no joint to read; name at least one")
     patterns = {
         channel: getattr(columns, channel)
         for channel in ("position", "velocity", "acceleration", "torque")
@@ -72,18 +75,27 @@ def read_recording(
         for channel, group in wanted.items()
     }
     if "torque" in channels:
-        gain = np.broadcast_to(np.asarray(torque_gain, dtype=float), (len(joints),))
-        gain = frozen(gain, (len(joints),), "torque_gain", RecordingError)
+        shape = (len(joints),) if np.ndim(torque_gain) else ()
+        gain = frozen(torque_gain, shape, "torque_gain", RecordingError)
         channels["torque"] = channels["torque"] * gain
     return Recording(tuple(joints), table[columns.time], name=path.name, **channels)
 
 
 def _expand(pattern: str, joints: Sequence[str]) -> list[str]:
     try:
-        names = [pattern.format(joint=j, number=i) for i, j in enumerate(joints, 1)]
-    except (KeyError, IndexError, ValueError):
+        fields = {field for _, field, _, _ in Formatter().parse(pattern)}
+    except ValueError:
+        fields = {pattern}
+    if not fields <= {None, "joint", "number"}:
         raise RecordingError(
             f"column pattern {pattern!r}: only {{joint}} and {{number}} can stand in it"
+        )
+    try:
+        names = [pattern.format(joint=j, number=i) for i, j in enumerate(joints, 1)]
+    except ValueError as cause:
+        raise RecordingError(
+            f"column pattern {pattern!r}: only {{joint}} and {{number}} can stand in "
+            f"it ({cause})"
         ) from None
     if len(set(names)) != len(names):
         raise RecordingError(
@@ -95,26 +107,26 @@ def _expand(pattern: str, joints: Sequence[str]) -> list[str]:
 
 def _read_table(path: Path, names: Sequence[str]) -> dict[str, Array]:
     readers = {".csv": _read_csv, ".parquet": _read_parquet}
-    if path.suffix not in readers:
+    if path.suffix.lower() not in readers:
         raise RecordingError(
             f"{path}: cannot read {path.suffix or 'files without an ending'}, "
             f"expected {' or '.join(readers)}"
         )
     if not path.is_file():
         raise RecordingError(f"{path}: no such file")
-    return readers[path.suffix](path, names)
+    return readers[path.suffix.lower()](path, list(dict.fromkeys(names)))
 
 
 def _read_csv(path: Path, names: Sequence[str]) -> dict[str, Array]:
     with path.open(newline="", encoding="utf-8-sig") as file:
-        lines = csv.reader(file)
+        lines = csv.reader(file, skipinitialspace=True)
         try:
             header = [name.strip() for name in next(lines, [])]
             _require(path, names, header)
             places = [header.index(name) for name in names]
             rows = [
-                _numbers(path, number, line, header, places)
-                for number, line in enumerate(lines, start=2)
+                _numbers(path, lines.line_num, line, header, places)
+                for line in lines
                 if line
             ]
         except (csv.Error, UnicodeDecodeError) as cause:
@@ -133,11 +145,14 @@ def _numbers(
         )
     values = []
     for place in places:
+        text = line[place]
         try:
-            values.append(float(line[place]))
+            if "_" in text or not text.isascii():
+                raise ValueError  # Python's float() would take them
+            values.append(float(text))
         except ValueError:
             raise RecordingError(
-                f"{path}, row {row}, column {header[place]!r}: {line[place]!r} is not "
+                f"{path}, row {row}, column {header[place]!r}: {text!r} is not "
                 "a number. Only one header row is allowed, and '.' marks decimals"
             ) from None
     return values
@@ -155,17 +170,16 @@ def _read_parquet(path: Path, names: Sequence[str]) -> dict[str, Array]:
     try:
         _require(path, names, pq.read_schema(path).names)
         table = pq.read_table(path, columns=list(names))
-    except pa.ArrowException as cause:
+    except (pa.ArrowException, OSError) as cause:
         raise RecordingError(f"{path}: not readable as Parquet: {cause}") from None
     columns = {}
     for name in names:
-        try:
-            columns[name] = table[name].to_numpy().astype(np.float64)
-        except (ValueError, TypeError):
-            kind = table[name].type
+        kind = table[name].type
+        if not (pa.types.is_floating(kind) or pa.types.is_integer(kind)):
             raise RecordingError(
-                f"{path}: column {name!r} holds {kind}, expected numbers"
-            ) from None
+                f"{path}: column {name!r} holds {kind}, expected numbers in SI units"
+            )
+        columns[name] = table[name].to_numpy().astype(np.float64)
     return columns
 
 

@@ -10,6 +10,7 @@ from consistent_id._arrays import Matrix, Vector, frozen
 from consistent_id.errors import RecordingError
 from consistent_id.parameters import did_you_mean
 
+_LATEST = 1e12  # s, some 30 000 years: no clock that still resolves milliseconds
 _CHANNELS = ("position", "velocity", "acceleration", "torque")
 
 
@@ -51,10 +52,14 @@ class Recording:
     name: str = "recording"
 
     def __post_init__(self) -> None:
-        if not self.joints or len(set(self.joints)) != len(self.joints):
+        joints = () if isinstance(self.joints, str) else tuple(self.joints)
+        if not joints or len(set(joints)) != len(joints):
             raise RecordingError(
-                f"{self.name}: joints are {self.joints}, expected distinct names"
+                f"{self.name}: joints are {self.joints!r}, expected distinct names"
             )
+        object.__setattr__(self, "joints", joints)
+        if self.position is None:
+            raise RecordingError(f"{self.name}: position is missing")
         time = frozen(
             self.time, (None,), f"{self.name}: time", RecordingError, finite=False
         )
@@ -74,6 +79,10 @@ class Recording:
         if not np.isfinite(time).all():
             bad = int(np.argmin(np.isfinite(time)))
             raise RecordingError(f"{self.name}: time of sample {bad} is {time[bad]}")
+        if abs(time).max() > _LATEST:
+            raise RecordingError(
+                f"{self.name}: time reaches {abs(time).max():.3g} s, expected seconds"
+            )
         steps = np.diff(time)
         if (steps <= 0.0).any():
             bad = int(np.argmax(steps <= 0.0))

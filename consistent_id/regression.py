@@ -7,7 +7,7 @@ recordings add; weights of joints scale factors.
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, NamedTuple, Self
 
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._arrays import Array, IntArray, Matrix, Vector, frozen
-from consistent_id.base import independent_columns, random_regressor
+from consistent_id.base import STRUCTURAL_TOLERANCE, random_regressor
 from consistent_id.errors import NotExcitedError, ProblemError, RecordingError
 from consistent_id.parameters import ParameterLayout
 from consistent_id.recording import Recording
@@ -37,15 +37,16 @@ class Regression:
         ``F_j`` with ``||F_j [x, -1]|| = ||Y_j x - tau_j||`` for every ``x``.
     counts : tuple of int
         Samples behind each factor.
-    sigma : array_like, shape (joints,), [N m or N]
-        Noise standard deviation by which each joint's rows are divided in `stacked`.
+    sigma : array_like, shape (joints,), optional, [N m or N]
+        Noise standard deviation by which each joint's rows are divided in `stacked`;
+        by default ones.
     """
 
     layout: ParameterLayout
     joints: tuple[str, ...]
     factors: tuple[Matrix, ...]
     counts: tuple[int, ...]
-    sigma: Vector = field(default_factory=lambda: np.ones(0))
+    sigma: Vector = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
         n, width = len(self.joints), len(self.layout) + 1
@@ -55,7 +56,9 @@ class Regression:
             frozen(factor, (None, width), f"factor of {joint}")
             for joint, factor in zip(self.joints, self.factors, strict=True)
         )
-        sigma = np.ones(n) if np.size(self.sigma) == 0 else self.sigma
+        if min(self.counts) < 1:
+            raise ProblemError(f"counts are {self.counts}, expected 1 sample or more")
+        sigma = np.ones(n) if self.sigma is None else self.sigma
         sigma = frozen(sigma, (n,), "sigma")
         if not (sigma > 0.0).all():
             raise ProblemError(f"sigma is {sigma}, expected positive values")
@@ -80,13 +83,16 @@ class Regression:
         return replace(self, sigma=np.asarray(sigma, dtype=np.float64))
 
     def stacked(self) -> Matrix:
-        """Return one triangular factor for all joints, weights applied."""
+        """Return one triangular factor for all joints, weights applied.
+
+        With fewer rows than columns it has as many rows as there are.
+        """
         scaled = [f / s for f, s in zip(self.factors, self.sigma, strict=True)]
         return triangle(np.vstack(scaled))
 
     def residual_rms(self, x: ArrayLike) -> Vector:
         """Root-mean-square torque residual of each joint, [N m or N], unweighted."""
-        z = np.append(np.asarray(x, dtype=np.float64), -1.0)
+        z = np.append(frozen(x, (len(self.layout),), "parameters"), -1.0)
         norms = np.array([np.linalg.norm(factor @ z) for factor in self.factors])
         return np.asarray(norms / np.sqrt(self.counts))
 
@@ -110,7 +116,8 @@ def build_regression(
     recordings : Recording or sequence of Recording
         With velocity, acceleration and torque; joints are matched by name.
     row_weights : sequence of ndarray, each shape (samples, joints), optional
-        Factors by which each row and its torque are multiplied.
+        Factors by which each row and its torque are multiplied, one array for each
+        recording, in the model's order of joints.
 
     Raises
     ------
@@ -121,10 +128,14 @@ def build_regression(
     """
     from threadpoolctl import threadpool_limits
 
-    if isinstance(recordings, Recording):
-        recordings = [recordings]
+    recordings = [recordings] if isinstance(recordings, Recording) else list(recordings)
     if not recordings:
         raise NotExcitedError("there is no recording to learn from")
+    if row_weights is not None and len(row_weights) != len(recordings):
+        raise ProblemError(
+            f"row_weights for {len(row_weights)} recordings, but there are "
+            f"{len(recordings)}"
+        )
     structure = _row_structure(model)
     pieces = [
         (motion, slice(start, start + _PIECE))
@@ -182,6 +193,8 @@ def _motion(model: TorqueModel, recording: Recording, weights: Array | None) -> 
             f"{recording.name} has no {' and no '.join(missing)}; velocity and "
             "acceleration come from signals.differentiated(recording)"
         )
+    if weights is not None:
+        weights = frozen(weights, tau.shape, f"row_weights of {recording.name}")
     return _Motion(recording.position, dq, ddq, tau, weights)
 
 
@@ -213,24 +226,43 @@ def _row_structure(model: TorqueModel) -> tuple[tuple[IntArray, Matrix], ...]:
     """Return, per joint, its row's independent columns and how they give all others.
 
     A row of joint ``j`` is zero beyond its descendants, and of the rest about half are
-    combinations of others for every motion; only independent columns are factorised.
+    combinations of others for every motion; only independent columns are factorised,
+    chosen by pivoting so that the others follow without loss of digits.
     """
     p, inertial = len(model.layout), model.layout.inertial_size
     structure = []
     for row in random_regressor(model):
-        kept, dependent, K = independent_columns(row[:inertial].T)
+        kept, K = _pivoted_columns(row[:inertial].T)
         drive = [i for i in range(inertial, p) if row[i].any()]
         expand = np.zeros((len(kept) + len(drive), p))
-        expand[range(len(kept)), list(kept)] = 1.0
-        expand[: len(kept), list(dependent)] = K
+        expand[: len(kept), :inertial] = K
         expand[range(len(kept), len(expand)), drive] = 1.0
         structure.append((np.array([*kept, *drive], dtype=np.intp), expand))
     return tuple(structure)
 
 
+def _pivoted_columns(W: Matrix) -> tuple[list[int], Matrix]:
+    """Return independent columns and the map ``K`` with ``W = W[:, kept] K``."""
+    from scipy.linalg import qr, solve_triangular
+
+    norms = np.linalg.norm(W, axis=0)
+    if not norms.any():
+        return [], np.zeros((0, W.shape[1]))
+    unit = np.where(norms > 0.0, norms, 1.0)
+    R, order = qr(W / unit, mode="r", pivoting=True)
+    size = abs(np.diag(R))
+    rank = int((size > STRUCTURAL_TOLERANCE * size[0]).sum())
+    kept = order[:rank]
+    K = np.zeros((rank, W.shape[1]))
+    K[:, order] = solve_triangular(R[:rank, :rank], R[:rank])
+    K = K * unit / unit[kept, None]
+    K[:, kept] = np.eye(rank)
+    return kept.tolist(), K
+
+
 def triangle(rows: Matrix) -> Matrix:
     """Return the triangular factor of a QR decomposition, destroying `rows`."""
-    if len(rows) <= rows.shape[1]:
+    if len(rows) == 0:
         return rows
     R, *_ = _geqrf()(rows, overwrite_a=1)
     return np.triu(R[: rows.shape[1]])

@@ -87,10 +87,10 @@ class TorqueModel:
         ProblemError
             If a shape is wrong or a value is not finite.
         """
-        blocks = list(self.chunks(q, dq, ddq))
-        if not blocks:
-            return np.zeros((len(self.robot), len(self.layout), 0))
-        return np.concatenate([block for _, block in blocks], axis=2)
+        Y = np.zeros((len(self.robot), len(self.layout), len(np.asarray(q))))
+        for part, block in self.chunks(q, dq, ddq):
+            Y[:, :, part] = block
+        return Y
 
     def chunks(
         self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, size: int = CHUNK

@@ -11,6 +11,7 @@ from consistent_id._arrays import Matrix
 from consistent_id.errors import RecordingError
 from consistent_id.recording import Recording
 
+_LOWEST = 1e-5  # cut-off over sampling rate
 _JITTER = 1e-3  # steps that differ by less than this fraction count as uniform
 
 
@@ -37,6 +38,8 @@ def resampled(
     time = recording.time
     steps = np.diff(time)
     limit = 10.0 / recording.rate if max_gap is None else max_gap
+    if not limit > 0.0:
+        raise RecordingError(f"max_gap is {limit} s, expected a positive number")
     if steps.max() > limit:
         at = int(np.argmax(steps))
         raise RecordingError(
@@ -88,14 +91,17 @@ def low_passed(
     from scipy.signal import butter, sosfiltfilt
 
     rate = uniform_rate(recording)
+    if not isinstance(order, int) or order < 1:
+        raise RecordingError(f"filter order is {order!r}, expected 1, 2, 3, ...")
 
     def smooth(values: Matrix | None, cutoff: float | None) -> Matrix | None:
         if values is None or cutoff is None:
             return values
-        if not 0.0 < cutoff < rate / 2:
+        if not _LOWEST * rate <= cutoff < rate / 2:
             raise RecordingError(
-                f"{recording.name}: cut-off {cutoff:g} Hz, expected between 0 and half "
-                f"of the sampling rate, {rate / 2:.6g} Hz"
+                f"{recording.name}: cut-off {cutoff:g} Hz, expected between "
+                f"{_LOWEST * rate:.2g} Hz (below, the filter loses its digits; "
+                f"decimate first) and half of the sampling rate, {rate / 2:.6g} Hz"
             )
         sections = butter(order, cutoff, fs=rate, output="sos")
         pad = min(len(values) - 1, int(3 * order * rate / cutoff))
@@ -148,7 +154,10 @@ def trimmed(
 
     Trim after filtering: a filter needs the samples before and after.
     """
+    if np.isnan(start) or np.isnan(stop):
+        raise RecordingError(f"{recording.name}: trimmed from {start} s to {stop} s")
     first, last = np.searchsorted(recording.time, [start, np.nextafter(stop, np.inf)])
+    last = max(first, last)
     if last - first < 2:
         raise RecordingError(
             f"{recording.name}: {last - first} samples between {start:g} s and "
@@ -164,8 +173,8 @@ def decimated(recording: Recording, factor: int) -> Recording:
     The anti-aliasing filter is a zero-phase Butterworth of order 8 at 0.8 of the new
     Nyquist frequency, on motion and torque.
     """
-    if factor != int(factor) or factor < 1:
-        raise RecordingError(f"decimation factor is {factor}, expected 1, 2, 3, ...")
+    if not isinstance(factor, int) or factor < 1:
+        raise RecordingError(f"decimation factor is {factor!r}, expected 1, 2, 3, ...")
     if factor == 1:
         return recording
     cutoff = 0.8 * uniform_rate(recording) / (2 * factor)
@@ -184,7 +193,9 @@ def uniform_rate(recording: Recording) -> float:
     steps = np.diff(recording.time)
     mean = steps.mean()
     worst = int(np.argmax(abs(steps - mean)))
-    if abs(steps[worst] - mean) > _JITTER * mean:
+    # Stamps that count from long ago are themselves rounded.
+    rounding = 4.0 * np.finfo(np.float64).eps * abs(recording.time).max()
+    if abs(steps[worst] - mean) > _JITTER * mean + rounding:
         raise RecordingError(
             f"{recording.name}: the step after sample {worst} is {steps[worst]:.6g} s, "
             f"their mean {mean:.6g} s; the clock is not uniform. Call "

@@ -1,4 +1,4 @@
-"""A study in tables and plain numbers."""
+"""A study in tables, for people."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -7,7 +7,7 @@ import numpy as np
 
 from consistent_id._arrays import Array
 from consistent_id.base_feasibility import in_words
-from consistent_id.comparison import Comparison, EstimateReport, TorqueError
+from consistent_id.comparison import Comparison, EstimateReport
 from consistent_id.published import PublishedReport
 from consistent_id.study import Excitation, Study
 from consistent_id.tables import Table
@@ -223,83 +223,3 @@ def _vector_tables(report: PublishedReport, table: Any) -> list[Table]:
         ("RMS in N m along the verification motion; mean square in brackets",),
     )
     return [bodies, change]
-
-
-def study_record(study: Study) -> dict[str, Any]:
-    """Return a study as plain numbers and text, ready for JSON."""
-    return {
-        "format": "consistent_id study 1",
-        "problem": study.problem.name,
-        "source": study.problem.table.source,
-        "excitation": {
-            "structural_rank": study.excitation.structural_rank,
-            "data_rank": study.excitation.data_rank,
-            "condition_numbers": [
-                {"value": c.value, "basis": c.basis, "column_scaling": c.scaling}
-                for c in study.excitation.condition
-            ],
-            "undetermined": list(study.excitation.undetermined),
-        },
-        "estimates": [_report_record(r) for r in study.comparison.reports],
-        "published": (
-            None if study.published is None else _published_record(study.published)
-        ),
-    }
-
-
-def _report_record(report: EstimateReport) -> dict[str, Any]:
-    return report.estimate.to_dict() | {
-        "verdict": report.verdict,
-        "training": [_error_record(e) for e in report.training],
-        "validation": [_error_record(e) for e in report.validation],
-        "consistent_links": list(report.consistent_links),
-        "base_feasibility": {
-            "answer": report.base_feasibility.answer,
-            "summary": report.base_feasibility.summary,
-            "depth": report.base_feasibility.proof.depth,
-            "bound": report.base_feasibility.proof.bound,
-        },
-        "least_mass_eigenvalue": report.least_mass_eigenvalue,
-        "distance_to_nominal": report.distance_to_nominal.tolist(),
-    }
-
-
-def _error_record(error: TorqueError) -> dict[str, Any]:
-    return {
-        "recording": error.recording,
-        "rms": error.rms.tolist(),
-        "relative": error.relative.tolist(),
-        "mse": error.mse.tolist(),
-        "stacked": error.stacked,
-    }
-
-
-def _published_record(report: PublishedReport) -> dict[str, Any]:
-    return {
-        "parameters": list(report.parametrisation.names),
-        "mean": report.mean.tolist(),
-        "standard_deviation": report.standard_deviation.tolist(),
-        "largest_differences": report.largest_differences,
-        "central_inertia": {k: v.tolist() for k, v in report.central_inertia.items()},
-        "ranks": [
-            {
-                "columns": list(rank.columns),
-                "rank": rank.rank,
-                "singular_values": rank.singular_values.tolist(),
-                "null_directions": list(rank.null_directions),
-            }
-            for rank in (report.all_columns, report.free_columns)
-        ],
-        "vectors": [
-            {
-                "name": v.name,
-                "answer": v.feasibility.answer,
-                "summary": v.feasibility.summary,
-                "depth": v.feasibility.proof.depth,
-                "bound": v.feasibility.proof.bound,
-                "nearest": v.nearest.to_dict(),
-                "torque_change": v.torque_change.tolist(),
-            }
-            for v in report.vectors
-        ],
-    }

@@ -14,7 +14,7 @@ loaders.urdf loaders.modified_dh loaders friction regressor recording readers si
 trajectory base regression simulation scaling conic constraints priors cone_program
 certificate feasibility estimate base_feasibility estimators.least_squares
 estimators.robust estimators.constrained estimators comparison parametrisation
-problem_file problem published study tables summary figures commands
+problem_file problem published study tables summary record figures commands
 """.split()
 
 HEAVY = {"cvxpy", "casadi", "pinocchio", "scipy", "matplotlib", "pyarrow", "clarabel"}

@@ -17,7 +17,7 @@ from time import perf_counter
 import numpy as np
 
 from consistent_id._arrays import Matrix, Vector
-from consistent_id.base import BaseParameters, base_parameters
+from consistent_id.base import BaseParameters, base_parameters, parameter_origins
 from consistent_id.certificate import (
     FEASIBILITY_TOLERANCE,
     GAP_TOLERANCE,
@@ -35,7 +35,7 @@ from consistent_id.constraints import (
 )
 from consistent_id.errors import InfeasibleError, SolverError
 from consistent_id.estimate import Certificate, Estimate
-from consistent_id.estimators.least_squares import residual_sigma
+from consistent_id.estimators.least_squares import residual_sigma, solve_linear
 from consistent_id.feasibility import find_interior
 from consistent_id.inertia import pseudo_inertia
 from consistent_id.priors import PointToSet, distance_to_nominal
@@ -134,12 +134,18 @@ def constrained_least_squares(
     second, near = _nearest(fit, first, scaled.residual, slack, G * scaled.unit, g)
 
     x = second.u * scaled.unit
+    R, columns = regression.stacked(), list(base.independent)
     return Estimate(
         method=method,
         model=model,
         base=base,
         parameters=x,
         base_covariance=None,
+        origins=parameter_origins(
+            solve_linear(R[:, columns], R[:, -1]).row_space @ base.projection,
+            domain.A_eq,
+            elsewhere="prior",
+        ),
         undetermined=(),
         sigma=residual_sigma(regression, x, len(base)),
         certificate=_certificate(model, x, best, near, slack),

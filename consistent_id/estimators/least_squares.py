@@ -12,7 +12,12 @@ from time import perf_counter
 import numpy as np
 
 from consistent_id._arrays import Matrix, Vector
-from consistent_id.base import BaseParameters, base_parameters, linear_combination
+from consistent_id.base import (
+    BaseParameters,
+    base_parameters,
+    linear_combination,
+    parameter_origins,
+)
 from consistent_id.errors import NotExcitedError
 from consistent_id.estimate import Certificate, Estimate
 from consistent_id.regression import Regression
@@ -22,6 +27,7 @@ DATA_RANK_TOLERANCE = 1e-10
 """Singular values of the unit-column regressor below this, relative to the largest,
 count as zero: ten times beyond what rounding leaves of an exact zero."""
 
+_SILENT = 1e-13  # norm of a column, relative to the largest, that is rounding alone
 _STATIONARITY = 1e-9
 
 
@@ -37,6 +43,8 @@ class LinearSolution:
         ``x = pseudo_inverse @ b``.
     null_space : ndarray, shape (columns, columns - rank)
         Directions that do not change ``A x``, in readable (reduced) form.
+    row_space : ndarray, shape (rank, columns)
+        Combinations that the rows determine.
     singular_values : ndarray
         Of the matrix with unit columns.
     """
@@ -44,6 +52,7 @@ class LinearSolution:
     x: Vector
     pseudo_inverse: Matrix
     null_space: Matrix
+    row_space: Matrix
     singular_values: Vector
 
     @property
@@ -62,8 +71,10 @@ def solve_linear(
     norms = np.linalg.norm(A, axis=0)
     if not norms.any():
         raise NotExcitedError("the regressor is zero: the motion excites no parameter")
-    unit = np.where(norms > 0.0, norms, 1.0)
-    U, s, Vt = np.linalg.svd(A / unit, full_matrices=len(A) < A.shape[1])
+    silent = norms <= _SILENT * norms.max()
+    unit = np.where(silent, 1.0, norms)
+    scaled = np.where(silent, 0.0, A / unit)
+    U, s, Vt = np.linalg.svd(scaled, full_matrices=len(A) < A.shape[1])
     s = np.append(s, np.zeros(A.shape[1] - len(s)))
     rank = int((s > tolerance * s[0]).sum())
     inverse = (Vt[:rank].T / s[:rank]) @ U[:, :rank].T / unit[:, None]
@@ -72,7 +83,7 @@ def solve_linear(
         # The smallest solution has no part along the null space.
         basis, _ = np.linalg.qr(null)
         inverse = inverse - basis @ (basis.T @ inverse)
-    return LinearSolution(inverse @ b, inverse, _readable(null), s)
+    return LinearSolution(inverse @ b, inverse, _readable(null), Vt[:rank] * unit, s)
 
 
 def least_squares(
@@ -128,6 +139,11 @@ def least_squares(
         base=base,
         parameters=parameters,
         base_covariance=covariance,
+        origins=parameter_origins(
+            solution.row_space @ base.projection,
+            np.zeros((0, len(model.layout))),
+            elsewhere="convention",
+        ),
         undetermined=undetermined,
         sigma=sigma,
         certificate=stationarity_certificate(A, b, solution),
