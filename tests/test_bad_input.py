@@ -137,7 +137,7 @@ def test_nan_bounds_are_refused():
 
 
 def test_a_reversed_interval_does_not_hold_a_negative_number_of_samples():
-    with pytest.raises(RecordingError, match="^recording: 0 samples"):
+    with pytest.raises(RecordingError, match=r"^recording: 0 samples"):
         signals.trimmed(log(), 0.4, 0.1)
 
 
