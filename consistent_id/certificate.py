@@ -7,11 +7,10 @@ multipliers of the right sign leaves
 ``f(u) - f(v) <= complementarity - r.d - 1/2 ||G d||^2``
 
 where ``r`` is what the multipliers fail to explain.  On the steps that equalities
-allow, the part of ``r`` in the row space of ``G`` costs at most ``1/2 ||G^+T r||^2``;
-the part in its null space, which is rounding, at most its norm times ``||d||``.  The
-sum is the gap.  It holds whatever the
-solver did, against all ``v`` in a ball about a centre (the nominal robot) that is
-`RADIUS` times as large as the centre itself.
+allow, its part along a singular vector of ``G`` with value ``s`` costs at most
+``r_s^2 / (2 s^2)``, and at most ``|r_s| |d_s|``, which serves where ``G`` is flat.  The
+sum is the gap.  It holds whatever the solver did, against all ``v`` in a ball about a
+centre (the nominal robot) that is `RADIUS` times as large as the centre itself.
 """
 
 from dataclasses import dataclass
@@ -149,15 +148,17 @@ def _cost_of_rest(problem: LeastNorm, rest: Vector, u: Vector, centre: Vector) -
     Feasible steps lie in the null space of the equalities, so only that part counts.
     """
     E = _null_space(problem.domain.A_eq)
-    _, s, Vt = np.linalg.svd(problem.G @ E, full_matrices=False)
-    rows = Vt[s > _NULL * s.max(initial=0.0)]
-    within = E.T @ rest
-    along = rows @ within
-    across = within - rows.T @ along
-    quadratic = float(np.sum((along / s[: len(rows)]) ** 2)) / 2
+    _, s, Vt = np.linalg.svd(problem.G @ E)
+    s = np.append(s, np.zeros(len(Vt) - len(s)))
+    along, to_centre = Vt @ (E.T @ rest), Vt @ (E.T @ (centre - u))
     radius = RADIUS * (1.0 + float(np.linalg.norm(centre)))
-    to_centre = abs(float(across @ (E.T @ (centre - u))))
-    return quadratic + to_centre + radius * float(np.linalg.norm(across))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        turns = np.where(s > 0.0, (along / s) ** 2 / 2, np.inf)
+    # Flat is where the ball ends before the parabola turns.
+    flat = turns > abs(along) * (radius + abs(to_centre))
+    across = along[flat]
+    ends = float(np.linalg.norm(across)) * radius + abs(float(across @ to_centre[flat]))
+    return float(np.sum(turns[~flat])) + ends
 
 
 def _null_space(A: Matrix) -> Matrix:

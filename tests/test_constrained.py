@@ -128,6 +128,32 @@ def test_every_link_is_a_body_and_every_mass_is_the_datasheets(seed):
     assert (estimate.parameters[40:] > -1e-7).all()
 
 
+@pytest.mark.parametrize("seed", range(30))
+def test_random_problems_of_all_kinds_are_certified(seed):
+    rng = np.random.default_rng(1000 + seed)
+    joints, samples = int(rng.integers(2, 10)), int(rng.choice([60, 300, 2000]))
+    _, robot = random_robot(rng, joints, tree=bool(rng.integers(2)))
+    drive = DriveTerms(
+        viscous=bool(rng.integers(2)),
+        coulomb="sign" if rng.integers(2) else "none",
+        offset=bool(rng.integers(2)),
+        rotor_inertia=bool(rng.integers(2)),
+    )
+    model = TorqueModel(robot, drive)
+    amplitude, noise = 10.0 ** rng.uniform(-2.0, 0.0), 10.0 ** rng.uniform(-4.0, 0.3)
+    states = [amplitude * x for x in random_states(rng, joints, samples)]
+    log = Recording(robot.joint_names, np.arange(samples) / 100, *states)
+    extra = rng.uniform(0.1, 1.0, len(model.layout) - 10 * joints)
+    exact = simulate_torque(model, [*robot.nominal, *extra], log)
+    sigma = noise * exact.torque.std(axis=0) + 1e-9
+    log = simulate_torque(model, [*robot.nominal, *extra], log, noise=sigma, rng=rng)
+    regression = build_regression(model, log)
+    weighted = regression.weighted(joint_noise(model, regression))
+    estimate = constrained_least_squares(model, weighted)
+    assert estimate.certificate.verdict == "certified", estimate.certificate.reason
+    assert all(InertialParameters(body).is_consistent() for body in estimate.links)
+
+
 def test_the_optimum_is_no_worse_than_the_truth_and_no_better_than_least_squares():
     model, truth, log = _experiment(30, noise=3.0, samples=300)
     regression = build_regression(model, log)

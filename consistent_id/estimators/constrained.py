@@ -53,6 +53,7 @@ DEFAULT_CONSTRAINTS: tuple[Constraint, ...] = (
 _RESCALE = 10.0  # misfit, in units of the residual, beyond which it is the unit itself
 _WEIGHTS = 20  # weights of the prior tried, at the most
 _STEP = np.log(30.0)  # by which the weight grows or shrinks until it is bracketed
+_NEARER = 0.99  # share to which a weight must bring the distance for the next to pay
 _USED = 0.5  # share of the slack that must be used up
 # Misfits are measured in units of the residual (or of a millionth of the torque, or of
 # the misfit itself where constraints cost far more): half a unit squared is theirs.
@@ -200,15 +201,16 @@ def _nearest(
 ) -> tuple[ConeSolution, Optimality]:
     """Return the point nearest to nominal whose misfit is within `slack` of the best.
 
-    The weight of the distance is raised until the misfit uses up the slack; the
-    optimum for a weight is the nearest point for its own misfit, and, unlike a bound on
-    the misfit, it is a well-conditioned problem.
+    The weight of the distance is raised until the misfit uses up the slack, or the
+    nominal robot fits within it and raising brings nothing any more.  The optimum for a
+    weight is the nearest point for its own misfit, and, unlike a bound on the misfit,
+    it is a well-conditioned problem.
     """
     centre = _nominal(G, g)
     least = float(np.linalg.norm(fit.G @ best.u - fit.g)) ** 2
     allowed = max(((1.0 + slack) ** 2 - 1.0) * (least + residual**2), _EXACT_FIT**2)
     low, high = -np.inf, np.inf
-    log_weight = np.log(allowed)
+    log_weight, nearest = np.log(allowed), np.inf
     kept: tuple[ConeSolution, Optimality] | None = None
     for _ in range(_WEIGHTS):
         root = np.exp(log_weight / 2)
@@ -218,8 +220,11 @@ def _nearest(
         solution, optimality = _solved(problem, centre)
         excess = float(np.linalg.norm(fit.G @ solution.u - fit.g)) ** 2 - least
         if excess <= allowed:
-            kept, low = (solution, optimality), log_weight
-            if excess >= _USED * allowed:
+            distance = float(np.linalg.norm(G @ solution.u - g))
+            settled = excess >= _USED * allowed or distance >= _NEARER * nearest
+            if kept is None or optimality.verdict == "certified":
+                kept, low, nearest = (solution, optimality), log_weight, distance
+            if settled:
                 break
         else:
             high = log_weight
