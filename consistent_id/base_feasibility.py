@@ -116,6 +116,8 @@ def _violations(
     """Ask the question for each link alone."""
     found = []
     for block in domain.blocks:
+        if block.label not in links:
+            continue
         alone = find_interior(_only(domain, block))
         if alone.bound >= -_UNDECIDED:
             continue

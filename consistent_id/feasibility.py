@@ -150,13 +150,18 @@ def _bound(domain: ConicSet, u: Vector, Z: tuple[Matrix, ...], y: Vector) -> flo
 
 def _blame(domain: ConicSet, Z: tuple[Matrix, ...], y: Vector) -> tuple[str, ...]:
     shares = [
-        (float(np.trace(z)), f"link {block.label!r} as a body")
+        (float(np.trace(z)), _described(block.label))
         for block, z in zip(domain.blocks, Z, strict=True)
     ]
     shares += list(zip(y.tolist(), domain.in_labels, strict=True)) if len(y) else []
     largest = max((share for share, _ in shares), default=0.0)
     named = [pair for pair in shares if pair[0] > _SHARE * largest]
     return tuple(label for _, label in sorted(named, reverse=True))
+
+
+def _described(label: str) -> str:
+    """Blocks that are bodies are labelled with no more than their link's name."""
+    return label if ":" in label else f"link {label!r} as a body"
 
 
 def _psd(Z: Matrix) -> Matrix:

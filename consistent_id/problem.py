@@ -8,22 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
-from consistent_id.constraints import (
-    CentreOfMassBoxes,
-    Constraint,
-    FixedCentresOfMass,
-    FixedMasses,
-    FixedParameters,
-    MassBounds,
-    NonNegativeDrive,
-    PhysicalConsistency,
-)
+from consistent_id.constraints import Constraint, lowered
 from consistent_id.errors import ProblemError
 from consistent_id.friction import DriveTerms
 from consistent_id.loaders import DHRow, from_modified_dh, load_urdf
 from consistent_id.model import Datasheet, JointLimits, RobotModel
 from consistent_id.parameters import did_you_mean
 from consistent_id.priors import PointToSet
+from consistent_id.problem_constraints import constraints_of
 from consistent_id.problem_file import (
     DataTable,
     DHTable,
@@ -137,11 +129,14 @@ def load_problem(path: str | Path) -> Problem:
     drive = tuple(
         _drive(table.joints.get(name, table.drive)) for name in robot.joint_names
     )
+    model = TorqueModel(robot, drive)
+    constraints = constraints_of(table.constraints)
+    lowered(constraints, model)  # a name that is wrong is found here, not after hours
     return Problem(
         folder=file.parent,
         table=table,
-        model=TorqueModel(robot, drive),
-        constraints=_constraints(table),
+        model=model,
+        constraints=constraints,
         prior=PointToSet(table.prior.slack, table.prior.distance),
     )
 
@@ -191,24 +186,6 @@ def _drive(table: DriveTable) -> DriveTerms:
         table.offset,
         table.rotor_inertia,
     )
-
-
-def _constraints(table: ProblemTable) -> tuple[Constraint, ...]:
-    asked = table.constraints
-    chosen: list[Constraint] = [PhysicalConsistency(asked.margin)]
-    if asked.masses == "datasheet":
-        chosen.append(FixedMasses())
-    elif asked.masses == "bounds":
-        chosen.append(MassBounds())
-    if asked.centres_of_mass == "datasheet":
-        chosen.append(FixedCentresOfMass())
-    elif asked.centres_of_mass == "box":
-        chosen.append(CentreOfMassBoxes())
-    if asked.drive_signs:
-        chosen.append(NonNegativeDrive())
-    if asked.fixed:
-        chosen.append(FixedParameters(asked.fixed))
-    return tuple(chosen)
 
 
 def _expanded(path: str, problem: str) -> str:

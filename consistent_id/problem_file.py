@@ -63,6 +63,38 @@ class DriveTable(Table, frozen=True, kw_only=True):
     rotor_inertia: bool = False
 
 
+class RelationTable(Table, frozen=True, kw_only=True):
+    """A linear relation of parameters by name."""
+
+    terms: dict[str, float]
+    lower: float | None = None
+    upper: float | None = None
+
+
+class EqualLinksTable(Table, frozen=True, kw_only=True):
+    """Two links that are alike, or mirror images."""
+
+    first: str
+    second: str
+    mirror: Literal["x", "y", "z"] | None = None
+
+
+class EllipsoidTable(Table, frozen=True, kw_only=True):
+    """An ellipsoid along a link frame's axes [m]."""
+
+    centre: Three
+    semi_axes: Three
+
+
+class ShapeTable(Table, frozen=True, kw_only=True):
+    """Where a link's centre of mass or material lies: one of three shapes [m]."""
+
+    link: str
+    ellipsoid: EllipsoidTable | None = None
+    box: Annotated[list[Three], Meta(min_length=2, max_length=2)] | None = None
+    hull: Annotated[list[Three], Meta(min_length=4)] | None = None
+
+
 class ConstraintsTable(Table, frozen=True, kw_only=True):
     """Constraints of the constrained estimate."""
 
@@ -71,6 +103,13 @@ class ConstraintsTable(Table, frozen=True, kw_only=True):
     centres_of_mass: Literal["datasheet", "box", "free"] = "free"
     drive_signs: bool = True
     fixed: dict[str, float] = {}
+    bounds: dict[str, Pair] = {}
+    relations: list[RelationTable] = []
+    total_mass: NonNegative | Pair | None = None
+    equal_links: list[EqualLinksTable] = []
+    symmetric: dict[str, list[Literal["x", "y", "z"]]] = {}
+    centre_of_mass_in: list[ShapeTable] = []
+    density_on: list[ShapeTable] = []
 
 
 class PriorTable(Table, frozen=True, kw_only=True):

@@ -11,10 +11,13 @@ PACKAGE = Path(consistent_id.__file__).parent
 ORDER = """
 errors _newton_euler _files _arrays inertia parameters model loaders._urdf_lint
 loaders.urdf loaders.modified_dh loaders friction regressor recording readers signals
-trajectory base regression simulation scaling conic constraints priors cone_program
+trajectory base regression simulation scaling conic constraints._rows
+constraints.datasheet constraints.parameters constraints.shape
+constraints.symmetry constraints priors cone_program
 certificate feasibility estimate base_feasibility estimators.least_squares
 estimators.robust estimators.constrained estimators comparison parametrisation
-problem_file problem published study tables summary record figures commands
+problem_file problem_constraints problem published study tables summary record
+figures commands
 """.split()
 
 HEAVY = {"cvxpy", "casadi", "pinocchio", "scipy", "matplotlib", "pyarrow", "clarabel"}

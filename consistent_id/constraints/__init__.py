@@ -1,0 +1,48 @@
+"""What is known of a body before any measurement, one small value per idea.
+
+Each lowers itself to a `ConicSet` over the parameters of a torque model; any number of
+them combine.
+"""
+
+from consistent_id.constraints._rows import Constraint, lowered
+from consistent_id.constraints.datasheet import (
+    CentreOfMassBoxes,
+    FixedCentresOfMass,
+    FixedMasses,
+    MassBounds,
+    PhysicalConsistency,
+)
+from consistent_id.constraints.parameters import (
+    FixedParameters,
+    LinearRelation,
+    NonNegativeDrive,
+    ParameterBounds,
+)
+from consistent_id.constraints.shape import (
+    CentreOfMassIn,
+    DensityOn,
+    Ellipsoid,
+    Polytope,
+)
+from consistent_id.constraints.symmetry import EqualLinks, SymmetricLink, TotalMass
+
+__all__ = [
+    "CentreOfMassBoxes",
+    "CentreOfMassIn",
+    "Constraint",
+    "DensityOn",
+    "Ellipsoid",
+    "EqualLinks",
+    "FixedCentresOfMass",
+    "FixedMasses",
+    "FixedParameters",
+    "LinearRelation",
+    "MassBounds",
+    "NonNegativeDrive",
+    "ParameterBounds",
+    "PhysicalConsistency",
+    "Polytope",
+    "SymmetricLink",
+    "TotalMass",
+    "lowered",
+]

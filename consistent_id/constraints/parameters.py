@@ -1,0 +1,106 @@
+"""Constraints on parameters by name: values, bounds, sums, signs."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from consistent_id.conic import ConicSet
+from consistent_id.constraints._rows import (
+    fixed_values,
+    inequalities,
+    unit_row,
+)
+from consistent_id.errors import ProblemError
+from consistent_id.regressor import TorqueModel
+
+
+@dataclass(frozen=True, slots=True)
+class NonNegativeDrive:
+    """Friction and rotor inertia that dissipate and store, never the reverse."""
+
+    terms: tuple[str, ...] = ("viscous", "coulomb", "rotor_inertia")
+
+    def lower(self, model: TorqueModel) -> ConicSet:
+        """Return ``x_i >= 0`` for the named terms of all joints."""
+        layout = model.layout
+        indices = [i for term in self.terms for i in layout.drive_indices(term)]
+        rows = [-unit_row(layout, layout.names[i]) for i in indices]
+        labels = [f"{layout.names[i]} >= 0" for i in indices]
+        return inequalities(rows, [0.0] * len(rows), labels, model)
+
+
+@dataclass(frozen=True, slots=True)
+class FixedParameters:
+    """Parameters known exactly, by name, such as ``{"link2.hx": 1.48}``."""
+
+    values: Mapping[str, float]
+
+    def lower(self, model: TorqueModel) -> ConicSet:
+        """Return ``x_i = value``."""
+        return fixed_values(self.values, model.layout)
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterBounds:
+    """Parameters between bounds, by name, such as ``{"elbow.viscous": (0, 20)}``.
+
+    An infinite bound is none.
+    """
+
+    bounds: Mapping[str, tuple[float, float]]
+
+    def lower(self, model: TorqueModel) -> ConicSet:
+        """Return ``low <= x_i <= high``."""
+        rows, limits, labels = [], [], []
+        for name, (low, high) in self.bounds.items():
+            if not low <= high:
+                raise ProblemError(f"bounds of {name}: {low:g} is not below {high:g}")
+            row = unit_row(model.layout, name)
+            for sign, limit, text in ((-1.0, low, ">="), (1.0, high, "<=")):
+                if np.isfinite(limit):
+                    rows.append(sign * row)
+                    limits.append(sign * limit)
+                    labels.append(f"{name} {text} {limit:g}")
+        return inequalities(rows, limits, labels, model)
+
+
+@dataclass(frozen=True, slots=True)
+class LinearRelation:
+    """A linear relation of parameters: ``lower <= sum_i c_i x_i <= upper``.
+
+    Parameters
+    ----------
+    terms : mapping of str to float
+        Coefficients by parameter.
+    lower, upper : float
+        Equal bounds make an equality; an infinite one is none.
+    """
+
+    terms: Mapping[str, float]
+    lower_bound: float = -np.inf
+    upper_bound: float = np.inf
+
+    def __post_init__(self) -> None:
+        if not self.terms:
+            raise ProblemError("a linear relation without terms says nothing")
+        if not self.lower_bound <= self.upper_bound:
+            raise ProblemError(
+                f"linear relation: {self.lower_bound:g} is not below "
+                f"{self.upper_bound:g}"
+            )
+
+    def lower(self, model: TorqueModel) -> ConicSet:
+        """Return one equality, or up to two inequalities."""
+        row = sum(c * unit_row(model.layout, name) for name, c in self.terms.items())
+        row = np.asarray(row)[None]
+        text = " + ".join(f"{c:g} {name}" for name, c in self.terms.items())
+        low, high = self.lower_bound, self.upper_bound
+        if low == high:
+            return ConicSet.equal(row, np.array([low]), [f"{text} = {low:g}"])
+        whole = ConicSet.everything(len(model.layout))
+        if np.isfinite(low):
+            whole &= ConicSet.at_most(-row, np.array([-low]), [f"{text} >= {low:g}"])
+        if np.isfinite(high):
+            whole &= ConicSet.at_most(row, np.array([high]), [f"{text} <= {high:g}"])
+        return whole

@@ -1,0 +1,84 @@
+"""The ``[constraints]`` table of a problem file, turned into constraints."""
+
+import numpy as np
+
+from consistent_id.constraints import (
+    CentreOfMassBoxes,
+    CentreOfMassIn,
+    Constraint,
+    DensityOn,
+    Ellipsoid,
+    EqualLinks,
+    FixedCentresOfMass,
+    FixedMasses,
+    FixedParameters,
+    LinearRelation,
+    MassBounds,
+    NonNegativeDrive,
+    ParameterBounds,
+    PhysicalConsistency,
+    Polytope,
+    SymmetricLink,
+    TotalMass,
+)
+from consistent_id.errors import ProblemError
+from consistent_id.problem_file import ConstraintsTable, RelationTable, ShapeTable
+
+
+def constraints_of(table: ConstraintsTable) -> tuple[Constraint, ...]:
+    """Return the constraints that a table asks for.
+
+    Raises
+    ------
+    ProblemError
+        If a relation or a shape makes no sense.
+    """
+    chosen: list[Constraint] = [PhysicalConsistency(table.margin)]
+    if table.masses == "datasheet":
+        chosen.append(FixedMasses())
+    elif table.masses == "bounds":
+        chosen.append(MassBounds())
+    if table.centres_of_mass == "datasheet":
+        chosen.append(FixedCentresOfMass())
+    elif table.centres_of_mass == "box":
+        chosen.append(CentreOfMassBoxes())
+    if table.drive_signs:
+        chosen.append(NonNegativeDrive())
+    if table.fixed:
+        chosen.append(FixedParameters(table.fixed))
+    if table.bounds:
+        chosen.append(
+            ParameterBounds({k: (low, high) for k, (low, high) in table.bounds.items()})
+        )
+    if table.total_mass is not None:
+        total = table.total_mass
+        low, high = total if isinstance(total, list) else (total, total)
+        chosen.append(TotalMass(low, high))
+    chosen += [_relation(relation) for relation in table.relations]
+    chosen += [EqualLinks(e.first, e.second, e.mirror) for e in table.equal_links]
+    chosen += [SymmetricLink(link, planes) for link, planes in table.symmetric.items()]
+    chosen += [CentreOfMassIn(s.link, _shape(s)) for s in table.centre_of_mass_in]
+    chosen += [DensityOn(s.link, _shape(s)) for s in table.density_on]
+    return tuple(chosen)
+
+
+def _relation(table: RelationTable) -> LinearRelation:
+    low = -np.inf if table.lower is None else table.lower
+    high = np.inf if table.upper is None else table.upper
+    return LinearRelation(table.terms, low, high)
+
+
+def _shape(table: ShapeTable) -> Ellipsoid | Polytope:
+    given = [s for s in (table.ellipsoid, table.box, table.hull) if s is not None]
+    if len(given) != 1:
+        raise ProblemError(
+            f"shape of link {table.link!r}: {len(given)} shapes, expected one of "
+            "ellipsoid, box and hull"
+        )
+    if table.ellipsoid is not None:
+        return Ellipsoid(
+            np.array(table.ellipsoid.centre), np.array(table.ellipsoid.semi_axes)
+        )
+    if table.box is not None:
+        return Polytope.box(*table.box)
+    return Polytope.hull(np.array(table.hull))

@@ -1,0 +1,248 @@
+"""Constraints on shape, symmetry and parameters: point masses as the truth."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from robots import random_body, random_robot, random_states
+
+from consistent_id import (
+    CentreOfMassIn,
+    DensityOn,
+    Ellipsoid,
+    EqualLinks,
+    FixedMasses,
+    InertialParameters,
+    LinearRelation,
+    ParameterBounds,
+    PhysicalConsistency,
+    Polytope,
+    ProblemError,
+    Recording,
+    SymmetricLink,
+    TorqueModel,
+    TotalMass,
+    build_regression,
+    constrained_least_squares,
+    load_problem,
+    simulate_torque,
+)
+
+MODEL = TorqueModel(random_robot(np.random.default_rng(0), 2)[1])
+LINK = MODEL.layout.links[0]
+BALL = Ellipsoid([0.1, 0.0, -0.2], [0.3, 0.5, 0.2])
+BOX = Polytope.box([-0.2, -0.1, 0.0], [0.4, 0.3, 0.5])
+
+
+def _points(*masses_and_places):
+    J = sum(m * np.outer([*r, 1.0], [*r, 1.0]) for m, r in masses_and_places)
+    body = InertialParameters.from_pseudo_inertia(J)
+    return np.concatenate([body.vector, np.zeros(10)])
+
+
+def _slack(constraint, x):
+    """Least slack of the lowered rows, or least eigenvalue of the lowered block."""
+    domain = constraint.lower(MODEL)
+    rows = domain.b_in - domain.A_in @ x
+    eigenvalues = [np.linalg.eigvalsh(block.value(x))[0] for block in domain.blocks]
+    return min([*rows, *eigenvalues])
+
+
+places = st.tuples(*[st.floats(-1.0, 1.0)] * 3).map(np.array)
+
+
+@settings(max_examples=100, deadline=None)
+@given(place=places, mass=st.floats(0.1, 10.0))
+def test_a_point_mass_is_in_the_ellipsoid_iff_its_row_says_so(place, mass):
+    inside = 1.0 - np.sum(((place - BALL.centre) / BALL.semi_axes) ** 2)
+    # The row is the integral of exactly this quadratic.
+    assert _slack(DensityOn(LINK, BALL), _points((mass, place))) == pytest.approx(
+        mass * inside, abs=1e-9 * mass * (1 + abs(inside))
+    )
+
+
+@settings(max_examples=100, deadline=None)
+@given(first=places, second=places)
+def test_the_centre_of_mass_is_in_the_shape_iff_the_constraint_holds(first, second):
+    x = _points((1.0, first), (2.0, second))
+    com = (first + 2.0 * second) / 3.0
+    depth = 1.0 - np.linalg.norm((com - BALL.centre) / BALL.semi_axes)
+    if abs(depth) > 1e-9:
+        assert (_slack(CentreOfMassIn(LINK, BALL), x) > 0.0) == (depth > 0.0)
+    margins = np.concatenate([com - [-0.2, -0.1, 0.0], [0.4, 0.3, 0.5] - com])
+    expected = 3.0 * margins.min()
+    assert _slack(CentreOfMassIn(LINK, BOX), x) == pytest.approx(expected, abs=1e-9)
+
+
+def test_bodies_inside_a_polytope_satisfy_every_pair_of_facets():
+    rng = np.random.default_rng(1)
+    for _ in range(50):
+        r = rng.uniform([-0.2, -0.1, 0.0], [0.4, 0.3, 0.5], (4, 3))
+        x = _points(*zip(rng.uniform(0.1, 2.0, 4), r, strict=True))
+        assert _slack(DensityOn(LINK, BOX), x) >= -1e-12
+
+
+def test_a_body_wider_than_its_box_is_refused_though_its_centre_is_inside():
+    x = _points((1.0, [-0.5, 0.1, 0.2]), (1.0, [0.7, 0.1, 0.2]))
+    assert _slack(CentreOfMassIn(LINK, BOX), x) > 0.0
+    assert _slack(DensityOn(LINK, BOX), x) < 0.0
+
+
+def test_the_hull_of_a_boxes_corners_is_the_box():
+    corners = (
+        np.array(np.meshgrid([-0.2, 0.4], [-0.1, 0.3], [0.0, 0.5])).reshape(3, 8).T
+    )
+    hull = Polytope.hull(corners)
+    assert {tuple(r) for r in hull.rows.round(9) + 0.0} == {
+        tuple(r) for r in BOX.rows.round(9) + 0.0
+    }
+
+
+def test_points_in_a_plane_have_no_hull_and_boxes_must_not_be_inside_out():
+    with pytest.raises(ProblemError, match="plane"):
+        Polytope.hull(np.c_[np.random.default_rng(0).normal(size=(6, 2)), np.zeros(6)])
+    with pytest.raises(ProblemError, match="box"):
+        Polytope.box([0, 0, 1], [1, 1, 0])
+    with pytest.raises(ProblemError, match="positive"):
+        Ellipsoid([0, 0, 0], [1, 0, 1])
+
+
+@pytest.mark.parametrize("mirror", [None, "x", "y", "z"])
+def test_equal_links_are_equal_or_mirror_images(mirror):
+    body = random_body(np.random.default_rng(2))
+    M = np.eye(4)
+    if mirror:
+        M["xyz".index(mirror), "xyz".index(mirror)] = -1.0
+    image = InertialParameters.from_pseudo_inertia(M @ body.pseudo_inertia @ M)
+    domain = EqualLinks(*MODEL.layout.links, mirror=mirror).lower(MODEL)
+    x = np.concatenate([body.vector, image.vector])
+    assert np.allclose(domain.A_eq @ x, domain.b_eq, atol=1e-12)
+    other = np.concatenate([body.vector, 1.1 * image.vector])
+    assert not np.allclose(domain.A_eq @ other, domain.b_eq, atol=1e-3)
+
+
+def test_a_symmetric_link_is_its_own_mirror_image():
+    r = np.array([0.3, 0.2, 0.1])
+    twins = _points((1.0, r), (1.0, r * [1, -1, 1]))
+    domain = SymmetricLink(LINK, ["y"]).lower(MODEL)
+    assert {label.split(" ")[0].split(".")[1] for label in domain.eq_labels} == {
+        "hy",
+        "Ixy",
+        "Iyz",
+    }
+    assert np.allclose(domain.A_eq @ twins, 0.0)
+
+
+def _data(truth):
+    rng = np.random.default_rng(3)
+    states = random_states(rng, 2, 400)
+    log = Recording(MODEL.robot.joint_names, np.arange(400) / 100, *states)
+    return build_regression(
+        MODEL, simulate_torque(MODEL, truth, log, noise=1.0, rng=rng)
+    )
+
+
+def test_every_constraint_holds_in_the_estimate_and_together():
+    body = random_body(np.random.default_rng(4))
+    regression = _data(np.concatenate([body.vector, body.vector]))
+    a, b = MODEL.layout.links
+    asked = [
+        PhysicalConsistency(),
+        TotalMass(5.0, 6.0),
+        EqualLinks(a, b),
+        ParameterBounds({f"{a}.hx": (-0.5, 0.5)}),
+        LinearRelation({f"{a}.hy": 1.0, f"{a}.hz": -2.0}, 0.1, 0.1),
+        CentreOfMassIn(a, Ellipsoid([0.1, 0.1, 0.0], [0.2, 0.2, 0.2])),
+        DensityOn(a, Polytope.box([-2.0] * 3, [2.0] * 3)),
+    ]
+    estimate = constrained_least_squares(MODEL, regression, constraints=asked)
+    assert estimate.certificate.verdict == "certified"
+    x = estimate.parameters
+    assert 5.0 - 1e-6 <= estimate[f"{a}.m"] + estimate[f"{b}.m"] <= 6.0 + 1e-6
+    assert np.allclose(x[:10], x[10:], atol=1e-6)
+    assert abs(estimate[f"{a}.hx"]) <= 0.5 + 1e-6
+    assert estimate[f"{a}.hy"] - 2.0 * estimate[f"{a}.hz"] == pytest.approx(
+        0.1, abs=1e-6
+    )
+    com = x[1:4] / x[0]
+    assert np.linalg.norm((com - [0.1, 0.1, 0.0]) / 0.2) <= 1.0 + 1e-5
+    assert _slack(asked[-1], x) >= -1e-5
+
+
+def test_without_consistency_it_is_the_quadratic_programme():
+    import cvxpy as cp
+
+    _, robot = random_robot(np.random.default_rng(5), 2)
+    regression = _data(robot.nominal)
+    masses = dict(zip(MODEL.layout.links, robot.nominal[::10] * 1.3, strict=True))
+    estimate = constrained_least_squares(
+        MODEL, regression, constraints=[FixedMasses(masses)]
+    )
+    x = cp.Variable(20)
+    R = regression.stacked()
+    fixed = [
+        x[0] == masses[MODEL.layout.links[0]],
+        x[10] == masses[MODEL.layout.links[1]],
+    ]
+    best = cp.Problem(cp.Minimize(cp.sum_squares(R[:, :-1] @ x - R[:, -1])), fixed)
+    least = np.sqrt(best.solve(solver=cp.CLARABEL))
+    mine = np.linalg.norm(R @ [*estimate.parameters, -1.0])
+    slack = estimate.certificate.figures["slack"]
+    assert least * (1 - 1e-6) <= mine <= least * (1 + slack) * (1 + 1e-6)
+
+
+@pytest.mark.parametrize(
+    ("constraint", "message"),
+    [
+        (EqualLinks("a", "b"), "no link named 'a'"),
+        (EqualLinks(LINK, LINK), "named twice"),
+        (TotalMass(3.0, 2.0), "expected 0 <= lower"),
+        (ParameterBounds({f"{LINK}.m": (2.0, 1.0)}), "not below"),
+        (DensityOn("a", BALL), "no link named 'a'"),
+    ],
+)
+def test_constraints_that_make_no_sense_are_refused(constraint, message):
+    with pytest.raises(ProblemError, match=message):
+        constraint.lower(MODEL)
+
+
+def test_a_problem_file_can_ask_for_all_of_them(tmp_path):
+    (tmp_path / "problem.toml").write_text(
+        """
+name = "arm"
+[model]
+modified_dh = [{ alpha_deg = 0, a = 0 }, { alpha_deg = -90, a = 0.3 }]
+[constraints]
+masses = "free"
+total_mass = [3, 9]
+bounds = { "link1.Izz" = [0, 1] }
+relations = [{ terms = { "link1.m" = 1, "link2.m" = -1 }, lower = 0 }]
+symmetric = { link2 = ["y"] }
+[[constraints.centre_of_mass_in]]
+link = "link1"
+ellipsoid = { centre = [0,0,0], semi_axes = [1,1,1] }
+[[constraints.density_on]]
+link = "link2"
+box = [[-1,-1,-1], [1,1,1]]
+"""
+    )
+    kinds = [type(c).__name__ for c in load_problem(tmp_path).constraints]
+    assert kinds == [
+        "PhysicalConsistency",
+        "NonNegativeDrive",
+        "ParameterBounds",
+        "TotalMass",
+        "LinearRelation",
+        "SymmetricLink",
+        "CentreOfMassIn",
+        "DensityOn",
+    ]
+
+
+def test_a_wrong_name_in_a_problem_files_constraints_is_found_at_once(tmp_path):
+    (tmp_path / "problem.toml").write_text(
+        'name = "arm"\n[model]\nmodified_dh = [{ alpha_deg = 0, a = 0 }]\n'
+        '[constraints]\nmasses = "free"\nfixed = { "link1.mass" = 1 }\n'
+    )
+    with pytest.raises(ProblemError, match=r"link1\.mass"):
+        load_problem(tmp_path)
