@@ -23,10 +23,23 @@ def frozen(
 
     A ``None`` in `shape` stands for any length.
     """
+    array = checked(values, shape, what, error, finite).copy()
+    array.setflags(write=False)
+    return array
+
+
+def checked(
+    values: ArrayLike,
+    shape: tuple[int | None, ...],
+    what: str,
+    error: type[Exception] = ProblemError,
+    finite: bool = True,
+) -> Array:
+    """Return `values` as float64, of the given shape and finite; no copy if need not."""
     if np.ma.isMaskedArray(values):
         raise error(f"{what}: a masked array, expected plain numbers without gaps")
     try:
-        array = np.array(values, dtype=np.float64)
+        array = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError) as cause:
         raise error(f"{what}: expected numbers of shape {shape}, got {cause}") from None
     fits = array.ndim == len(shape) and all(
@@ -39,5 +52,4 @@ def frozen(
     if finite and not np.isfinite(array).all():
         place = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
         raise error(f"{what}: entry {place} is {array[place]}, expected finite numbers")
-    array.setflags(write=False)
     return array

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._arrays import Array, Vector, frozen
+from consistent_id._arrays import Array, Vector, checked, frozen
 from consistent_id._newton_euler import JointGeometry, JointMotion, regressor_entries
 from consistent_id.errors import ProblemError
 from consistent_id.friction import DriveTerms, drive_unit
@@ -101,7 +101,7 @@ class TorqueModel:
         """
         joints = len(self.robot)
         motion = [
-            frozen(x, (None, joints), name)
+            checked(x, (None, joints), name)
             for x, name in ((q, "q"), (dq, "dq"), (ddq, "ddq"))
         ]
         samples = len(motion[0])
