@@ -35,7 +35,7 @@ def checked(
     error: type[Exception] = ProblemError,
     finite: bool = True,
 ) -> Array:
-    """Return `values` as float64, of the given shape and finite; no copy if need not."""
+    """Return `values` as float64, checked like `frozen`, without a copy if possible."""
     if np.ma.isMaskedArray(values):
         raise error(f"{what}: a masked array, expected plain numbers without gaps")
     try:

@@ -1,0 +1,110 @@
+"""Problem files: the RX-60's content, and everything that can be wrong in a file."""
+
+import numpy as np
+import pytest
+
+from consistent_id import ModelError, ProblemError, RecordingError, load_problem
+
+ARM = 'name = "arm"\n[model]\nmodified_dh = [{ alpha_deg = 0, a = 0 }]\n'
+FREE = '[constraints]\nmasses = "free"\n'
+
+
+def _load(tmp_path, text):
+    (tmp_path / "problem.toml").write_text(text)
+    return load_problem(tmp_path)
+
+
+def test_the_rx60s_verification_motion_is_the_papers():
+    problem = load_problem("problems/rx60")
+    motion = problem.motion("verification")
+    assert (len(motion), motion.rate) == (20001, pytest.approx(1000.0))
+    t = motion.time
+    amplitude = 0.6 * (-1.2 + 0.35 * t / 20.0)
+    assert np.allclose(motion.position[:, 0], amplitude * np.sin(np.pi * t / 4))
+    assert np.allclose(motion.position[:, 1], -amplitude * np.cos(np.pi * t / 4))
+    assert np.allclose(motion.position[:, 2], np.cos(np.pi * t / 4))
+    # Central differences at 1 kHz of motions of pi / 4 rad/s err by 1e-7.
+    rate = np.gradient(motion.position, t, axis=0)[1:-1]
+    assert np.allclose(motion.velocity[1:-1], rate, atol=1e-6)
+    rate = np.gradient(motion.velocity, t, axis=0)[1:-1]
+    assert np.allclose(motion.acceleration[1:-1], rate, atol=1e-6)
+
+
+def test_the_file_may_be_named_instead_of_its_folder():
+    assert load_problem("problems/rx60/problem.toml").name == "rx60"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (ARM + FREE + "colour = 1\n", r"unknown field `colour`.*\$\.constraints"),
+        ('name = 3\n[model]\nurdf = "a"\n', r"\$\.name"),
+        ('name = "x"\n', "missing required field `model`"),
+        ('name = "x"\n[model]\n', "needs either urdf or modified_dh"),
+        (ARM + "[links.link7]\nmass = 1\n", "no moving link named 'link7'"),
+        (ARM + "[joints.elbow]\nviscous = true\n", r"\[joints.elbow\].*joint1"),
+        (ARM + FREE + '[drive]\ncoulomb = "tanh"\n', "velocity_scale"),
+        (ARM + "[links.link1]\nmass = -1\n", r"\$\.links"),
+        (ARM, "no link's datasheet has a mass"),
+        (ARM + '[constraints]\nmasses = "bounds"\n', "mass_bounds"),
+        ("name = ", "not TOML"),
+    ],
+)
+def test_what_is_wrong_in_a_file_is_said_with_its_path(tmp_path, text, message):
+    with pytest.raises((ProblemError, ModelError), match=message):
+        _load(tmp_path, text)
+
+
+def test_a_file_that_is_not_there_or_not_text_is_refused(tmp_path):
+    with pytest.raises(ProblemError, match="cannot be read"):
+        load_problem(tmp_path / "nowhere")
+    (tmp_path / "problem.toml").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(ProblemError, match="not TOML"):
+        load_problem(tmp_path)
+
+
+def test_a_missing_environment_variable_is_named(tmp_path, monkeypatch):
+    monkeypatch.delenv("NO_SUCH_FOLDER", raising=False)
+    with pytest.raises(ProblemError, match="environment variable NO_SUCH_FOLDER"):
+        _load(tmp_path, 'name = "x"\n[model]\nurdf = "${NO_SUCH_FOLDER}/a.urdf"\n')
+
+
+def test_a_problem_without_recordings_says_so(tmp_path):
+    problem = _load(tmp_path, ARM + FREE)
+    with pytest.raises(ProblemError, match=r"add a \[data\] table"):
+        _ = problem.training
+    with pytest.raises(ProblemError, match="no motion 'circle'"):
+        problem.motion("circle")
+
+
+def _with_log(tmp_path, rows, extra=""):
+    time = np.arange(400) / 100
+    table = np.column_stack([time, np.sin(3 * time), np.cos(3 * time)])
+    header = "time,q_joint1,tau_joint1"
+    np.savetxt(tmp_path / "log.csv", table, delimiter=",", header=header, comments="")
+    return _load(
+        tmp_path,
+        ARM
+        + FREE
+        + "[data]\ntorque_gain = 2.0\n[data.columns]\n"
+        + 'torque = "tau_{joint}"\n[data.preparation]\nmotion_cutoff = 20\n'
+        + f'[[data.recordings]]\nfile = "log.csv"\nrole = "training"\n{rows}\n{extra}',
+    )
+
+
+def test_recordings_are_prepared_and_cut_to_rows_counted_from_one(tmp_path):
+    (log,) = _with_log(tmp_path, "rows = [101, 300]").training
+    assert (len(log), log.time[0], log.time[-1]) == (200, 1.0, 2.99)
+    assert np.allclose(log.torque[:, 0], 2.0 * np.cos(3 * log.time))
+    # The filter passes 0.5 Hz with a loss of (0.5 / 20)^8; differences err by 1.4e-3.
+    assert np.allclose(log.velocity[:, 0], 3 * np.cos(3 * log.time), atol=2e-3)
+    assert np.allclose(log.acceleration[:, 0], -9 * np.sin(3 * log.time), atol=2e-2)
+
+
+def test_rows_outside_the_file_and_missing_files_are_refused(tmp_path):
+    with pytest.raises(ProblemError, match="rows 0 to 500, but the file has 400"):
+        _ = _with_log(tmp_path, "rows = [0, 500]").training
+    problem = _with_log(tmp_path, "")
+    (tmp_path / "log.csv").unlink()
+    with pytest.raises(RecordingError, match=r"log\.csv: no such file"):
+        _ = problem.training

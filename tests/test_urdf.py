@@ -1,0 +1,170 @@
+"""URDF: Pinocchio as the truth, and every fault with its line."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from consistent_id import ModelError, joint_torque_regressor, load_urdf
+
+BODY = """
+    <inertial>
+      <origin xyz="0.1 0.02 0.3" rpy="0.1 0.2 0.3"/>
+      <mass value="{mass}"/>
+      <inertia ixx="0.02" ixy="0.001" ixz="0.002" iyy="0.03" iyz="0.003" izz="0.025"/>
+    </inertial>"""
+
+ROBOT = f"""<?xml version="1.0"?>
+<robot name="test">
+  <link name="base"/>
+  <joint name="turn" type="revolute">
+    <parent link="base"/> <child link="one"/>
+    <origin xyz="0 0 0.3" rpy="0.3 -0.2 0.1"/>
+    <axis xyz="0.6 0 0.8"/>
+    <limit lower="-2" upper="1.5" velocity="3" effort="50"/>
+  </joint>
+  <link name="one">{BODY.format(mass=2.0)}</link>
+  <joint name="slide" type="prismatic">
+    <parent link="one"/> <child link="two"/>
+    <origin xyz="0.2 0 0" rpy="0 1.57079632679 0"/>
+    <axis xyz="0 -1 0"/>
+    <limit lower="0" upper="0.4" velocity="1" effort="20"/>
+  </joint>
+  <link name="two">{BODY.format(mass=1.0)}</link>
+  <joint name="weld" type="fixed">
+    <parent link="two"/> <child link="tool"/>
+    <origin xyz="0 0.1 0.2" rpy="0.5 0 0"/>
+  </joint>
+  <link name="tool">{BODY.format(mass=0.5)}</link>
+  <joint name="spin" type="continuous">
+    <parent link="two"/> <child link="three"/>
+    <axis xyz="0 1 0"/>
+  </joint>
+  <link name="three">{BODY.format(mass=0.7)}</link>
+</robot>
+"""
+
+
+def _written(tmp_path, text):
+    path = tmp_path / "robot.urdf"
+    path.write_text(text)
+    return path
+
+
+def _states(reference, samples, seed=0):
+    """States for the package, and configurations as Pinocchio wants them."""
+    rng = np.random.default_rng(seed)
+    q, dq, ddq = rng.uniform(-1.5, 1.5, (3, samples, reference.nv))
+    configurations = []
+    for row in q:
+        parts = [
+            [np.cos(x), np.sin(x)] if joint.nq == 2 else [x]
+            for x, joint in zip(row, list(reference.joints)[1:], strict=True)
+        ]
+        configurations.append(np.concatenate(parts))
+    return (q, dq, ddq), configurations
+
+
+def _assert_same_regressor(robot, reference, relative):
+    data = reference.createData()
+    (q, dq, ddq), configurations = _states(reference, 5)
+    Y = joint_torque_regressor(robot, q, dq, ddq)
+    for s, configuration in enumerate(configurations):
+        expected = pin.computeJointTorqueRegressor(
+            reference, data, configuration, dq[s], ddq[s]
+        )
+        assert abs(Y[:, :, s] - expected).max() <= relative * abs(expected).max()
+
+
+def test_the_loaded_robot_is_pinocchios(tmp_path):
+    path = _written(tmp_path, ROBOT)
+    robot, reference = load_urdf(path), pin.buildModelFromUrdf(str(path))
+    # 1.57079632679 is taken for a right angle: the rotation is off by 5e-12.
+    _assert_same_regressor(robot, reference, 1e-10)
+    assert robot.joint_names == tuple(reference.names)[1:]
+    assert sorted(robot.link_names) == ["one", "three", "two"]
+    for link, inertia in zip(robot.links, list(reference.inertias)[1:], strict=True):
+        assert np.allclose(
+            link.nominal.vector, inertia.toDynamicParameters(), atol=1e-12
+        )
+        assert link.datasheet.mass == pytest.approx(inertia.mass)
+
+
+def test_limits_are_those_stated_and_infinite_where_none_are(tmp_path):
+    robot = load_urdf(_written(tmp_path, ROBOT))
+    limits = {joint.name: joint.limits for joint in robot.joints}
+    turn, spin = limits["turn"], limits["spin"]
+    assert (turn.lower, turn.upper, turn.velocity, turn.effort) == (-2, 1.5, 3, 50)
+    assert (spin.lower, spin.upper, spin.velocity) == (-np.inf, np.inf, np.inf)
+    assert {j.name: j.kind for j in robot.joints} == {
+        "turn": "revolute",
+        "slide": "prismatic",
+        "spin": "continuous",
+    }
+
+
+def test_the_chain_to_a_tip_can_be_loaded_alone(tmp_path):
+    path = _written(tmp_path, ROBOT)
+    assert load_urdf(path, tip="one").joint_names == ("turn",)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (
+            '<robot name="test">',
+            '<!DOCTYPE r [<!ENTITY a "b">]><robot name="t">',
+            "document type",
+        ),
+        ('value="2.0"', 'value="nan"', "line 13: link 'one': .*finite"),
+        ('value="2.0"', 'value="-1"', "line 10: link 'one': mass is -1 kg"),
+        ('value="2.0"', 'value="heavy"', "line 13: .*'heavy'"),
+        ('xyz="0.2 0 0"', 'xyz="0.2 0"', "joint 'slide': .*3 finite numbers"),
+        ('ixx="0.02" ', "", "link 'one': <inertia> lacks ixx"),
+        ('<link name="two">', '<link name="one">', "already stands on line 10"),
+        (
+            '<axis xyz="0.6 0 0.8"/>',
+            '<axis xyz="0 0 0"/>',
+            "line 4: joint 'turn': axis",
+        ),
+        ('type="continuous"', 'type="floating"', "type is 'floating', expected one of"),
+        ('<axis xyz="0 1 0"/>', '<mimic joint="turn"/>', "mimic"),
+        (
+            '<limit lower="0" upper="0.4" velocity="1" effort="20"/>',
+            "",
+            "needs <limit>",
+        ),
+        ('<parent link="base"/>', "", "<parent link=...> is missing"),
+        ("</robot>", "", "not well-formed"),
+        ('<link name="base"/>', "<link/>", "line 3: <link> has no name"),
+        ('<child link="one"/>', '<child link="ghost"/>', "Pinocchio refuses it"),
+    ],
+)
+def test_every_fault_is_named_with_its_line(tmp_path, old, new, message):
+    assert old in ROBOT
+    path = _written(tmp_path, ROBOT.replace(old, new, 1))
+    with pytest.raises(ModelError, match=message) as caught:
+        load_urdf(path)
+    assert "robot.urdf" in str(caught.value)
+
+
+@pytest.mark.parametrize("text", ["", "not xml", "<sdf/>", "\x00\x01"])
+def test_what_is_no_urdf_is_refused(tmp_path, text):
+    with pytest.raises(ModelError, match=r"robot\.urdf"):
+        load_urdf(_written(tmp_path, text))
+
+
+def test_a_missing_file_is_refused(tmp_path):
+    with pytest.raises(ModelError, match=r"nowhere\.urdf: cannot be read"):
+        load_urdf(tmp_path / "nowhere.urdf")
+
+
+def test_the_real_ur10e_is_pinocchios():
+    if "CONSISTENT_ID_DATASETS" not in os.environ:
+        pytest.skip("CONSISTENT_ID_DATASETS does not name the folder of recordings")
+    path = Path(os.environ["CONSISTENT_ID_DATASETS"]) / "ur10e" / "ur10e.urdf"
+    robot, reference = load_urdf(path), pin.buildModelFromUrdf(str(path))
+    assert len(robot) == 6
+    _assert_same_regressor(robot, reference, 1e-10)  # right angles again
