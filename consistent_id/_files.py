@@ -4,15 +4,31 @@ import os
 import tempfile
 from pathlib import Path
 
+from consistent_id.errors import ProblemError
+
 
 def write_atomically(path: str | Path, content: str | bytes) -> Path:
     """Write through a temporary file, fsync and rename; return the path.
 
     Folders are made as needed.  A reader sees the old content or the new one.
+
+    Raises
+    ------
+    ProblemError
+        If the place cannot be written to.
     """
     path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
     data = content.encode() if isinstance(content, str) else content
+    try:
+        return _written(path, data)
+    except OSError as cause:
+        raise ProblemError(
+            f"{path}: cannot be written ({cause.strerror}); choose another folder"
+        ) from None
+
+
+def _written(path: Path, data: bytes) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
     handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     try:
         with os.fdopen(handle, "wb") as file:

@@ -78,13 +78,7 @@ def solve_least_norm(
     program = cp.Problem(cp.Minimize(objective), model.constraints)
     names = ("tol_gap_abs", "tol_gap_rel", "tol_feas")
     options = dict.fromkeys(names, tolerance) | {"max_iter": 200}
-    try:
-        with warnings.catch_warnings():
-            # "Solution may be inaccurate": that is for the certificate to say.
-            warnings.simplefilter("ignore", UserWarning)
-            program.solve(solver=cp.CLARABEL, **options)
-    except (cp.error.SolverError, ValueError) as cause:
-        raise SolverError(f"Clarabel failed: {cause}") from None
+    run_clarabel(program, **options)
     if u.value is None or not np.isfinite(u.value).all() or not model.has_duals():
         raise SolverError(f"Clarabel ended {program.status!r} without a point")
     # Duals of the scaled norm, turned into those of half the square of the unscaled.
@@ -95,6 +89,25 @@ def solve_least_norm(
     return ConeSolution(
         np.asarray(u.value), multipliers, str(program.status), total - solve, solve
     )
+
+
+def run_clarabel(program: Any, **options: float) -> None:
+    """Run Clarabel on a CVXPY problem.
+
+    Raises
+    ------
+    SolverError
+        If it fails outright; a doubtful answer is for certificates to judge.
+    """
+    import cvxpy as cp
+
+    try:
+        with warnings.catch_warnings():
+            # "Solution may be inaccurate": certificates say so, with figures.
+            warnings.simplefilter("ignore", UserWarning)
+            program.solve(solver=cp.CLARABEL, **options)
+    except (cp.error.SolverError, ValueError) as cause:
+        raise SolverError(f"Clarabel failed: {cause}") from None
 
 
 class _Model:

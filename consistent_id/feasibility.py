@@ -12,13 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from consistent_id._arrays import Array, Matrix, Vector
+from consistent_id._arrays import Matrix, Vector
 from consistent_id.certificate import RADIUS
+from consistent_id.cone_program import run_clarabel
 from consistent_id.conic import ConicSet
 from consistent_id.errors import SolverError
 
 _EQUAL = 1e-9  # residual beyond which equalities contradict each other
 _SMALL = 1e-7  # of several deepest points, prefer a small one
+_VALUES = 3  # equalities named in a proof, at the most
 _SHARE = 0.01  # least share of the blame, of the largest, that is worth naming
 
 
@@ -78,20 +80,18 @@ def find_interior(domain: ConicSet) -> Interior:
         blocks.append(F - t * np.eye(k) >> 0)
     constraints = [*rows, *blocks, *([] if below is None else [below])]
     program = cp.Problem(cp.Maximize(t - _SMALL * cp.norm(u)), constraints)
-    try:
-        program.solve(solver=cp.CLARABEL, max_iter=200)
-    except cp.error.SolverError as cause:
-        raise SolverError(f"the feasibility problem was not solved: {cause}") from None
+    run_clarabel(program, max_iter=200)
     if u.value is None:
         raise SolverError(f"the feasibility problem ended {program.status!r}")
     Z = tuple(_psd((b.dual_value + b.dual_value.T) / 2) for b in blocks)
     y = np.zeros(0) if below is None else np.maximum(np.asarray(below.dual_value), 0.0)
     point = np.asarray(u.value)
+    bound, taken = _bound(domain, point, Z, y)
     return Interior(
         depth=_depth(domain, point),
-        bound=_bound(domain, point, Z, y),
+        bound=bound,
         u=point,
-        to_blame=_blame(domain, Z, y),
+        to_blame=_blame(domain, Z, y, taken),
         multipliers=Z,
     )
 
@@ -125,15 +125,18 @@ def _depth(domain: ConicSet, u: Vector) -> float:
     return min(depths, default=1.0)
 
 
-def _bound(domain: ConicSet, u: Vector, Z: tuple[Matrix, ...], y: Vector) -> float:
-    """Upper bound on the depth of any ``v`` near `u`, by weak duality.
+def _bound(
+    domain: ConicSet, u: Vector, Z: tuple[Matrix, ...], y: Vector
+) -> tuple[float, Vector]:
+    """Upper bound on the depth of any ``v`` near `u`, and multipliers of equalities.
 
     ``depth(v) (sum tr Z + sum y) <= sum <Z, F(v)> + y.(b_in - A_in v)``, and the right
     side is linear in ``v``: its slope, less what equalities take up, times the radius.
     """
     weight = sum(float(np.trace(z)) for z in Z) + float(y.sum())
+    taken = np.zeros(len(domain.b_eq))
     if weight <= 0.0:
-        return 1.0
+        return 1.0, taken
     value = float(y @ (domain.b_in - domain.A_in @ u)) if len(y) else 0.0
     slope = -domain.A_in.T @ y if len(y) else np.zeros(len(u))
     for block, z in zip(domain.blocks, Z, strict=True):
@@ -141,14 +144,17 @@ def _bound(domain: ConicSet, u: Vector, Z: tuple[Matrix, ...], y: Vector) -> flo
         slope = slope + np.tensordot(block.coefficients, z, axes=2)
     if len(domain.b_eq):
         solved = np.linalg.lstsq(domain.A_eq.T, slope, rcond=None)
-        taken: Array = np.asarray(solved[0], dtype=np.float64)
+        taken = np.asarray(solved[0], dtype=np.float64)
         slope = slope - domain.A_eq.T @ taken
         value += float(taken @ (domain.b_eq - domain.A_eq @ u))
     reach = RADIUS * (1.0 + float(np.linalg.norm(u)))
-    return float((value + np.linalg.norm(slope) * reach) / weight)
+    return float((value + np.linalg.norm(slope) * reach) / weight), taken / weight
 
 
-def _blame(domain: ConicSet, Z: tuple[Matrix, ...], y: Vector) -> tuple[str, ...]:
+def _blame(
+    domain: ConicSet, Z: tuple[Matrix, ...], y: Vector, taken: Vector
+) -> tuple[str, ...]:
+    """Labels of bodies and inequalities in the proof, then of the weightiest values."""
     shares = [
         (float(np.trace(z)), _described(block.label))
         for block, z in zip(domain.blocks, Z, strict=True)
@@ -156,7 +162,10 @@ def _blame(domain: ConicSet, Z: tuple[Matrix, ...], y: Vector) -> tuple[str, ...
     shares += list(zip(y.tolist(), domain.in_labels, strict=True)) if len(y) else []
     largest = max((share for share, _ in shares), default=0.0)
     named = [pair for pair in shares if pair[0] > _SHARE * largest]
-    return tuple(label for _, label in sorted(named, reverse=True))
+    heavy = np.argsort(-abs(taken))[:_VALUES]
+    floor = _SHARE * abs(taken).max(initial=0.0)
+    values = [domain.eq_labels[i] for i in heavy if abs(taken[i]) > floor]
+    return (*(label for _, label in sorted(named, reverse=True)), *values)
 
 
 def _described(label: str) -> str:

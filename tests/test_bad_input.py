@@ -7,9 +7,23 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from consistent_id import DHRow, from_modified_dh, signals
+from consistent_id import (
+    DHRow,
+    FixedMasses,
+    PhysicalConsistency,
+    constrained_least_squares,
+    from_modified_dh,
+    signals,
+)
+from consistent_id._files import write_atomically
 from consistent_id.base import condition_number
-from consistent_id.errors import ConsistentIdError, ProblemError, RecordingError
+from consistent_id.errors import (
+    ConsistentIdError,
+    InfeasibleError,
+    NotExcitedError,
+    ProblemError,
+    RecordingError,
+)
 from consistent_id.readers import Columns, read_recording
 from consistent_id.recording import Recording
 from consistent_id.regression import build_regression
@@ -176,3 +190,42 @@ def test_the_stacked_factor_is_triangular():
 def test_an_unbelievably_low_cutoff_is_refused():
     with pytest.raises(ConsistentIdError):
         signals.low_passed(log(2000), motion_cutoff=1e-7)
+
+
+def test_a_torque_of_zero_is_refused_by_the_constrained_estimate():
+    from dataclasses import replace
+
+    silent = replace(log(), torque=np.zeros((50, 2)))
+    regression = build_regression(ARM, silent)
+    with pytest.raises(NotExcitedError, match="torque is zero"):
+        constrained_least_squares(ARM, regression, constraints=[PhysicalConsistency()])
+
+
+def test_a_massless_link_of_the_datasheet_is_to_blame_by_name():
+    masses = FixedMasses({"link2": 0.0})
+    with pytest.raises(InfeasibleError, match=r"link2\.m = 0 kg"):
+        constrained_least_squares(
+            ARM,
+            build_regression(ARM, log()),
+            constraints=[PhysicalConsistency(), masses],
+        )
+
+
+def test_a_place_that_cannot_be_written_to_is_named(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ProblemError, match="cannot be written"):
+        write_atomically(tmp_path / "file" / "x.json", "{}")
+
+
+def test_what_stood_in_a_file_stays_when_writing_fails(tmp_path, monkeypatch):
+    target = tmp_path / "x.json"
+    write_atomically(target, "old")
+
+    def full(_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.fsync", full)
+    with pytest.raises(ProblemError, match="No space left"):
+        write_atomically(target, "new")
+    assert target.read_text() == "old"
+    assert [path.name for path in tmp_path.iterdir()] == ["x.json"]

@@ -33,7 +33,7 @@ from consistent_id.constraints import (
     PhysicalConsistency,
     lowered,
 )
-from consistent_id.errors import InfeasibleError, SolverError
+from consistent_id.errors import InfeasibleError, NotExcitedError, SolverError
 from consistent_id.estimate import Certificate, Estimate
 from consistent_id.estimators.least_squares import residual_sigma, solve_linear
 from consistent_id.feasibility import find_interior
@@ -113,6 +113,8 @@ def constrained_least_squares(
     ------
     InfeasibleError
         If no parameters satisfy the constraints; names those to blame.
+    NotExcitedError
+        If the data excite nothing, or the torque is zero.
     SolverError
         If no solver returns a usable point.
     """
@@ -162,6 +164,10 @@ def _scaled(
     model: TorqueModel, regression: Regression, base: BaseParameters, domain: ConicSet
 ) -> _Scaled:
     R = regression.stacked()
+    if not R[:, -1].any():
+        raise NotExcitedError(
+            "the torque is zero throughout; check its column, unit and gain"
+        )
     columns = list(base.independent)
     Q, R_base = np.linalg.qr(R[:, columns])
     z = Q.T @ R[:, -1]
