@@ -13,6 +13,7 @@ from consistent_id.base import (
     linear_combination,
 )
 from consistent_id.comparison import Comparison, compare
+from consistent_id.constraints import PhysicalConsistency
 from consistent_id.errors import ProblemError
 from consistent_id.estimate import Estimate
 from consistent_id.estimators.constrained import constrained_least_squares
@@ -95,7 +96,9 @@ def identify(
 
     Least squares and the constrained estimate come with equal weights for all joints,
     and both again weighted by each joint's noise, so that each constrained estimate has
-    a twin without constraints; robust least squares comes besides.
+    a twin without constraints.  Besides come robust least squares, and ``"bounded"``:
+    the quadratic programme with every constraint but physical consistency, which shows
+    what masses, bounds and signs buy by themselves.
 
     Parameters
     ----------
@@ -110,10 +113,19 @@ def identify(
     regression = build_regression(model, training)
     weighted = regression.weighted(joint_noise(model, regression, base=base))
     constraints, prior = problem.constraints, problem.prior
+    without_bodies = [c for c in constraints if not isinstance(c, PhysicalConsistency)]
     return (
         least_squares(model, regression, base=base),
         weighted_least_squares(model, regression, base=base),
         huber(model, training, base=base),
+        constrained_least_squares(
+            model,
+            regression,
+            constraints=without_bodies,
+            prior=prior,
+            base=base,
+            method="bounded",
+        ),
         constrained_least_squares(
             model, regression, constraints=constraints, prior=prior, base=base
         ),

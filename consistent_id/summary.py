@@ -45,10 +45,11 @@ def comparison_tables(comparison: Comparison) -> list[Table]:
     """Return held-out errors, consistency and certificates of all estimates."""
     joints = comparison.model.robot.joint_names
     reports = comparison.reports
-    tables = [
-        _error_table(f"Torque on {error.recording} (validation)", joints, reports, i)
-        for i, error in enumerate(reports[0].validation)
-    ]
+    tables = []
+    for i, error in enumerate(reports[0].validation):
+        where = f"on {error.recording} (validation)"
+        tables.append(_error_table(f"Torque {where}", joints, reports, i))
+        tables.append(_mse_table(f"Mean squared error {where}", joints, reports, i))
     tables.append(
         Table(
             "Physical consistency",
@@ -119,7 +120,21 @@ def _error_table(
         title,
         ("estimate", "stacked", *joints),
         tuple(rows),
-        ("per joint: RMS error in N m, and relative to the RMS torque",),
+        ("per joint: RMS error in N m (N if it slides), and over the RMS torque",),
+    )
+
+
+def _mse_table(
+    title: str, joints: Sequence[str], reports: Sequence[EstimateReport], which: int
+) -> Table:
+    return Table(
+        title,
+        ("estimate", *joints),
+        tuple(
+            (r.estimate.method, *(f"{mse:.4g}" for mse in r.validation[which].mse))
+            for r in reports
+        ),
+        ("(N m)^2, or N^2 for sliding joints",),
     )
 
 
