@@ -7,6 +7,7 @@ arrow is a function, each noun a frozen value.
 from consistent_id.base import BaseParameters, base_parameters, condition_number
 from consistent_id.base_feasibility import base_feasibility
 from consistent_id.comparison import Comparison, compare
+from consistent_id.constraint_costs import constraint_costs
 from consistent_id.constraints import (
     CentreOfMassBoxes,
     CentreOfMassIn,
@@ -118,6 +119,7 @@ __all__ = [
     "compare",
     "condition_number",
     "constrained_least_squares",
+    "constraint_costs",
     "decimated",
     "differentiated",
     "from_modified_dh",

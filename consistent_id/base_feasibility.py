@@ -50,8 +50,9 @@ class BaseFeasibility:
     Parameters
     ----------
     answer : {"consistent", "impossible", "undecided"}
-        ``"consistent"`` with `parameters` as a witness, ``"impossible"`` with
-        multipliers as a proof (`proof.bound` is negative).
+        ``"consistent"`` with `parameters` as a witness; ``"impossible"`` with
+        multipliers as a proof (`proof.bound` is negative); ``"undecided"`` at the very
+        edge, or when the solver fails.
     proof : Interior
         In dimensionless parameters.
     parameters : ndarray
@@ -71,7 +72,7 @@ class BaseFeasibility:
         if self.answer == "consistent":
             return "a consistent robot with these base parameters exists"
         if self.answer == "undecided":
-            return "at the edge of consistency; neither proven nor refuted"
+            return "neither a body nor a proof that there is none was found"
         if self.violations:
             return "impossible: " + "; ".join(v.statement for v in self.violations)
         blamed = ", ".join(self.proof.to_blame)
@@ -100,7 +101,11 @@ def base_feasibility(
     unit = np.concatenate([inertial_units, np.ones(len(layout) - layout.inertial_size)])
     same_torque = ConicSet.equal(base.projection, base_values, base.groupings)
     domain = (same_torque & lowered(constraints, model)).normalised(unit)
-    proof = find_interior(domain)
+    try:
+        proof = find_interior(domain)
+    except SolverError:
+        nothing = Interior(-np.inf, np.inf, np.zeros(len(layout)), (), ())
+        return BaseFeasibility("undecided", nothing, np.zeros(len(layout)), ())
     violations = []
     if proof.bound < -_UNDECIDED:
         answer = "impossible"
@@ -118,7 +123,10 @@ def _violations(
     for block in domain.blocks:
         if block.label not in links:
             continue
-        alone = find_interior(_only(domain, block))
+        try:
+            alone = find_interior(_only(domain, block))
+        except SolverError:
+            continue  # nothing is known of this link alone
         if alone.bound >= -_UNDECIDED:
             continue
         k = links.index(block.label)

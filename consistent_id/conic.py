@@ -5,7 +5,7 @@ certificate then read alike, each for itself.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 from typing import Self
 
@@ -121,6 +121,15 @@ class ConicSet:
             for block in self.blocks
         )
         return ConicSet(A_eq, b_eq, self.eq_labels, A_in, b_in, self.in_labels, blocks)
+
+    def shrunk(self, size: float) -> "ConicSet":
+        """Rewrite the set for ``v = u / size``; slacks are divided by `size` too."""
+        blocks = tuple(
+            replace(block, constant=block.constant / size) for block in self.blocks
+        )
+        return replace(
+            self, b_eq=self.b_eq / size, b_in=self.b_in / size, blocks=blocks
+        )
 
     def violation(self, x: Vector) -> float:
         """Return the largest violation, zero or more, in the set's own units.

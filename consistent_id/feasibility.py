@@ -64,9 +64,11 @@ def find_interior(domain: ConicSet) -> Interior:
     """
     import cvxpy as cp
 
-    contradiction = _contradiction(domain)
+    contradiction, size = _contradiction(domain)
     if contradiction is not None:
         return contradiction
+    # The solver sees a problem of unit size, however wild the equalities' values are.
+    original, domain = domain, domain.shrunk(size)
     u, t = cp.Variable(domain.A_eq.shape[1]), cp.Variable()
     rows: list[Any] = [t <= 1.0]
     if len(domain.b_eq):
@@ -85,7 +87,7 @@ def find_interior(domain: ConicSet) -> Interior:
         raise SolverError(f"the feasibility problem ended {program.status!r}")
     Z = tuple(_psd((b.dual_value + b.dual_value.T) / 2) for b in blocks)
     y = np.zeros(0) if below is None else np.maximum(np.asarray(below.dual_value), 0.0)
-    point = np.asarray(u.value)
+    point, domain = size * np.asarray(u.value), original
     bound, taken = _bound(domain, point, Z, y)
     return Interior(
         depth=_depth(domain, point),
@@ -96,26 +98,28 @@ def find_interior(domain: ConicSet) -> Interior:
     )
 
 
-def _contradiction(domain: ConicSet) -> Interior | None:
+def _contradiction(domain: ConicSet) -> tuple[Interior | None, float]:
     """Return the proof that the equalities alone exclude each other, if they do.
+
+    And the size of the smallest point that satisfies them, one at the least.
 
     The residual ``y`` of the best approximation obeys ``A_eq^T y = 0`` and
     ``y.b_eq = ||y||^2 > 0``.
     """
     if len(domain.b_eq) == 0:
-        return None
+        return None, 1.0
     u = np.asarray(np.linalg.lstsq(domain.A_eq, domain.b_eq, rcond=None)[0])
     residual = domain.b_eq - domain.A_eq @ u
-    size = float(np.linalg.norm(residual))
-    if size <= _EQUAL * (1.0 + float(np.linalg.norm(domain.b_eq))):
-        return None
+    missed = float(np.linalg.norm(residual))
+    if missed <= _EQUAL * (1.0 + float(np.linalg.norm(domain.b_eq))):
+        return None, max(1.0, float(np.linalg.norm(u)))
     heavy = np.argsort(-abs(residual))
     largest = abs(residual).max()
     blame = tuple(
         domain.eq_labels[i] for i in heavy if abs(residual[i]) > _SHARE * largest
     )
     nothing = tuple(np.zeros_like(block.constant) for block in domain.blocks)
-    return Interior(-size, -size, u, blame, nothing)
+    return Interior(-missed, -missed, u, blame, nothing), 1.0
 
 
 def _depth(domain: ConicSet, u: Vector) -> float:

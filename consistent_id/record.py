@@ -24,6 +24,16 @@ def study_record(study: Study) -> dict[str, Any]:
             ],
             "undetermined": list(study.excitation.undetermined),
         },
+        "constraint_costs": [
+            {
+                "constraint": cost.name,
+                "misfit_increase": cost.increase,
+                "rms_with": cost.rms_with.tolist(),
+                "rms_without": cost.rms_without.tolist(),
+                "verdict": cost.verdict,
+            }
+            for cost in study.costs
+        ],
         "estimates": [_report_record(r) for r in study.comparison.reports],
         "published": (
             None if study.published is None else _published_record(study.published)
@@ -40,8 +50,8 @@ def _report_record(report: EstimateReport) -> dict[str, Any]:
         "base_feasibility": {
             "answer": report.base_feasibility.answer,
             "summary": report.base_feasibility.summary,
-            "depth": report.base_feasibility.proof.depth,
-            "bound": report.base_feasibility.proof.bound,
+            "depth": _number(report.base_feasibility.proof.depth),
+            "bound": _number(report.base_feasibility.proof.bound),
         },
         "least_mass_eigenvalue": report.least_mass_eigenvalue,
         "distance_to_nominal": report.distance_to_nominal.tolist(),
@@ -79,8 +89,8 @@ def _published_record(report: PublishedReport) -> dict[str, Any]:
                 "name": v.name,
                 "answer": v.feasibility.answer,
                 "summary": v.feasibility.summary,
-                "depth": v.feasibility.proof.depth,
-                "bound": v.feasibility.proof.bound,
+                "depth": _number(v.feasibility.proof.depth),
+                "bound": _number(v.feasibility.proof.bound),
                 "nearest": v.nearest.to_dict(),
                 "torque_change": v.torque_change.tolist(),
             }

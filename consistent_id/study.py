@@ -13,6 +13,7 @@ from consistent_id.base import (
     linear_combination,
 )
 from consistent_id.comparison import Comparison, compare
+from consistent_id.constraint_costs import ConstraintCost, constraint_costs
 from consistent_id.constraints import PhysicalConsistency
 from consistent_id.errors import ProblemError
 from consistent_id.estimate import Estimate
@@ -68,6 +69,8 @@ class Study:
     training, validation : tuple of Recording
     excitation : Excitation
     comparison : Comparison
+    costs : tuple of ConstraintCost
+        What each constraint costs in fit, with equal weights for all joints.
     published : PublishedReport, optional
         If the problem has a paper.
     """
@@ -78,6 +81,7 @@ class Study:
     validation: tuple[Recording, ...]
     excitation: Excitation
     comparison: Comparison
+    costs: tuple[ConstraintCost, ...]
     published: PublishedReport | None
 
     @property
@@ -165,6 +169,9 @@ def run_study(problem: Problem) -> Study:
         validation=validation,
         excitation=excitation_of(regression, base),
         comparison=compare(estimates, validation, training=training),
+        costs=constraint_costs(
+            problem.model, regression, problem.constraints, base=base
+        ),
         published=published,
     )
 

@@ -8,6 +8,7 @@ import numpy as np
 from consistent_id._arrays import Array
 from consistent_id.base_feasibility import in_words
 from consistent_id.comparison import Comparison, EstimateReport
+from consistent_id.constraint_costs import ConstraintCost
 from consistent_id.published import PublishedReport
 from consistent_id.study import Excitation, Study
 from consistent_id.tables import Table
@@ -20,6 +21,7 @@ def study_tables(study: Study) -> list[Table]:
         tables += published_tables(study.published, study.problem.table.published)
     tables.append(excitation_table(study.excitation, study.training))
     tables += comparison_tables(study.comparison)
+    tables.append(cost_table(study.costs, study.problem.model.robot.joint_names))
     return tables
 
 
@@ -38,6 +40,27 @@ def excitation_table(excitation: Excitation, training: Sequence[Any]) -> Table:
             *(("condition number", str(number)) for number in excitation.condition),
         ),
         left_open if open_ended else (),
+    )
+
+
+def cost_table(costs: Sequence[ConstraintCost], joints: Sequence[str]) -> Table:
+    """Return what each constraint costs in fit to the training data."""
+    return Table(
+        "What each constraint costs in fit (training data, the others held)",
+        ("constraint", "misfit", *joints, "verdict"),
+        tuple(
+            (
+                cost.name,
+                f"{max(cost.increase, 0.0):.3%}",
+                *(f"{d:.4f}" for d in cost.rms_with - cost.rms_without + 0.0),
+                cost.verdict,
+            )
+            for cost in costs
+        ),
+        (
+            "misfit: relative increase of the best fit's norm; per joint: change of "
+            "the RMS residual in N m (N if it slides)",
+        ),
     )
 
 

@@ -20,6 +20,7 @@ from consistent_id import (
     PointToSet,
     ProblemError,
     Recording,
+    SolverError,
     TorqueModel,
     base_feasibility,
     base_parameters,
@@ -33,6 +34,7 @@ from consistent_id import (
 from consistent_id.certificate import certify, solve_certified
 from consistent_id.cone_program import LeastNorm, solve_least_norm
 from consistent_id.conic import ConicSet, SemidefiniteBlock
+from consistent_id.constraint_costs import constraint_costs
 from consistent_id.feasibility import find_interior
 
 DRIVE = DriveTerms(viscous=True, coulomb="sign", rotor_inertia=True)
@@ -343,3 +345,54 @@ def test_consistency_survives_a_change_of_frame():
     moved = body.transformed(Q * np.sign(np.linalg.det(Q)), rng.normal(size=3))
     assert body.is_consistent()
     assert moved.is_consistent()
+
+
+def test_the_cost_of_a_constraint_is_the_misfit_that_vanishes_without_it():
+    model, truth, log = _pendulum()
+    regression = build_regression(model, simulate_torque(model, 1.5 * truth, log))
+    # The torque is that of a pendulum half as heavy again: only the mass holds it back.
+    costs = constraint_costs(
+        model,
+        regression + build_regression(model, simulate_torque(model, truth, log)),
+        [FixedMasses(), FixedCentresOfMass(), NonNegativeDrive()],
+    )
+    by_name = {cost.name: cost for cost in costs}
+    assert all(cost.verdict == "certified" for cost in costs)
+    # Two logs of 1 and 1.5 times the torque are best fitted by 1.25 times; with h = m c
+    # held, only inertia and friction follow.  Freeing either frees h.
+    Y = model.regressor(log.position, log.velocity, log.acceleration)[0].T
+    kept, tau = [9, 10], Y @ truth
+    target = np.concatenate([tau, 1.5 * tau])
+    fixed = Y[:, :9] @ truth[:9]
+    rows = np.vstack([Y, Y])
+    rest = target - np.concatenate([fixed, fixed])
+    held = rest - rows[:, kept] @ np.linalg.lstsq(rows[:, kept], rest, rcond=None)[0]
+    free = target - rows @ np.linalg.lstsq(rows, target, rcond=None)[0]
+    expected = np.linalg.norm(held) / np.linalg.norm(free) - 1.0
+    assert by_name["FixedMasses"].increase == pytest.approx(expected, rel=1e-4)
+    assert by_name["FixedCentresOfMass"].increase == pytest.approx(expected, rel=1e-4)
+    assert by_name["NonNegativeDrive"].increase == pytest.approx(0.0, abs=1e-6)
+
+
+def test_base_parameters_of_wild_size_are_judged_too():
+    model, truth, _ = _experiment(70, samples=2)
+    base = base_parameters(model)
+    rng = np.random.default_rng(71)
+    for size in (1e3, 1e6, 1e9):
+        wild = size * rng.normal(size=len(base))
+        assert base_feasibility(model, base, wild).answer == "impossible"
+        bodily = base_feasibility(model, base, size * (base.projection @ truth))
+        assert bodily.answer == "consistent"
+
+
+def test_a_failing_solver_leaves_the_question_open(monkeypatch):
+    model, truth, _ = _experiment(72, joints=2, samples=2)
+
+    def fails(*_args, **_options):
+        raise SolverError("out of order")
+
+    monkeypatch.setattr("consistent_id.feasibility.run_clarabel", fails)
+    base = base_parameters(model)
+    answer = base_feasibility(model, base, base.projection @ truth)
+    assert answer.answer == "undecided"
+    assert "neither" in answer.summary

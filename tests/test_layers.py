@@ -15,7 +15,8 @@ trajectory base regression simulation scaling conic constraints._rows
 constraints.datasheet constraints.parameters constraints.shape
 constraints.symmetry constraints priors cone_program
 certificate feasibility estimate base_feasibility estimators.least_squares
-estimators.robust estimators.constrained estimators comparison parametrisation
+estimators.robust estimators.best_fit estimators.constrained estimators
+constraint_costs comparison parametrisation
 problem_file problem_constraints problem published study tables summary record
 figures commands
 """.split()

@@ -11,21 +11,14 @@ Both are cone programmes on the compressed regression; both optima are certified
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from time import perf_counter
 
 import numpy as np
 
-from consistent_id._arrays import Matrix, Vector
+from consistent_id._arrays import Vector
 from consistent_id.base import BaseParameters, base_parameters, parameter_origins
-from consistent_id.certificate import (
-    FEASIBILITY_TOLERANCE,
-    GAP_TOLERANCE,
-    Optimality,
-    solve_certified,
-)
+from consistent_id.certificate import FEASIBILITY_TOLERANCE, GAP_TOLERANCE, Optimality
 from consistent_id.cone_program import ConeSolution, LeastNorm
-from consistent_id.conic import ConicSet
 from consistent_id.constraints import (
     Constraint,
     FixedMasses,
@@ -33,12 +26,18 @@ from consistent_id.constraints import (
     PhysicalConsistency,
     lowered,
 )
-from consistent_id.errors import InfeasibleError, NotExcitedError, SolverError
+from consistent_id.errors import SolverError
 from consistent_id.estimate import Certificate, Estimate
+from consistent_id.estimators.best_fit import (
+    EXACT_FIT,
+    BestFit,
+    best_fit,
+    nominal_point,
+    solved,
+)
 from consistent_id.estimators.least_squares import residual_sigma, solve_linear
-from consistent_id.feasibility import find_interior
 from consistent_id.inertia import pseudo_inertia
-from consistent_id.priors import PointToSet, distance_to_nominal
+from consistent_id.priors import PointToSet
 from consistent_id.regression import Regression
 from consistent_id.regressor import TorqueModel
 from consistent_id.scaling import link_scales
@@ -50,33 +49,10 @@ DEFAULT_CONSTRAINTS: tuple[Constraint, ...] = (
 )
 """Every link a body, masses of the datasheet, friction that dissipates."""
 
-_RESCALE = 10.0  # misfit, in units of the residual, beyond which it is the unit itself
 _WEIGHTS = 20  # weights of the prior tried, at the most
 _STEP = np.log(30.0)  # by which the weight grows or shrinks until it is bracketed
 _NEARER = 0.99  # share to which a weight must bring the distance for the next to pay
 _USED = 0.5  # share of the slack that must be used up
-# Misfits are measured in units of the residual (or of a millionth of the torque, or of
-# the misfit itself where constraints cost far more): half a unit squared is theirs.
-_REFERENCE = 0.5
-_USABLE = 1e-5  # violation beyond which a point is no answer at all
-_EXACT_FIT = 1e-6  # misfit, relative to the torque, that counts as none
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Scaled:
-    """The fit in dimensionless variables ``u = x / unit`` and units of the residual."""
-
-    M: Matrix
-    z: Vector
-    residual: float
-    domain: ConicSet
-    unit: Vector
-
-    def in_units_of(self, size: float) -> "_Scaled":
-        """Return the same fit with misfits divided by `size`."""
-        return replace(
-            self, M=self.M / size, z=self.z / size, residual=self.residual / size
-        )
 
 
 def constrained_least_squares(
@@ -121,22 +97,11 @@ def constrained_least_squares(
     started = perf_counter()
     base = base_parameters(model) if base is None else base
     prior = PointToSet() if prior is None else prior
-    domain = lowered(constraints, model)
-    scaled = _scaled(model, regression, base, domain)
-    drive_units = scaled.unit[model.layout.inertial_size :]
-    G, g = distance_to_nominal(model, prior.distance, drive_units)
-    nominal = _nominal(G * scaled.unit, g)
-    first, best = _best_fit(scaled, nominal)
-    total = _total_misfit(scaled, first)
-    if total > _RESCALE:
-        # Constraints cost far more than the noise: that cost is the problem's unit.
-        scaled = scaled.in_units_of(total)
-        first, best = _best_fit(scaled, nominal)
-    fit = LeastNorm(scaled.M, scaled.z, scaled.domain)
+    fit = best_fit(model, regression, constraints, base=base, distance=prior.distance)
     slack = prior.relative_slack(len(base), sum(regression.counts))
-    second, near = _nearest(fit, first, scaled.residual, slack, G * scaled.unit, g)
+    nearest, near = _nearest(fit, slack)
 
-    x = second.u * scaled.unit
+    x = nearest.u * fit.scaled.unit
     R, columns = regression.stacked(), list(base.independent)
     return Estimate(
         method=method,
@@ -146,12 +111,12 @@ def constrained_least_squares(
         base_covariance=None,
         origins=parameter_origins(
             solve_linear(R[:, columns], R[:, -1]).row_space @ base.projection,
-            domain.A_eq,
+            lowered(constraints, model).A_eq,
             elsewhere="prior",
         ),
         undetermined=(),
         sigma=residual_sigma(regression, x, len(base)),
-        certificate=_certificate(model, x, best, near, slack),
+        certificate=_certificate(model, x, fit.optimality, near, slack),
         notes=(
             f"nearest to nominal ({prior.distance} distance) among estimates whose "
             f"misfit is within {slack:.2%} of the best constrained fit",
@@ -160,51 +125,7 @@ def constrained_least_squares(
     )
 
 
-def _scaled(
-    model: TorqueModel, regression: Regression, base: BaseParameters, domain: ConicSet
-) -> _Scaled:
-    R = regression.stacked()
-    if not R[:, -1].any():
-        raise NotExcitedError(
-            "the torque is zero throughout; check its column, unit and gain"
-        )
-    columns = list(base.independent)
-    Q, R_base = np.linalg.qr(R[:, columns])
-    z = Q.T @ R[:, -1]
-    residual = float(np.linalg.norm(R[:, -1] - Q @ z))
-    inertial = link_scales(model.robot).units
-    norms = np.linalg.norm(R[:, model.layout.inertial_size : -1], axis=0)
-    drive = np.linalg.norm(R[:, -1]) / np.where(norms > 0.0, norms, np.inf)
-    drive = np.where(drive > 0.0, drive, 1.0)
-    unit = np.concatenate([inertial, drive])
-    size = max(residual, _EXACT_FIT * float(np.linalg.norm(R[:, -1])), 1e-300)
-    return _Scaled(
-        M=R_base @ (base.projection * unit) / size,
-        z=z / size,
-        residual=residual / size,
-        domain=domain.normalised(unit),
-        unit=unit,
-    )
-
-
-def _best_fit(scaled: _Scaled, centre: Vector) -> tuple[ConeSolution, Optimality]:
-    fit = LeastNorm(scaled.M, scaled.z, scaled.domain)
-    return _solved(fit, centre)
-
-
-def _total_misfit(scaled: _Scaled, solution: ConeSolution) -> float:
-    misfit = float(np.linalg.norm(scaled.M @ solution.u - scaled.z))
-    return float(np.hypot(misfit, scaled.residual))
-
-
-def _nearest(
-    fit: LeastNorm,
-    best: ConeSolution,
-    residual: float,
-    slack: float,
-    G: Matrix,
-    g: Vector,
-) -> tuple[ConeSolution, Optimality]:
+def _nearest(best: BestFit, slack: float) -> tuple[ConeSolution, Optimality]:
     """Return the point nearest to nominal whose misfit is within `slack` of the best.
 
     The weight of the distance is raised until the misfit uses up the slack, or the
@@ -212,19 +133,23 @@ def _nearest(
     weight is the nearest point for its own misfit, and, unlike a bound on the misfit,
     it is a well-conditioned problem.
     """
-    centre = _nominal(G, g)
-    least = float(np.linalg.norm(fit.G @ best.u - fit.g)) ** 2
-    allowed = max(((1.0 + slack) ** 2 - 1.0) * (least + residual**2), _EXACT_FIT**2)
+    scaled, G, g = best.scaled, best.G, best.g
+    centre = nominal_point(G, g)
+    least = float(np.linalg.norm(scaled.M @ best.solution.u - scaled.z)) ** 2
+    total = least + scaled.residual**2
+    allowed = max(((1.0 + slack) ** 2 - 1.0) * total, EXACT_FIT**2)
     low, high = -np.inf, np.inf
     log_weight, nearest = np.log(allowed), np.inf
     kept: tuple[ConeSolution, Optimality] | None = None
     for _ in range(_WEIGHTS):
         root = np.exp(log_weight / 2)
         problem = LeastNorm(
-            np.vstack([fit.G, root * G]), np.append(fit.g, root * g), fit.domain
+            np.vstack([scaled.M, root * G]),
+            np.append(scaled.z, root * g),
+            scaled.domain,
         )
-        solution, optimality = _solved(problem, centre)
-        excess = float(np.linalg.norm(fit.G @ solution.u - fit.g)) ** 2 - least
+        solution, optimality = solved(problem, centre)
+        excess = float(np.linalg.norm(scaled.M @ solution.u - scaled.z)) ** 2 - least
         if excess <= allowed:
             distance = float(np.linalg.norm(G @ solution.u - g))
             settled = excess >= _USED * allowed or distance >= _NEARER * nearest
@@ -241,33 +166,6 @@ def _nearest(
     if kept is None:
         raise SolverError("no weight of the prior keeps the misfit within its slack")
     return kept
-
-
-def _nominal(G: Matrix, g: Vector) -> Vector:
-    return np.asarray(np.linalg.lstsq(G, g, rcond=None)[0], dtype=np.float64)
-
-
-def _solved(problem: LeastNorm, centre: Vector) -> tuple[ConeSolution, Optimality]:
-    """Solve and certify; when nothing comes of it, ask if a solution can exist."""
-    try:
-        solution, optimality = solve_certified(problem, centre, reference=_REFERENCE)
-    except SolverError as failure:
-        reason = str(failure)
-    else:
-        if optimality.violation <= _USABLE:
-            return solution, optimality
-        reason = f"the best point violates constraints by {optimality.violation:.1e}"
-    interior = find_interior(problem.domain)
-    if interior.proves_empty:
-        raise InfeasibleError(
-            "no parameters satisfy these constraints together. To blame: "
-            f"{'; '.join(interior.to_blame)}. Loosen one of them, or check the "
-            "datasheet values and the margin"
-        )
-    raise SolverError(
-        "no usable optimum, though no contradiction in the constraints was proven: "
-        f"{reason}"
-    )
 
 
 def _certificate(
