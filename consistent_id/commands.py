@@ -66,7 +66,8 @@ def identify_problem(
 def parameter_table(estimate: Estimate) -> Table:
     """Return an estimate's parameters, with standard errors where there are any."""
     layout = estimate.model.layout
-    if estimate.base_covariance is None:
+    errors = estimate.standard_errors
+    if errors is None:
         return Table(
             f"{estimate.method}: {estimate.certificate.verdict}",
             ("parameter", "value", "unit", "rests on"),
@@ -82,8 +83,6 @@ def parameter_table(estimate: Estimate) -> Table:
             ),
             (estimate.certificate.reason, *estimate.notes),
         )
-    errors = estimate.standard_errors
-    assert errors is not None
     return Table(
         f"{estimate.method}: {estimate.certificate.verdict}",
         ("base parameter, led by", "value", "standard error", "unit"),

@@ -2,17 +2,11 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from time import perf_counter
 
 import numpy as np
 
 from consistent_id._arrays import Array, Matrix, Vector
-from consistent_id.base import (
-    BaseParameters,
-    base_parameters,
-    linear_combination,
-    parameter_origins,
-)
+from consistent_id.base import base_parameters, linear_combination
 from consistent_id.base_feasibility import BaseFeasibility, base_feasibility
 from consistent_id.constraints import (
     Constraint,
@@ -24,11 +18,7 @@ from consistent_id.constraints import (
 from consistent_id.errors import ProblemError
 from consistent_id.estimate import Estimate
 from consistent_id.estimators.constrained import constrained_least_squares
-from consistent_id.estimators.least_squares import (
-    residual_sigma,
-    solve_linear,
-    stationarity_certificate,
-)
+from consistent_id.estimators.least_squares import solve_linear
 from consistent_id.inertia import InertialParameters
 from consistent_id.parametrisation import Combination, Parametrisation
 from consistent_id.priors import PointToSet
@@ -256,47 +246,3 @@ def _examined(
     )
     change = regression.residual_rms(nearest.parameters)
     return PublishedVector(name, feasibility, nearest, change)
-
-
-def published_least_squares(
-    problem: Problem, recording: Recording, *, base: BaseParameters | None = None
-) -> Estimate:
-    """Identify as the paper did: its parameters, some fixed from the datasheet.
-
-    The smallest of all vectors that fit best, where the paper's ``Y^T Y`` is singular;
-    the combinations it leaves open are named in the estimate.
-    """
-    started = perf_counter()
-    mine, table = parametrisation_of(problem), published_table(problem)
-    known = lowered((FixedMasses(), FixedCentresOfMass()), problem.model)
-    fixed = mine.places(table.fixed)
-    free = [i for i in range(len(mine)) if i not in fixed]
-    alpha = mine.matrix @ mine.parameters(np.zeros(len(mine)), known)
-    R = mine.factor(recording)
-    target = R[:, -1] - R[:, fixed] @ alpha[fixed]
-    solution = solve_linear(R[:, free], target)
-    alpha[free] = solution.x
-    x = mine.parameters(alpha, known)
-    base = base_parameters(problem.model) if base is None else base
-    regression = build_regression(problem.model, recording)
-    names = tuple(mine.names[i] for i in free)
-    return Estimate(
-        method="least squares as published",
-        model=problem.model,
-        base=base,
-        parameters=x,
-        base_covariance=None,
-        origins=parameter_origins(
-            solution.row_space @ mine.matrix[free], known.A_eq, elsewhere="convention"
-        ),
-        undetermined=tuple(
-            linear_combination(direction, names) for direction in solution.null_space.T
-        ),
-        sigma=residual_sigma(regression, x, solution.rank),
-        certificate=stationarity_certificate(R[:, free], target, solution),
-        notes=(
-            f"the data determine {solution.rank} of {len(free)} free parameters; this "
-            "is the smallest of all vectors that fit best",
-        ),
-        seconds=perf_counter() - started,
-    )

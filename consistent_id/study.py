@@ -26,11 +26,8 @@ from consistent_id.estimators.least_squares import (
 )
 from consistent_id.estimators.robust import huber
 from consistent_id.problem import Problem
-from consistent_id.published import (
-    PublishedReport,
-    check_published,
-    published_least_squares,
-)
+from consistent_id.published import PublishedReport, check_published
+from consistent_id.published_estimate import published_least_squares
 from consistent_id.recording import Recording
 from consistent_id.regression import Regression, build_regression
 from consistent_id.simulation import simulate_torque

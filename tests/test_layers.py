@@ -16,9 +16,8 @@ constraints.datasheet constraints.parameters constraints.shape
 constraints.symmetry constraints priors cone_program
 certificate feasibility estimate base_feasibility estimators.least_squares
 estimators.robust estimators.best_fit estimators.constrained estimators
-constraint_costs comparison parametrisation
-problem_file problem_constraints problem published study tables summary record
-figures commands
+constraint_costs comparison parametrisation problem_file problem_constraints problem
+published published_estimate study tables summary record figures commands
 """.split()
 
 HEAVY = {"cvxpy", "casadi", "pinocchio", "scipy", "matplotlib", "pyarrow", "clarabel"}
