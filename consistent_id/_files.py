@@ -27,6 +27,16 @@ def write_atomically(path: str | Path, content: str | bytes) -> Path:
         ) from None
 
 
+def require_writable(folder: Path) -> None:
+    """Refuse a folder that cannot be written to, before hours of work for it.
+
+    The nearest folder that exists is asked; nothing is made.
+    """
+    standing = next(p for p in (folder, *folder.absolute().parents) if p.exists())
+    if not (standing.is_dir() and os.access(standing, os.W_OK)):
+        raise ProblemError(f"{folder}: cannot be written to; choose another folder")
+
+
 def _written(path: Path, data: bytes) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")

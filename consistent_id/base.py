@@ -37,12 +37,15 @@ class BaseParameters:
         (or without any effect), each in ascending order.
     regrouping : array_like, shape (independent, dependent)
         ``K`` in ``x_base = x_ind + K x_dep``.
+    fingerprint : str
+        Of the torque model they are of, if known.
     """
 
     layout: ParameterLayout
     independent: tuple[int, ...]
     dependent: tuple[int, ...]
     regrouping: Matrix
+    fingerprint: str = ""
 
     def __post_init__(self) -> None:
         shape = (len(self.independent), len(self.dependent))
@@ -96,7 +99,7 @@ def base_parameters(model: TorqueModel, *, seed: int = 0) -> BaseParameters:
     W = random_regressor(model, seed=seed)
     columns = np.concatenate(list(W), axis=1).T
     split = independent_columns(columns)
-    return BaseParameters(model.layout, *split)
+    return BaseParameters(model.layout, *split, fingerprint=model.fingerprint)
 
 
 def random_regressor(model: TorqueModel, *, seed: int = 0) -> Array:

@@ -9,12 +9,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from consistent_id._arrays import Array, Vector
+from consistent_id._arrays import Array, Vector, frozen
 from consistent_id.base import BaseParameters
 from consistent_id.cone_program import LeastNorm, solve_least_norm
 from consistent_id.conic import ConicSet, SemidefiniteBlock
 from consistent_id.constraints import Constraint, PhysicalConsistency, lowered
-from consistent_id.errors import SolverError
+from consistent_id.errors import ProblemError, SolverError
 from consistent_id.feasibility import Interior, find_interior
 from consistent_id.inertia import InertialParameters
 from consistent_id.regressor import TorqueModel
@@ -99,6 +99,9 @@ def base_feasibility(
     layout = model.layout
     inertial_units = link_scales(model.robot).units
     unit = np.concatenate([inertial_units, np.ones(len(layout) - layout.inertial_size)])
+    base_values = frozen(base_values, (len(base),), "base values")
+    if base.layout != layout or base.fingerprint not in ("", model.fingerprint):
+        raise ProblemError("the base parameters are of another torque model")
     same_torque = ConicSet.equal(base.projection, base_values, base.groupings)
     domain = (same_torque & lowered(constraints, model)).normalised(unit)
     try:
@@ -111,8 +114,17 @@ def base_feasibility(
         answer = "impossible"
         violations = _violations(domain, unit, layout.links)
     else:
-        answer = "consistent" if proof.depth >= -_UNDECIDED else "undecided"
+        # A witness must be a body and have these very base parameters.
+        missed = _relative_miss(domain, proof.u)
+        witness = proof.depth >= -_UNDECIDED and missed <= _UNDECIDED
+        answer = "consistent" if witness else "undecided"
     return BaseFeasibility(answer, proof, proof.u * unit, tuple(violations))
+
+
+def _relative_miss(domain: ConicSet, u: Vector) -> float:
+    """Largest residual of the equalities, relative to their values."""
+    residual = abs(domain.A_eq @ u - domain.b_eq)
+    return float(residual.max(initial=0.0) / (1.0 + abs(domain.b_eq).max(initial=0.0)))
 
 
 def _violations(
@@ -167,6 +179,8 @@ def in_words(vector: Array) -> str:
         return f"mass {body.mass:.4g} kg is not positive"
     central = body.central_inertia
     values, axes = np.linalg.eigh(central)
+    if values[0] < 0.0:
+        return f"the least moment of inertia, {values[0]:.4g} kg m^2, is negative"
     excess = values[2] - values[0] - values[1]
     if excess > 0.0:
         axis = np.array2string(axes[:, 2], precision=2, suppress_small=True)

@@ -133,7 +133,7 @@ def solve_certified(
         if optimality.verdict == "certified":
             break
     if not found:
-        raise SolverError("; ".join(failures))
+        raise SolverError("; ".join(dict.fromkeys(failures)))
     return min(found, key=_quality)
 
 

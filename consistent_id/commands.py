@@ -3,7 +3,7 @@
 import json
 from pathlib import Path
 
-from consistent_id._files import write_atomically
+from consistent_id._files import require_writable, write_atomically
 from consistent_id.base import base_parameters
 from consistent_id.estimate import Estimate
 from consistent_id.figures import motion_figure, save_figure, torque_figure
@@ -121,6 +121,8 @@ def compare_problem(
     tables : list of Table
     written : list of Path
     """
+    if output is not None:
+        require_writable(output)
     study = run_study(problem)
     tables = study_tables(study)
     written = []

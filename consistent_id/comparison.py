@@ -126,8 +126,8 @@ def compare(
     if not estimates:
         raise ProblemError("no estimate to compare")
     model = estimates[0].model
-    if any(e.model.layout != model.layout for e in estimates):
-        raise ProblemError("the estimates have different parameters")
+    if any(e.model.fingerprint != model.fingerprint for e in estimates):
+        raise ProblemError("the estimates have different parameters, or are of others")
     poses = random_poses(model, POSES, seed)
     reports = (
         EstimateReport(
@@ -160,6 +160,8 @@ def torque_error(estimate: Estimate, recording: Recording) -> TorqueError:
     measured = recording.of(estimate.model.robot.joint_names).torque
     if measured is None:
         raise ProblemError(f"{recording.name} has no torque to compare with")
+    if not measured.any():
+        raise ProblemError(f"{recording.name}: its torque is zero throughout")
     error = measured - estimate.predict(recording)
     rms = np.sqrt(np.mean(error**2, axis=0))
     size = np.sqrt(np.mean(measured**2, axis=0))
@@ -188,8 +190,9 @@ def random_poses(model: TorqueModel, count: int, seed: int) -> Array:
     for joint in model.robot.joints:
         reach = 1.0 if joint.kind == "prismatic" else np.pi
         low, high = joint.limits.lower, joint.limits.upper
-        lower.append(low if np.isfinite(low) else -reach)
-        upper.append(high if np.isfinite(high) else reach)
+        low = low if np.isfinite(low) else min(-reach, high - reach)
+        lower.append(low)
+        upper.append(high if np.isfinite(high) else max(reach, low + reach))
     return rng.uniform(lower, upper, (count, len(model.robot)))
 
 

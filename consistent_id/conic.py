@@ -12,6 +12,7 @@ from typing import Self
 import numpy as np
 
 from consistent_id._arrays import Array, Matrix, Vector, frozen
+from consistent_id.errors import ProblemError
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,6 +67,16 @@ class ConicSet:
     b_in: Vector
     in_labels: tuple[str, ...]
     blocks: tuple[SemidefiniteBlock, ...] = ()
+
+    def __post_init__(self) -> None:
+        for A, b, labels in (
+            (self.A_eq, self.b_eq, self.eq_labels),
+            (self.A_in, self.b_in, self.in_labels),
+        ):
+            fine = np.isfinite(A).all(axis=1) & np.isfinite(b)
+            if not fine.all():
+                label = labels[int(np.argmin(fine))]
+                raise ProblemError(f"constraint {label!r} is not of finite numbers")
 
     @classmethod
     def everything(cls, size: int) -> Self:

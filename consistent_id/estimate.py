@@ -3,7 +3,7 @@
 import json
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Self, get_args
 
 import numpy as np
 
@@ -14,6 +14,8 @@ from consistent_id.certificate import Verdict
 from consistent_id.errors import ProblemError
 from consistent_id.recording import Recording
 from consistent_id.regressor import TorqueModel
+
+_FORMAT = "consistent_id estimate 1"
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,7 +145,7 @@ class Estimate:
         errors = self.standard_errors
         layout = self.model.layout
         return {
-            "format": "consistent_id estimate 1",
+            "format": _FORMAT,
             "robot": self.model.robot.name,
             "method": self.method,
             "certificate": {
@@ -202,7 +204,9 @@ class Estimate:
         """
         record = _read(Path(path))
         try:
-            named = record["parameters"]
+            named, verdict = record["parameters"], record["certificate"]["verdict"]
+            if record["format"] != _FORMAT or verdict not in get_args(Verdict):
+                raise ProblemError(f"{path}: not an estimate in the form {_FORMAT!r}")
             if tuple(named) != model.layout.names:
                 raise ProblemError(
                     f"{path}: its parameters are not those of robot "
@@ -216,7 +220,7 @@ class Estimate:
                 base_covariance=None,
                 origins=tuple(entry["origin"] for entry in named.values()),
                 undetermined=tuple(record["undetermined"]),
-                sigma=np.array(list(record["sigma"].values())),
+                sigma=np.array([record["sigma"][j] for j in model.robot.joint_names]),
                 certificate=Certificate(**record["certificate"]),
                 notes=tuple(record["notes"]),
                 seconds=record["seconds"],

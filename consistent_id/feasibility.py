@@ -20,6 +20,7 @@ from consistent_id.errors import SolverError
 
 _EQUAL = 1e-9  # residual beyond which equalities contradict each other
 _SMALL = 1e-7  # of several deepest points, prefer a small one
+_ROUNDING = 1e-9  # bound nearer to zero than this proves nothing
 _VALUES = 3  # equalities named in a proof, at the most
 _SHARE = 0.01  # least share of the blame, of the largest, that is worth naming
 
@@ -51,7 +52,7 @@ class Interior:
     @property
     def proves_empty(self) -> bool:
         """True iff the multipliers prove that no point exists."""
-        return self.bound < 0.0
+        return self.bound < -_ROUNDING
 
 
 def find_interior(domain: ConicSet) -> Interior:

@@ -51,7 +51,7 @@ class PointToSet:
         """Return the slack for these counts of base parameters and rows."""
         if self.slack is not None:
             return self.slack
-        return float(np.sqrt(1.0 + base / max(rows - base, 1)) - 1.0)
+        return min(float(np.sqrt(1.0 + base / max(rows - base, 1)) - 1.0), 1.0)
 
 
 def distance_to_nominal(

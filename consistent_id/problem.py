@@ -229,7 +229,7 @@ def _prepared(
     )
     recording = differentiated(recording)
     # Cut last: filters and differences need the samples on either side.
-    return decimated(trimmed(recording, start, stop), todo.decimate)
+    return trimmed(decimated(recording, todo.decimate), start, stop)
 
 
 def _ends(amplitude: float | list[float]) -> tuple[float, float]:

@@ -178,7 +178,7 @@ class SimulationTable(Table, frozen=True, kw_only=True):
     training: str
     validation: str
     noise: NonNegative | list[NonNegative]
-    seed: int = 0
+    seed: Annotated[int, Meta(ge=0)] = 0
 
 
 class CombinationTable(Table, frozen=True, kw_only=True):
@@ -210,7 +210,7 @@ class PublishedTable(Table, frozen=True, kw_only=True):
 class ProblemTable(Table, frozen=True, kw_only=True):
     """The whole file."""
 
-    name: str
+    name: Annotated[str, Meta(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
     model: ModelTable
     description: str = ""
     source: str = ""

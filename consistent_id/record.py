@@ -19,7 +19,11 @@ def study_record(study: Study) -> dict[str, Any]:
             "structural_rank": study.excitation.structural_rank,
             "data_rank": study.excitation.data_rank,
             "condition_numbers": [
-                {"value": c.value, "basis": c.basis, "column_scaling": c.scaling}
+                {
+                    "value": _number(c.value),
+                    "basis": c.basis,
+                    "column_scaling": c.scaling,
+                }
                 for c in study.excitation.condition
             ],
             "undetermined": list(study.excitation.undetermined),
@@ -64,7 +68,7 @@ def _error_record(error: TorqueError) -> dict[str, Any]:
         "rms": error.rms.tolist(),
         "relative": [_number(share) for share in error.relative],
         "mse": error.mse.tolist(),
-        "stacked": error.stacked,
+        "stacked": _number(error.stacked),
     }
 
 

@@ -15,7 +15,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._arrays import Array, IntArray, Matrix, Vector, frozen
-from consistent_id.base import STRUCTURAL_TOLERANCE, random_regressor
+from consistent_id.base import (
+    STRUCTURAL_TOLERANCE,
+    BaseParameters,
+    random_regressor,
+)
 from consistent_id.errors import NotExcitedError, ProblemError, RecordingError
 from consistent_id.parameters import ParameterLayout
 from consistent_id.recording import Recording
@@ -40,6 +44,8 @@ class Regression:
     sigma : array_like, shape (joints,), optional, [N m or N]
         Noise standard deviation by which each joint's rows are divided in `stacked`;
         by default ones.
+    fingerprint : str
+        Of the torque model it was built with, if known.
     """
 
     layout: ParameterLayout
@@ -47,6 +53,7 @@ class Regression:
     factors: tuple[Matrix, ...]
     counts: tuple[int, ...]
     sigma: Vector = None  # type: ignore[assignment]
+    fingerprint: str = ""
 
     def __post_init__(self) -> None:
         n, width = len(self.joints), len(self.layout) + 1
@@ -67,7 +74,8 @@ class Regression:
 
     def __add__(self, other: "Regression") -> Self:
         """Merge two regressions of one torque model."""
-        if (self.layout, self.joints) != (other.layout, other.joints):
+        mine = (self.layout, self.joints, self.fingerprint)
+        if mine != (other.layout, other.joints, other.fingerprint):
             raise ProblemError("regressions of different models cannot be added")
         if not np.array_equal(self.sigma, other.sigma):
             raise ProblemError("regressions with different weights cannot be added")
@@ -170,7 +178,44 @@ def build_regression(
         joints=model.robot.joint_names,
         factors=tuple(expanded),
         counts=(counts,) * len(model.robot),
+        fingerprint=model.fingerprint,
     )
+
+
+def require_match(
+    model: TorqueModel, regression: Regression, base: BaseParameters
+) -> None:
+    """Refuse a regression or base parameters of another torque model, or no torque.
+
+    Raises
+    ------
+    ProblemError
+        If layouts, joints or fingerprints differ.
+    NotExcitedError
+        If a joint's torque is zero throughout: a dead channel, not a joint at ease.
+    """
+    for what, found in (("regression", regression), ("base parameters", base)):
+        same = found.layout == model.layout and found.fingerprint in (
+            "",
+            model.fingerprint,
+        )
+        if not same:
+            raise ProblemError(
+                f"the {what} are of another torque model: geometry, gravity, drive "
+                "terms or names differ. Build them with this model"
+            )
+    if regression.joints != model.robot.joint_names:
+        raise ProblemError(
+            f"the regression is of joints {regression.joints}, the model has "
+            f"{model.robot.joint_names}"
+        )
+    rms = regression.torque_rms
+    dead = [j for j, size in zip(regression.joints, rms, strict=True) if size == 0.0]
+    if dead:
+        raise NotExcitedError(
+            f"the torque is zero throughout for {', '.join(dead)}; check column, unit "
+            "and gain, or leave the joint out of the model"
+        )
 
 
 class _Motion(NamedTuple):

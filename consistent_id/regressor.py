@@ -6,6 +6,7 @@ drive terms of each joint.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from hashlib import sha256
 from typing import Any
 
 import numpy as np
@@ -32,6 +33,12 @@ class TorqueModel:
     drive : DriveTerms or tuple of DriveTerms
         Friction and drive terms, for all joints alike or joint by joint.
 
+    Attributes
+    ----------
+    layout : ParameterLayout
+    fingerprint : str
+        Of geometry, gravity and drive terms: what belongs together has the same.
+
     Examples
     --------
     >>> from consistent_id import DHRow, DriveTerms, from_modified_dh
@@ -45,6 +52,7 @@ class TorqueModel:
     drive: DriveTerms | tuple[DriveTerms, ...] = field(default_factory=DriveTerms)
     terms: tuple[DriveTerms, ...] = field(init=False)
     layout: ParameterLayout = field(init=False)
+    fingerprint: str = field(init=False)
 
     def __post_init__(self) -> None:
         robot, drive = self.robot, self.drive
@@ -68,6 +76,9 @@ class TorqueModel:
         )
         object.__setattr__(self, "terms", drive)
         object.__setattr__(self, "layout", layout)
+        content = repr((joint_geometry(robot), robot.gravity.tolist(), drive, layout))
+        digest = sha256(content.encode()).hexdigest()[:16]
+        object.__setattr__(self, "fingerprint", digest)
 
     def regressor(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Array:
         """Return the regressor of samples.

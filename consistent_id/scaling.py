@@ -8,6 +8,7 @@ from consistent_id._arrays import Array, Vector
 from consistent_id.inertia import InertialParameters
 from consistent_id.model import RobotModel
 
+_MASSLESS = 1e-3  # mass of a link stated to have none, over the mean of the others
 _THIN = 1e-3  # least ratio of a reference body's thickness to its size
 
 
@@ -35,14 +36,19 @@ class LinkScales:
 def link_scales(robot: RobotModel) -> LinkScales:
     """Return each link's typical mass and length.
 
-    Mass: of the datasheet, else nominal, else the mean of those known, else 1 kg.
+    Mass: of the datasheet, else nominal, else the mean of those known, else 1 kg; a
+    thousandth of that mean for a link whose nominal mass is zero.
     Length: the distance to the farthest joint that the link carries, else to the joint
     that carries it, but no less than a tenth of the robot's longest.
     """
     known = [_known_mass(robot, k) for k in range(len(robot))]
     stated = [m for m in known if m is not None]
     typical = float(np.mean(stated)) if stated else 1.0
-    mass = np.array([typical if m is None else m for m in known])
+    # A link that the model states to be massless is one, nearly; an unknown one is not.
+    guess = [
+        typical if link.nominal is None else _MASSLESS * typical for link in robot.links
+    ]
+    mass = np.array([g if m is None else m for m, g in zip(known, guess, strict=True)])
 
     reach = np.array([np.linalg.norm(joint.translation) for joint in robot.joints])
     length = reach.copy()

@@ -11,6 +11,7 @@ from consistent_id._arrays import Matrix
 from consistent_id.errors import RecordingError
 from consistent_id.recording import Recording
 
+_SLOWEST = 0.8  # new rate over old, below which resampling needs a filter first
 _LOWEST = 1e-5  # cut-off over sampling rate
 _JITTER = 1e-3  # steps that differ by less than this fraction count as uniform
 
@@ -35,6 +36,12 @@ def resampled(
     from scipy.interpolate import CubicSpline
 
     _positive(rate, "rate")
+    if rate < _SLOWEST * recording.rate:
+        raise RecordingError(
+            f"{recording.name}: from {recording.rate:.6g} Hz to {rate:g} Hz what is "
+            "faster would fold back into the signal. Resample at about the recording's "
+            "own rate, then call signals.decimated"
+        )
     time = recording.time
     steps = np.diff(time)
     limit = 10.0 / recording.rate if max_gap is None else max_gap

@@ -41,8 +41,8 @@ def simulate_torque(
     torque = model.predict(
         parameters, motion.position, motion.velocity, motion.acceleration
     )
-    sigma = np.broadcast_to(np.asarray(noise, dtype=float), torque.shape[1:])
-    sigma = frozen(sigma, torque.shape[1:], "noise")
+    shape = torque.shape[1:] if np.ndim(noise) else ()
+    sigma = frozen(noise, shape, "noise")
     if sigma.any():
         if rng is None:
             raise ProblemError("noise needs a random generator; pass rng=")

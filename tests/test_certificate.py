@@ -12,7 +12,12 @@ from consistent_id import (
     base_parameters,
 )
 from consistent_id.certificate import certify, solve_certified
-from consistent_id.cone_program import LeastNorm, solve_least_norm
+from consistent_id.cone_program import (
+    ConeSolution,
+    LeastNorm,
+    Multipliers,
+    solve_least_norm,
+)
 from consistent_id.conic import ConicSet, SemidefiniteBlock
 from consistent_id.feasibility import find_interior
 
@@ -155,3 +160,21 @@ def test_a_failing_solver_leaves_the_question_open(monkeypatch):
     answer = base_feasibility(model, base, base.projection @ truth)
     assert answer.answer == "undecided"
     assert "neither" in answer.summary
+
+
+@pytest.mark.parametrize("kind", ["block", "row"])
+def test_slack_that_a_multiplier_pays_for_counts_into_the_gap(kind):
+    # Least (u + 1)^2 / 2 over u >= 0: the optimum is 0.  At u = 0.5 the multiplier 1.5
+    # explains the whole gradient, so the gap is complementarity alone: 1.5 * 0.5.
+    if kind == "block":
+        block = SemidefiniteBlock("u", np.ones((1, 1, 1)), np.zeros((1, 1)), np.ones(1))
+        domain = ConicSet.semidefinite([block], 1)
+        multipliers = Multipliers(np.zeros(0), np.zeros(0), (np.array([[1.5]]),))
+    else:
+        domain = ConicSet.at_most(np.array([[-1.0]]), np.zeros(1), ["u >= 0"])
+        multipliers = Multipliers(np.zeros(0), np.array([1.5]), ())
+    problem = LeastNorm(np.eye(1), np.array([-1.0]), domain)
+    point = ConeSolution(np.array([0.5]), multipliers, "made up", 0.0, 0.0)
+    optimality = certify(problem, point, np.zeros(1))
+    assert optimality.stationarity == pytest.approx(0.0, abs=1e-15)
+    assert optimality.gap * optimality.objective == pytest.approx(0.75)

@@ -1,5 +1,7 @@
 """Least squares: SciPy's answer, known truth, standard errors, open directions."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import scipy.linalg
@@ -108,17 +110,18 @@ def test_nothing_moves_and_nothing_weighs_is_refused():
         solve_linear(np.zeros((5, 3)), np.ones(5))
 
 
-def test_standard_errors_are_the_scatter_over_repeated_experiments():
-    model, truth, log = _experiment(4, joints=2, samples=300)
+@pytest.mark.parametrize("sigma", [[1.0, 1.0], [0.5, 0.05], [0.2, 0.1]])
+def test_standard_errors_are_the_scatter_over_repeated_experiments(sigma):
+    # Whatever the weights, right or wrong: the errors are of the estimator as used.
+    model, _, log = _experiment(4, joints=2, samples=300)
     base = base_parameters(model)
     rng = np.random.default_rng(5)
     noise = np.array([0.5, 0.05])
     estimates = []
     for _ in range(300):
-        noisy = simulate_torque(model, truth, log, noise=noise, rng=rng)
-        estimates.append(
-            least_squares(model, build_regression(model, noisy), base=base)
-        )
+        shaken = replace(log, torque=log.torque + rng.normal(size=(300, 2)) * noise)
+        regression = build_regression(model, shaken).weighted(sigma)
+        estimates.append(least_squares(model, regression, base=base))
     scatter = np.std([e.base_values for e in estimates], axis=0, ddof=1)
     stated = np.mean([e.standard_errors for e in estimates], axis=0)
     # A standard deviation of 300 has itself a relative error of 4 %; five of them.
@@ -153,8 +156,6 @@ def test_hubers_loss_shrugs_off_outliers_that_ruin_least_squares():
     torque = log.torque.copy()
     rng = np.random.default_rng(9)
     torque[rng.random(torque.shape) < 0.03] += 100.0
-    from dataclasses import replace
-
     spoiled = replace(log, torque=torque)
     base = base_parameters(model)
     expected = base.projection @ truth

@@ -88,7 +88,10 @@ def inequalities(
     labels: Sequence[str],
     model: TorqueModel,
 ) -> ConicSet:
-    """Return ``{x : rows x <= limits}``, also for no row at all."""
+    """Return ``{x : rows x <= limits}``; infinite limits are none."""
+    limited = [i for i, limit in enumerate(limits) if limit != np.inf]
     return ConicSet.at_most(
-        stack_rows(rows, model.layout), np.array(limits, dtype=np.float64), labels
+        stack_rows([rows[i] for i in limited], model.layout),
+        np.array([limits[i] for i in limited], dtype=np.float64),
+        [labels[i] for i in limited],
     )

@@ -96,6 +96,10 @@ class MassBounds:
         known_links(bounds, model, "mass bounds")
         rows, limits, labels = [], [], []
         for link, (low, high) in bounds.items():
+            if not low <= high:
+                raise ProblemError(
+                    f"mass bounds of {link}: {low:g} kg is not below {high:g} kg"
+                )
             row = unit_row(model.layout, f"{link}.m")
             rows += [-row, row]
             limits += [-low, high]
@@ -127,6 +131,10 @@ class FixedCentresOfMass:
         known_links(centres, model, "fixed centre of mass")
         rows, labels = [], []
         for link, com in centres.items():
+            if len(com) != 3:
+                raise ProblemError(
+                    f"centre of mass of {link}: {com}, expected 3 values"
+                )
             for axis, c in zip("xyz", com, strict=True):
                 rows.append(offset_row(model.layout, link, axis, c))
                 labels.append(f"{link}: centre of mass {axis} = {c:g} m")

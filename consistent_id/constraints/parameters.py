@@ -12,6 +12,7 @@ from consistent_id.constraints._rows import (
     unit_row,
 )
 from consistent_id.errors import ProblemError
+from consistent_id.parameters import DRIVE_NAMES
 from consistent_id.regressor import TorqueModel
 
 
@@ -20,6 +21,13 @@ class NonNegativeDrive:
     """Friction and rotor inertia that dissipate and store, never the reverse."""
 
     terms: tuple[str, ...] = ("viscous", "coulomb", "rotor_inertia")
+
+    def __post_init__(self) -> None:
+        unknown = sorted(set(self.terms) - set(DRIVE_NAMES))
+        if unknown:
+            raise ProblemError(
+                f"drive terms {unknown} are unknown; known: {', '.join(DRIVE_NAMES)}"
+            )
 
     def lower(self, model: TorqueModel) -> ConicSet:
         """Return ``x_i >= 0`` for the named terms of all joints."""

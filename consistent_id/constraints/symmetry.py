@@ -37,6 +37,7 @@ class EqualLinks:
     def lower(self, model: TorqueModel) -> ConicSet:
         """Return ten equalities."""
         known_links({self.first: None, self.second: None}, model, "equal links")
+        require_axes([] if self.mirror is None else [self.mirror], "mirror")
         if self.first == self.second:
             raise ProblemError(f"equal links: {self.first!r} is named twice")
         rows, labels = [], []
@@ -67,6 +68,7 @@ class SymmetricLink:
     def lower(self, model: TorqueModel) -> ConicSet:
         """Return zero for every parameter that is odd in a plane's normal."""
         known_links({self.link: None}, model, "symmetric link")
+        require_axes(self.planes, "planes")
         odd = [
             f"{self.link}.{name}"
             for name in INERTIAL_NAMES
@@ -97,6 +99,8 @@ class TotalMass:
         """Return one equality or two inequalities."""
         links = model.layout.links if self.links is None else tuple(self.links)
         known_links(dict.fromkeys(links), model, "total mass")
+        if not links or len(set(links)) != len(links):
+            raise ProblemError(f"total mass of links {links}: expected distinct names")
         low, high = self.lower_bound, self.upper_bound
         if not 0.0 <= low <= high < np.inf:
             raise ProblemError(
@@ -109,3 +113,10 @@ class TotalMass:
             return ConicSet.equal(row, np.array([low]), [f"total mass = {low:g} kg"])
         labels = [f"total mass >= {low:g} kg", f"total mass <= {high:g} kg"]
         return ConicSet.at_most(np.vstack([-row, row]), np.array([-low, high]), labels)
+
+
+def require_axes(axes: Sequence[str], what: str) -> None:
+    """Refuse anything but ``x``, ``y`` and ``z``."""
+    wrong = [axis for axis in axes if axis not in ("x", "y", "z")]
+    if wrong:
+        raise ProblemError(f"{what}: {wrong} are not among x, y and z")

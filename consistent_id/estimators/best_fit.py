@@ -1,7 +1,7 @@
 """The least misfit that constraints allow, made dimensionless and certified."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,20 +11,19 @@ from consistent_id.certificate import Optimality, solve_certified
 from consistent_id.cone_program import ConeSolution, LeastNorm
 from consistent_id.conic import ConicSet
 from consistent_id.constraints import Constraint, lowered
-from consistent_id.errors import InfeasibleError, NotExcitedError, SolverError
+from consistent_id.errors import InfeasibleError, SolverError
 from consistent_id.feasibility import find_interior
 from consistent_id.priors import Distance, distance_to_nominal
-from consistent_id.regression import Regression
+from consistent_id.regression import Regression, require_match
 from consistent_id.regressor import TorqueModel
 from consistent_id.scaling import link_scales
 
 EXACT_FIT = 1e-6
 """Misfit, relative to the torque, that counts as none."""
 
-_RESCALE = 10.0  # misfit, in units of the residual, beyond which it is the unit itself
-# Misfits are measured in units of the residual (or of a millionth of the torque, or of
-# the misfit itself where constraints cost far more): half a unit squared is theirs.
-_REFERENCE = 0.5
+# Misfits are measured in units of the residual, or of a millionth of the torque: half
+# a unit squared is theirs.
+REFERENCE = 0.5
 _USABLE = 1e-5  # violation beyond which a point is no answer at all
 
 
@@ -37,12 +36,6 @@ class ScaledFit:
     residual: float
     domain: ConicSet
     unit: Vector
-
-    def in_units_of(self, size: float) -> "ScaledFit":
-        """Return the same fit with misfits divided by `size`."""
-        return replace(
-            self, M=self.M / size, z=self.z / size, residual=self.residual / size
-        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,23 +83,16 @@ def best_fit(
     G, g = distance_to_nominal(model, distance, drive_units)
     G = G * scaled.unit
     centre = nominal_point(G, g)
-    solution, optimality = _best_fit(scaled, centre)
-    total = _total_misfit(scaled, solution)
-    if total > _RESCALE:
-        # Constraints cost far more than the noise: that cost is the problem's unit.
-        scaled = scaled.in_units_of(total)
-        solution, optimality = _best_fit(scaled, centre)
+    fit = LeastNorm(scaled.M, scaled.z, scaled.domain)
+    solution, optimality = solved(fit, centre)
     return BestFit(scaled, solution, optimality, G, g)
 
 
 def _scaled_fit(
     model: TorqueModel, regression: Regression, base: BaseParameters, domain: ConicSet
 ) -> ScaledFit:
+    require_match(model, regression, base)
     R = regression.stacked()
-    if not R[:, -1].any():
-        raise NotExcitedError(
-            "the torque is zero throughout; check its column, unit and gain"
-        )
     columns = list(base.independent)
     Q, R_base = np.linalg.qr(R[:, columns])
     z = Q.T @ R[:, -1]
@@ -126,16 +112,6 @@ def _scaled_fit(
     )
 
 
-def _best_fit(scaled: ScaledFit, centre: Vector) -> tuple[ConeSolution, Optimality]:
-    fit = LeastNorm(scaled.M, scaled.z, scaled.domain)
-    return solved(fit, centre)
-
-
-def _total_misfit(scaled: ScaledFit, solution: ConeSolution) -> float:
-    misfit = float(np.linalg.norm(scaled.M @ solution.u - scaled.z))
-    return float(np.hypot(misfit, scaled.residual))
-
-
 def nominal_point(G: Matrix, g: Vector) -> Vector:
     """Return the nominal robot in dimensionless variables."""
     return np.asarray(np.linalg.lstsq(G, g, rcond=None)[0], dtype=np.float64)
@@ -144,7 +120,7 @@ def nominal_point(G: Matrix, g: Vector) -> Vector:
 def solved(problem: LeastNorm, centre: Vector) -> tuple[ConeSolution, Optimality]:
     """Solve and certify; when nothing comes of it, ask if a solution can exist."""
     try:
-        solution, optimality = solve_certified(problem, centre, reference=_REFERENCE)
+        solution, optimality = solve_certified(problem, centre, reference=REFERENCE)
     except SolverError as failure:
         reason = str(failure)
     else:

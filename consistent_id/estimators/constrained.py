@@ -12,6 +12,7 @@ Both are cone programmes on the compressed regression; both optima are certified
 
 from collections.abc import Sequence
 from time import perf_counter
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,7 +30,7 @@ from consistent_id.constraints import (
 from consistent_id.errors import SolverError
 from consistent_id.estimate import Certificate, Estimate
 from consistent_id.estimators.best_fit import (
-    EXACT_FIT,
+    REFERENCE,
     BestFit,
     best_fit,
     nominal_point,
@@ -51,7 +52,8 @@ DEFAULT_CONSTRAINTS: tuple[Constraint, ...] = (
 
 _WEIGHTS = 20  # weights of the prior tried, at the most
 _STEP = np.log(30.0)  # by which the weight grows or shrinks until it is bracketed
-_NEARER = 0.99  # share to which a weight must bring the distance for the next to pay
+_STILL = 0.01  # change of the robot, in distances, below which a weight is enough
+_DISTANCE_GAP = 0.01  # relative gap of the squared distance (or of 0.01) allowed
 _USED = 0.5  # share of the slack that must be used up
 
 
@@ -99,9 +101,9 @@ def constrained_least_squares(
     prior = PointToSet() if prior is None else prior
     fit = best_fit(model, regression, constraints, base=base, distance=prior.distance)
     slack = prior.relative_slack(len(base), sum(regression.counts))
-    nearest, near = _nearest(fit, slack)
+    near = _nearest(fit, slack)
 
-    x = nearest.u * fit.scaled.unit
+    x = near.solution.u * fit.scaled.unit
     R, columns = regression.stacked(), list(base.independent)
     return Estimate(
         method=method,
@@ -125,7 +127,15 @@ def constrained_least_squares(
     )
 
 
-def _nearest(best: BestFit, slack: float) -> tuple[ConeSolution, Optimality]:
+class _Nearest(NamedTuple):
+    """Result of the prior's stage; `share` bounds the relative gap of the distance."""
+
+    solution: ConeSolution
+    optimality: Optimality
+    share: float
+
+
+def _nearest(best: BestFit, slack: float) -> _Nearest:
     """Return the point nearest to nominal whose misfit is within `slack` of the best.
 
     The weight of the distance is raised until the misfit uses up the slack, or the
@@ -137,9 +147,9 @@ def _nearest(best: BestFit, slack: float) -> tuple[ConeSolution, Optimality]:
     centre = nominal_point(G, g)
     least = float(np.linalg.norm(scaled.M @ best.solution.u - scaled.z)) ** 2
     total = least + scaled.residual**2
-    allowed = max(((1.0 + slack) ** 2 - 1.0) * total, EXACT_FIT**2)
+    allowed = ((1.0 + slack) ** 2 - 1.0) * max(total, 1.0)
     low, high = -np.inf, np.inf
-    log_weight, nearest = np.log(allowed), np.inf
+    log_weight, share = np.log(allowed), np.inf
     kept: tuple[ConeSolution, Optimality] | None = None
     for _ in range(_WEIGHTS):
         root = np.exp(log_weight / 2)
@@ -151,10 +161,12 @@ def _nearest(best: BestFit, slack: float) -> tuple[ConeSolution, Optimality]:
         solution, optimality = solved(problem, centre)
         excess = float(np.linalg.norm(scaled.M @ solution.u - scaled.z)) ** 2 - least
         if excess <= allowed:
-            distance = float(np.linalg.norm(G @ solution.u - g))
-            settled = excess >= _USED * allowed or distance >= _NEARER * nearest
+            moved = np.inf if kept is None else G @ (solution.u - kept[0].u)
+            settled = excess >= _USED * allowed or np.linalg.norm(moved) <= _STILL
             if kept is None or optimality.verdict == "certified":
-                kept, low, nearest = (solution, optimality), log_weight, distance
+                kept, low = (solution, optimality), log_weight
+                distance = float(np.linalg.norm(G @ solution.u - g)) ** 2
+                share = _distance_gap(optimality, root**2) / max(distance, _STILL)
             if settled:
                 break
         else:
@@ -165,11 +177,17 @@ def _nearest(best: BestFit, slack: float) -> tuple[ConeSolution, Optimality]:
             log_weight = (low + high) / 2
     if kept is None:
         raise SolverError("no weight of the prior keeps the misfit within its slack")
-    return kept
+    return _Nearest(kept[0], kept[1], float(share))
+
+
+def _distance_gap(optimality: Optimality, weight: float) -> float:
+    """Bound on what the squared distance exceeds the least by, for its misfit."""
+    total = optimality.gap * max(optimality.objective, REFERENCE)
+    return 2.0 * total / weight
 
 
 def _certificate(
-    model: TorqueModel, x: Vector, fit: Optimality, near: Optimality, slack: float
+    model: TorqueModel, x: Vector, fit: Optimality, near: "_Nearest", slack: float
 ) -> Certificate:
     scales = link_scales(model.robot).root
     links = x[: model.layout.inertial_size].reshape(-1, 10)
@@ -180,21 +198,23 @@ def _certificate(
     figures = {
         "fit: relative gap": fit.gap,
         "fit: violation": fit.violation,
-        "prior: relative gap": near.gap,
-        "prior: violation": near.violation,
+        "prior: relative gap of the squared distance": near.share,
+        "prior: violation": near.optimality.violation,
         "slack": slack,
         "least eigenvalue of J, per typical link": least,
     }
-    worst = max(fit.gap, near.gap), max(fit.violation, near.violation)
-    if "uncertified" not in (fit.verdict, near.verdict):
+    violation = max(fit.violation, near.optimality.violation)
+    fine = fit.verdict == "certified" and near.optimality.verdict == "certified"
+    if fine and near.share <= _DISTANCE_GAP:
         reason = (
-            f"both optima within a relative {worst[0]:.1e} of their duality bounds, "
-            f"constraints violated by at most {worst[1]:.1e}"
+            f"best fit proven to a relative {fit.gap:.1e}, squared distance to nominal "
+            f"to {near.share:.1e}, constraints violated by at most {violation:.1e}"
         )
         return Certificate("certified", reason, figures)
     reason = (
-        f"relative gap {worst[0]:.1e} (allowed {GAP_TOLERANCE:.0e}), violation "
-        f"{worst[1]:.1e} (allowed {FEASIBILITY_TOLERANCE:.0e}); the estimate is usable "
-        "only as far as these figures say"
+        f"relative gap of the best fit {fit.gap:.1e} (allowed {GAP_TOLERANCE:.0e}), of "
+        f"the squared distance {near.share:.1e} (allowed {_DISTANCE_GAP:.0e}), "
+        f"violation {violation:.1e} (allowed {FEASIBILITY_TOLERANCE:.0e}); the "
+        "estimate is usable only as far as these figures say"
     )
     return Certificate("uncertified", reason, figures)

@@ -18,9 +18,9 @@ from consistent_id.base import (
     linear_combination,
     parameter_origins,
 )
-from consistent_id.errors import NotExcitedError
+from consistent_id.errors import NotExcitedError, ProblemError
 from consistent_id.estimate import Certificate, Estimate
-from consistent_id.regression import Regression
+from consistent_id.regression import Regression, require_match
 from consistent_id.regressor import TorqueModel
 
 DATA_RANK_TOLERANCE = 1e-10
@@ -118,16 +118,20 @@ def least_squares(
     """
     started = perf_counter()
     base = base_parameters(model) if base is None else base
+    require_match(model, regression, base)
     R = regression.stacked()
     A, b = R[:, list(base.independent)], R[:, -1]
     solution = solve_linear(A, b)
     parameters = base.lift(solution.x)
     sigma = residual_sigma(regression, parameters, solution.rank)
-    covariance = _covariance(regression, base, solution, sigma)
+    redundant = sum(regression.counts) > solution.rank
+    covariance = _covariance(regression, base, solution, sigma) if redundant else None
     undetermined = tuple(
         linear_combination(direction, base.names) for direction in solution.null_space.T
     )
     notes = ["standard errors are for white noise"]
+    if not redundant:
+        notes = ["no more rows than parameters: the noise is unknown, so are errors"]
     if undetermined:
         notes.append(
             f"the data determine {solution.rank} of {len(base)} base parameters; this "
@@ -185,6 +189,9 @@ def joint_noise(
     vanishes is given a millionth of its torque.
     """
     base = base_parameters(model) if base is None else base
+    require_match(model, regression, base)
+    if iterations < 1:
+        raise ProblemError(f"iterations is {iterations}, expected 1 or more")
     floor = 1e-6 * np.maximum(regression.torque_rms, 1e-12)
     columns = list(base.independent)
     sigma = regression.sigma

@@ -55,6 +55,8 @@ def huber(
     started = perf_counter()
     if not 0.0 < k < np.inf:
         raise ProblemError(f"k is {k}, expected a positive number of deviations")
+    if iterations < 1:
+        raise ProblemError(f"iterations is {iterations}, expected 1 or more")
     if isinstance(recordings, Recording):
         recordings = [recordings]
     base = base_parameters(model) if base is None else base
@@ -85,8 +87,9 @@ def huber(
     return replace(
         estimate,
         sigma=scale,
+        base_covariance=None,  # the weights depend on the data
         certificate=_certificate(change, tolerance),
-        notes=(*estimate.notes, f"Huber's loss, k = {k:g}"),
+        notes=(f"Huber's loss, k = {k:g}; no standard errors are computed",),
         seconds=perf_counter() - started,
     )
 
