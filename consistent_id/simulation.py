@@ -47,4 +47,4 @@ def simulate_torque(
         if rng is None:
             raise ProblemError("noise needs a random generator; pass rng=")
         torque = torque + rng.normal(size=torque.shape) * sigma
-    return replace(motion, torque=torque)
+    return replace(motion, torque=torque, name=f"{motion.name} (simulated)")
