@@ -19,7 +19,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 import consistent_id as ci
-from consistent_id.estimators import constrained
+from consistent_id.estimators import best_fit
 
 DRIVE = ci.DriveTerms(viscous=True, coulomb="sign", offset=True, rotor_inertia=True)
 
@@ -177,20 +177,20 @@ def solve_table(repeats: int) -> str:
     base = ci.base_parameters(model)
     weighted = regression.weighted(ci.joint_noise(model, regression, base=base))
     solutions = []
-    original = constrained.solve_certified
+    original = best_fit.solve_certified
 
     def recorded(*args: object, **options: object) -> object:
         result = original(*args, **options)  # type: ignore[arg-type]
         solutions.append(result[0])
         return result
 
-    constrained.solve_certified = recorded  # type: ignore[assignment]
+    best_fit.solve_certified = recorded  # type: ignore[assignment]
     times = []
     for _ in range(repeats + 1):
         started = perf_counter()
         estimate = ci.constrained_least_squares(model, weighted, base=base)
         times.append(perf_counter() - started)
-    constrained.solve_certified = original
+    best_fit.solve_certified = original
     build = statistics.median(s.build_seconds for s in solutions[1:])
     solve = statistics.median(s.solve_seconds for s in solutions[1:])
     programmes = len(solutions) / (repeats + 1)
