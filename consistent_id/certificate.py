@@ -8,12 +8,15 @@ multipliers of the right sign leaves
 
 where ``r`` is what the multipliers fail to explain.  On the steps that equalities
 allow, its part along a singular vector of ``G`` with value ``s`` costs at most
-``r_s^2 / (2 s^2)``, and at most ``|r_s| |d_s|``, which serves where ``G`` is flat.  The
-sum is the gap.  It holds whatever the solver did, against all ``v`` in a ball about a
+``r_s^2 / (2 s^2)``; along any others together, where ``G`` is flat, at most what the
+linear function gains in a ball, ``radius ||r|| - r.(centre - u)``.  The least such sum
+is the gap.  It holds whatever the solver did, against all ``v`` in a ball about a
 centre (the nominal robot) that is `RADIUS` times as large as the centre itself.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -21,13 +24,16 @@ import numpy as np
 from consistent_id._arrays import Matrix, Vector
 from consistent_id.cone_program import (
     TOLERANCES,
+    Ball,
     ConeSolution,
     LeastNorm,
-    Multipliers,
     solve_least_norm,
 )
+from consistent_id.cones import Multipliers
 from consistent_id.errors import SolverError
+from consistent_id.second_opinion import FORMULATIONS, solve_anew
 
+_FINE = (1e-12, 1e-10)  # tolerances within the ball, where numbers are tame
 _NULL = 1e-12  # singular values below this, relative to the largest, are zero
 
 Verdict = Literal["certified", "uncertified", "refused"]
@@ -110,21 +116,48 @@ def certify(
     )
 
 
+def ball_about(centre: Vector) -> Ball:
+    """Return the ball in which proofs hold."""
+    return Ball(centre, RADIUS * (1.0 + float(np.linalg.norm(centre))))
+
+
 def solve_certified(
     problem: LeastNorm, centre: Vector, *, reference: float = 0.0
 ) -> tuple[ConeSolution, Optimality]:
-    """Solve at one tolerance after another until certified; else return the best.
+    """Try one way after another until a solution is certified; else return the best.
+
+    At several tolerances; then within the ball of the proof; then about the best point
+    so far; then in another formulation; another solver is asked only when nothing
+    usable was found.
 
     Raises
     ------
     SolverError
-        If no tolerance gives a point.
+        If no way gives a point.
     """
+    within = ball_about(centre)
+    solve = partial(solve_least_norm, problem)
     found: list[tuple[ConeSolution, Optimality]] = []
     failures: list[str] = []
-    for tolerance in TOLERANCES:
+
+    def best() -> tuple[ConeSolution, Optimality]:
+        return min(found, key=_quality)
+
+    def about_the_best(tolerance: float) -> ConeSolution:
+        origin = best()[0].u if found else None
+        return solve(tolerance=tolerance, within=within, origin=origin)
+
+    ways: list[Callable[[], ConeSolution]] = [
+        *(partial(solve, tolerance=t) for t in TOLERANCES),
+        *(partial(solve, tolerance=t, within=within) for t in _FINE),
+        *(partial(about_the_best, t) for t in 2 * _FINE),
+        *(partial(solve_anew, problem, name) for name in FORMULATIONS),
+    ]
+    for way in ways:
+        if way is ways[-1] and found and best()[1].violation <= FEASIBILITY_TOLERANCE:
+            break
         try:
-            solution = solve_least_norm(problem, tolerance=tolerance)
+            solution = way()
         except SolverError as failure:
             failures.append(str(failure))
             continue
@@ -134,7 +167,7 @@ def solve_certified(
             break
     if not found:
         raise SolverError("; ".join(dict.fromkeys(failures)))
-    return min(found, key=_quality)
+    return best()
 
 
 def _quality(pair: tuple[ConeSolution, Optimality]) -> tuple[bool, float]:
@@ -151,14 +184,16 @@ def _cost_of_rest(problem: LeastNorm, rest: Vector, u: Vector, centre: Vector) -
     _, s, Vt = np.linalg.svd(problem.G @ E)
     s = np.append(s, np.zeros(len(Vt) - len(s)))
     along, to_centre = Vt @ (E.T @ rest), Vt @ (E.T @ (centre - u))
-    radius = RADIUS * (1.0 + float(np.linalg.norm(centre)))
     with np.errstate(divide="ignore", invalid="ignore"):
         turns = np.where(s > 0.0, (along / s) ** 2 / 2, np.inf)
-    # Flat is where the ball ends before the parabola turns.
-    flat = turns > abs(along) * (radius + abs(to_centre))
-    across = along[flat]
-    ends = float(np.linalg.norm(across)) * radius + abs(float(across @ to_centre[flat]))
-    return float(np.sum(turns[~flat])) + ends
+    # The first k, whose parabolas turn latest, are taken as flat; the best k counts.
+    order = np.argsort(-turns)
+    along, to_centre = along[order], to_centre[order]
+    parabolas = np.append(np.cumsum(turns[order][::-1])[::-1], 0.0)
+    sizes = np.sqrt(np.append(0.0, np.cumsum(along**2)))
+    gains = np.append(0.0, np.cumsum(along * to_centre))
+    ends = np.maximum(ball_about(centre).radius * sizes - gains, 0.0)
+    return float((parabolas + ends).min())
 
 
 def _null_space(A: Matrix) -> Matrix:

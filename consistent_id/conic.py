@@ -142,6 +142,29 @@ class ConicSet:
             self, b_eq=self.b_eq / size, b_in=self.b_in / size, blocks=blocks
         )
 
+    def moved(self, origin: Vector) -> "ConicSet":
+        """Rewrite the set for ``v = u - origin``."""
+        blocks = tuple(replace(b, constant=b.value(origin)) for b in self.blocks)
+        b_eq, b_in = self.b_eq - self.A_eq @ origin, self.b_in - self.A_in @ origin
+        return replace(self, b_eq=b_eq, b_in=b_in, blocks=blocks)
+
+    def snapped(self, x: Vector) -> Vector:
+        """Return `x` with rows on a single parameter made to hold to the last digit.
+
+        A mass is then the datasheet's and friction is not -1e-12.
+        """
+        x = x.copy()
+        for A, b, equal in (
+            (self.A_in, self.b_in, False),
+            (self.A_eq, self.b_eq, True),
+        ):
+            for row in np.flatnonzero(np.count_nonzero(A, axis=1) == 1):
+                i = int(np.flatnonzero(A[row])[0])
+                bound = b[row] / A[row, i]
+                if equal or A[row, i] * x[i] > b[row]:
+                    x[i] = bound
+        return x
+
     def violation(self, x: Vector) -> float:
         """Return the largest violation, zero or more, in the set's own units.
 

@@ -8,15 +8,13 @@ while any body would make it zero or more.
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from consistent_id._arrays import Matrix, Vector
 from consistent_id.certificate import RADIUS
-from consistent_id.cone_program import run_clarabel
+from consistent_id.cones import ConeRows, set_multipliers, set_rows, solve_cones
 from consistent_id.conic import ConicSet
-from consistent_id.errors import SolverError
 
 _EQUAL = 1e-9  # residual beyond which equalities contradict each other
 _SMALL = 1e-7  # of several deepest points, prefer a small one
@@ -63,32 +61,26 @@ def find_interior(domain: ConicSet) -> Interior:
     SolverError
         If the solver returns no point.
     """
-    import cvxpy as cp
-
     contradiction, size = _contradiction(domain)
     if contradiction is not None:
         return contradiction
     # The solver sees a problem of unit size, however wild the equalities' values are.
     original, domain = domain, domain.shrunk(size)
-    u, t = cp.Variable(domain.A_eq.shape[1]), cp.Variable()
-    rows: list[Any] = [t <= 1.0]
-    if len(domain.b_eq):
-        rows.append(domain.A_eq @ u == domain.b_eq)
-    below = domain.A_in @ u + t <= domain.b_in if len(domain.b_in) else None
-    blocks = []
-    for block in domain.blocks:
-        k = len(block.scale)
-        flat = block.coefficients.reshape(-1, k * k).T
-        F = cp.reshape(flat @ u + block.constant.ravel(), (k, k), order="C")
-        blocks.append(F - t * np.eye(k) >> 0)
-    constraints = [*rows, *blocks, *([] if below is None else [below])]
-    program = cp.Problem(cp.Maximize(t - _SMALL * cp.norm(u)), constraints)
-    run_clarabel(program, max_iter=200)
-    if u.value is None:
-        raise SolverError(f"the feasibility problem ended {program.status!r}")
-    Z = tuple(_psd((b.dual_value + b.dual_value.T) / 2) for b in blocks)
-    y = np.zeros(0) if below is None else np.maximum(np.asarray(below.dual_value), 0.0)
-    point, domain = size * np.asarray(u.value), original
+    width = domain.A_eq.shape[1]
+    # Variables (t, r, u): t <= 1 and ||u|| <= r, of which a little is to be small.
+    norm = np.zeros((1 + width, 2 + width))
+    norm[0, 1], norm[1:, 2:] = -1.0, -np.eye(width)
+    cost, capped = np.zeros(2 + width), np.zeros((1, 2 + width))
+    cost[:2], capped[0, 0] = (-1.0, _SMALL), 1.0
+    rows = [
+        *set_rows(domain, depth=True, others=2),
+        ConeRows("nonnegative", capped, np.ones(1)),
+        ConeRows("second order", norm, np.zeros(1 + width)),
+    ]
+    solved = solve_cones(cost, rows)
+    duals = set_multipliers(domain, solved.duals[:-2])
+    Z, y = duals.blocks, duals.at_most
+    point, domain = size * solved.x[2:], original
     bound, taken = _bound(domain, point, Z, y)
     return Interior(
         depth=_depth(domain, point),
@@ -176,8 +168,3 @@ def _blame(
 def _described(label: str) -> str:
     """Blocks that are bodies are labelled with no more than their link's name."""
     return label if ":" in label else f"link {label!r} as a body"
-
-
-def _psd(Z: Matrix) -> Matrix:
-    values, vectors = np.linalg.eigh(Z)
-    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)

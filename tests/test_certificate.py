@@ -15,9 +15,9 @@ from consistent_id.certificate import certify, solve_certified
 from consistent_id.cone_program import (
     ConeSolution,
     LeastNorm,
-    Multipliers,
     solve_least_norm,
 )
+from consistent_id.cones import Multipliers
 from consistent_id.conic import ConicSet, SemidefiniteBlock
 from consistent_id.feasibility import find_interior
 
@@ -155,7 +155,7 @@ def test_a_failing_solver_leaves_the_question_open(monkeypatch):
     def fails(*_args, **_options):
         raise SolverError("out of order")
 
-    monkeypatch.setattr("consistent_id.feasibility.run_clarabel", fails)
+    monkeypatch.setattr("consistent_id.feasibility.solve_cones", fails)
     base = base_parameters(model)
     answer = base_feasibility(model, base, base.projection @ truth)
     assert answer.answer == "undecided"

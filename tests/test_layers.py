@@ -13,9 +13,10 @@ errors _newton_euler _files _arrays inertia parameters model loaders._urdf_lint
 loaders.urdf loaders.modified_dh loaders friction regressor recording readers signals
 trajectory base regression simulation scaling conic constraints._rows
 constraints.datasheet constraints.parameters constraints.shape
-constraints.symmetry constraints priors cone_program
-certificate feasibility estimate base_feasibility estimators.least_squares
-estimators.robust estimators.best_fit estimators.constrained estimators
+constraints.symmetry constraints priors cones cone_program
+second_opinion certificate feasibility estimate base_feasibility
+estimators.least_squares estimators.robust estimators.best_fit
+estimators.constrained estimators
 constraint_costs comparison parametrisation problem_file problem_constraints problem
 published published_estimate study tables summary record figures commands
 """.split()

@@ -58,6 +58,11 @@ class BestFit:
     g: Vector
 
     @property
+    def problem(self) -> LeastNorm:
+        """The least-norm problem that was solved."""
+        return LeastNorm(self.scaled.M, self.scaled.z, self.scaled.domain)
+
+    @property
     def parameters(self) -> Vector:
         """The best fitting parameters, in original units; open ones as they fell."""
         return self.solution.u * self.scaled.unit
