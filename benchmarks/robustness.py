@@ -21,7 +21,9 @@ from consistent_id.certificate import ball_about
 from consistent_id.cones import Multipliers
 from consistent_id.conic import ConicSet
 from consistent_id.constraints import lowered
-from consistent_id.estimators.best_fit import best_fit, nominal_point
+from consistent_id.distances import nominal_distance
+from consistent_id.estimators.best_fit import best_fit
+from consistent_id.link_condition import link_conditions
 from consistent_id.second_opinion import FORMULATIONS, solve_anew
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
@@ -145,7 +147,8 @@ def mistakes(
     model, found = problem.model, []
     if not problem.possible:
         found.append("certified what no body satisfies")
-    if not all(ci.comparison.consistent_links(estimate)):
+    links = link_conditions(model, estimate.parameters)
+    if not all(link.consistent for link in links):
         found.append("a link is no body")
     domain = lowered(problem.constraints, model).normalised(
         np.maximum(abs(estimate.parameters), 1.0)
@@ -163,10 +166,11 @@ def mistakes(
     others = {"the truth": truth} if problem.possible else {}
     for formulation in FORMULATIONS:
         try:
-            others[formulation] = solve_anew(fit.problem, formulation).u
+            others[formulation] = solve_anew(fit.scaled.problem, formulation).u
         except ci.SolverError:
             continue
-    centre = nominal_point(fit.G, fit.g)
+    unit = fit.scaled.unit
+    centre = nominal_distance(model, "pullback", unit).nominal
     ball = ball_about(centre)
     for name, u in others.items():
         # Certificates speak of feasible points in the ball; what a point outside gains
@@ -174,7 +178,11 @@ def mistakes(
         outside = fit.scaled.domain.violation(u)
         if outside > 1e-7 or np.linalg.norm(u - centre) > ball.radius:
             continue
-        theirs = 0.5 * float(np.linalg.norm(fit.problem.G @ u - fit.problem.g)) ** 2
+        theirs = (
+            0.5
+            * float(np.linalg.norm(fit.scaled.problem.G @ u - fit.scaled.problem.g))
+            ** 2
+        )
         theirs += outside * size_of(fit.solution.multipliers)
         if mine - theirs > AGREEMENT * max(mine, 0.5):
             found.append(f"{name} fits better")

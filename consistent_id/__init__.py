@@ -47,7 +47,7 @@ from consistent_id.friction import DriveTerms
 from consistent_id.inertia import InertialParameters
 from consistent_id.loaders import DHRow, from_modified_dh, load_urdf
 from consistent_id.model import Datasheet, Joint, JointLimits, Link, RobotModel
-from consistent_id.priors import PointToSet
+from consistent_id.priors import Penalty, PointToSet
 from consistent_id.problem import Problem, load_problem
 from consistent_id.readers import Columns, read_recording
 from consistent_id.recording import Recording
@@ -98,6 +98,7 @@ __all__ = [
     "NonNegativeDrive",
     "NotExcitedError",
     "ParameterBounds",
+    "Penalty",
     "PhysicalConsistency",
     "PointToSet",
     "Polytope",

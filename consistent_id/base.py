@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from consistent_id._arrays import Array, Matrix, Vector, frozen
+from consistent_id._threads import single_threaded
 from consistent_id.errors import NotExcitedError
 from consistent_id.parameters import ParameterLayout
 from consistent_id.regressor import TorqueModel
@@ -90,6 +91,7 @@ class BaseParameters:
         return P.T @ np.linalg.solve(P @ P.T, base)
 
 
+@single_threaded
 def base_parameters(model: TorqueModel, *, seed: int = 0) -> BaseParameters:
     """Find the base parameters of a robot from random motions, deterministically.
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from consistent_id._arrays import Array, Vector, frozen
+from consistent_id._threads import single_threaded
 from consistent_id.base import BaseParameters
 from consistent_id.cone_program import LeastNorm, solve_least_norm
 from consistent_id.conic import ConicSet, SemidefiniteBlock
@@ -79,6 +80,7 @@ class BaseFeasibility:
         return f"impossible: {blamed} contradict each other"
 
 
+@single_threaded
 def base_feasibility(
     model: TorqueModel,
     base: BaseParameters,

@@ -82,6 +82,8 @@ def certify(
     centre: Vector,
     *,
     reference: float = 0.0,
+    objective: float | None = None,
+    curvature: Matrix | None = None,
 ) -> Optimality:
     """Recompute feasibility and the duality gap of a solution.
 
@@ -93,11 +95,18 @@ def certify(
         Centre of the ball in which the proof holds.
     reference : float
         What the gap is measured against, if larger than the objective.
+    objective : float, optional
+        Value of a convex function whose gradient at the solution is the problem's; by
+        default the problem's own objective.
+    curvature : ndarray, shape (rows, parameters), optional
+        ``C`` such that the function has a curvature of ``C^T C`` or more; by default
+        the problem's ``G``.
     """
     u, domain = solution.u, problem.domain
     misfit = problem.G @ u - problem.g
-    objective = float(misfit @ misfit) / 2
-    rest, duals = _unexplained(problem, u, solution.multipliers)
+    objective = float(misfit @ misfit) / 2 if objective is None else objective
+    curvature = problem.G if curvature is None else curvature
+    rest, duals = unexplained(problem, u, solution.multipliers)
     slack = 0.0
     slack += float(abs(duals.equal @ (domain.b_eq - domain.A_eq @ u)))
     slack += float(duals.at_most @ np.maximum(domain.b_in - domain.A_in @ u, 0.0))
@@ -105,7 +114,8 @@ def certify(
         slack += max(0.0, float(np.sum(Z * block.scaled(u))))
     violation = domain.violation(u)
     stationarity = float(np.linalg.norm(rest))
-    gap = slack + _cost_of_rest(problem, rest, u, centre)
+    E = null_space(domain.A_eq)
+    gap = slack + _cost_of_rest(curvature @ E, E.T @ rest, E.T @ (centre - u), centre)
     gap = min(gap, objective)  # the optimum is not below 0
     scale = max(objective, reference)
     return Optimality(
@@ -175,15 +185,16 @@ def _quality(pair: tuple[ConeSolution, Optimality]) -> tuple[bool, float]:
     return optimality.violation > FEASIBILITY_TOLERANCE, optimality.gap
 
 
-def _cost_of_rest(problem: LeastNorm, rest: Vector, u: Vector, centre: Vector) -> float:
-    """Bound ``-rest.d - 1/2 ||G d||^2`` for feasible ``u + d`` in the ball.
+def _cost_of_rest(
+    curvature: Matrix, rest: Vector, to_centre: Vector, centre: Vector
+) -> float:
+    """Bound ``-rest.d - 1/2 ||curvature d||^2`` for steps ``d`` that end in the ball.
 
-    Feasible steps lie in the null space of the equalities, so only that part counts.
+    All in coordinates of the steps that equalities allow.
     """
-    E = _null_space(problem.domain.A_eq)
-    _, s, Vt = np.linalg.svd(problem.G @ E)
+    _, s, Vt = np.linalg.svd(curvature)
     s = np.append(s, np.zeros(len(Vt) - len(s)))
-    along, to_centre = Vt @ (E.T @ rest), Vt @ (E.T @ (centre - u))
+    along, to_centre = Vt @ rest, Vt @ to_centre
     with np.errstate(divide="ignore", invalid="ignore"):
         turns = np.where(s > 0.0, (along / s) ** 2 / 2, np.inf)
     # The first k, whose parabolas turn latest, are taken as flat; the best k counts.
@@ -196,13 +207,14 @@ def _cost_of_rest(problem: LeastNorm, rest: Vector, u: Vector, centre: Vector) -
     return float((parabolas + ends).min())
 
 
-def _null_space(A: Matrix) -> Matrix:
+def null_space(A: Matrix) -> Matrix:
+    """Return an orthonormal basis of the steps that leave ``A x`` as it is."""
     _, s, Vt = np.linalg.svd(A)
     rank = int((s > _NULL * s.max(initial=0.0)).sum())
     return Vt[rank:].T
 
 
-def _unexplained(
+def unexplained(
     problem: LeastNorm, u: Vector, duals: Multipliers
 ) -> tuple[Vector, Multipliers]:
     """Gradient left over by the multipliers; those of equalities are refined first."""

@@ -1,27 +1,22 @@
 """Estimates side by side: held-out torque, consistency, distance to nominal."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from consistent_id._arrays import Array, Vector
+from consistent_id._arrays import Vector
+from consistent_id._threads import single_threaded
 from consistent_id.base_feasibility import BaseFeasibility, base_feasibility
 from consistent_id.certificate import Verdict
+from consistent_id.distances import pullback_distance
 from consistent_id.errors import ProblemError
 from consistent_id.estimate import Estimate
-from consistent_id.inertia import pseudo_inertia
-from consistent_id.priors import pullback_distance
+from consistent_id.link_condition import LinkCondition, link_conditions
+from consistent_id.mass_matrix import POSES, least_mass_eigenvalue, random_poses
 from consistent_id.recording import Recording
 from consistent_id.regressor import TorqueModel
-from consistent_id.scaling import link_scales, reference_bodies
-
-POSES = 10_000
-"""Random poses at which the mass matrix is examined."""
-
-_CONSISTENT = (
-    1e-9  # eigenvalues of J, per typical mass and length, above -this are >= 0
-)
+from consistent_id.scaling import reference_bodies
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,8 +54,8 @@ class EstimateReport:
     estimate : Estimate
     training : tuple of TorqueError
     validation : tuple of TorqueError
-    consistent_links : tuple of bool
-        Whether each link of the standard parameters, as they stand, is a body.
+    links : tuple of LinkCondition
+        How far each link of the standard parameters, as they stand, is a body.
     base_feasibility : BaseFeasibility
         Whether any body has the estimate's base parameters.
     least_mass_eigenvalue : float, [kg m^2 or kg]
@@ -72,10 +67,15 @@ class EstimateReport:
     estimate: Estimate
     training: tuple[TorqueError, ...]
     validation: tuple[TorqueError, ...]
-    consistent_links: tuple[bool, ...]
+    links: tuple[LinkCondition, ...]
     base_feasibility: BaseFeasibility
     least_mass_eigenvalue: float
     distance_to_nominal: Vector
+
+    @property
+    def consistent_links(self) -> tuple[bool, ...]:
+        """Whether each link is a body."""
+        return tuple(link.consistent for link in self.links)
 
     @property
     def verdict(self) -> Verdict:
@@ -100,6 +100,7 @@ class Comparison:
         raise ProblemError(f"no estimate by {method!r}; there are: {known}")
 
 
+@single_threaded
 def compare(
     estimates: Sequence[Estimate],
     validation: Sequence[Recording],
@@ -134,7 +135,7 @@ def compare(
             estimate=estimate,
             training=tuple(torque_error(estimate, r) for r in training),
             validation=tuple(torque_error(estimate, r) for r in validation),
-            consistent_links=consistent_links(estimate),
+            links=link_conditions(model, estimate.parameters),
             base_feasibility=base_feasibility(
                 model, estimate.base, estimate.base_values
             ),
@@ -171,50 +172,3 @@ def torque_error(estimate: Estimate, recording: Recording) -> TorqueError:
         rms / np.where(size > 0.0, size, np.nan),
         float(np.linalg.norm(error) / np.linalg.norm(measured)),
     )
-
-
-def consistent_links(estimate: Estimate) -> tuple[bool, ...]:
-    """Tell, for each link of the standard parameters, whether it is a body."""
-    roots = link_scales(estimate.model.robot).root
-    least = [
-        float(np.linalg.eigvalsh(J / np.outer(root, root))[0])
-        for J, root in zip(pseudo_inertia(estimate.links), roots, strict=True)
-    ]
-    return tuple(value >= -_CONSISTENT for value in least)
-
-
-def random_poses(model: TorqueModel, count: int, seed: int) -> Array:
-    """Return random positions within the joints' limits, shape (count, joints)."""
-    rng = np.random.default_rng(seed)
-    lower, upper = [], []
-    for joint in model.robot.joints:
-        reach = 1.0 if joint.kind == "prismatic" else np.pi
-        low, high = joint.limits.lower, joint.limits.upper
-        low = low if np.isfinite(low) else min(-reach, high - reach)
-        lower.append(low)
-        upper.append(high if np.isfinite(high) else max(reach, low + reach))
-    return rng.uniform(lower, upper, (count, len(model.robot)))
-
-
-def mass_matrices(model: TorqueModel, parameters: Vector, q: Array) -> Array:
-    """Return mass matrices, shape (poses, joints, joints), [kg m^2 or kg].
-
-    Column ``j`` is the torque of a unit acceleration of joint ``j`` from rest without
-    gravity, friction or offsets; rotor inertia is part of it.
-    """
-    still = replace(model.robot, gravity=np.zeros(3))
-    drive = tuple(replace(terms, offset=False) for terms in model.terms)
-    bare = TorqueModel(still, drive)
-    x = np.array([parameters[model.layout.index(name)] for name in bare.layout.names])
-    n = len(model.robot)
-    columns = [
-        bare.predict(x, q, np.zeros_like(q), np.tile(unit, (len(q), 1)))
-        for unit in np.eye(n)
-    ]
-    return np.stack(columns, axis=2)
-
-
-def least_mass_eigenvalue(model: TorqueModel, parameters: Vector, q: Array) -> float:
-    """Return the smallest eigenvalue of the mass matrix over poses."""
-    M = mass_matrices(model, parameters, q)
-    return float(np.linalg.eigvalsh((M + M.transpose(0, 2, 1)) / 2).min())

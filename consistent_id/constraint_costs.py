@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from consistent_id._arrays import Vector
+from consistent_id._threads import single_threaded
 from consistent_id.base import BaseParameters, base_parameters
 from consistent_id.certificate import Verdict
 from consistent_id.constraints import Constraint
@@ -43,6 +44,7 @@ class ConstraintCost:
         return type(self.constraint).__name__
 
 
+@single_threaded
 def constraint_costs(
     model: TorqueModel,
     regression: Regression,

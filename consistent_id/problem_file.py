@@ -116,7 +116,7 @@ class PriorTable(Table, frozen=True, kw_only=True):
     """What settles the parameters that data leave open."""
 
     slack: Annotated[float, Meta(gt=0.0, lt=1.0)] | None = None
-    distance: Literal["pullback", "euclidean"] = "pullback"
+    distance: Literal["pullback", "euclidean", "entropic"] = "pullback"
 
 
 class ColumnsTable(Table, frozen=True, kw_only=True):

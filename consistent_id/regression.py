@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._arrays import Array, IntArray, Matrix, Vector, frozen
+from consistent_id._threads import single_threaded
 from consistent_id.base import (
     STRUCTURAL_TOLERANCE,
     BaseParameters,
@@ -110,6 +111,7 @@ class Regression:
         return self.residual_rms(np.zeros(len(self.layout)))
 
 
+@single_threaded
 def build_regression(
     model: TorqueModel,
     recordings: Recording | Sequence[Recording],
@@ -134,8 +136,6 @@ def build_regression(
     NotExcitedError
         If there is no recording.
     """
-    from threadpoolctl import threadpool_limits
-
     recordings = [recordings] if isinstance(recordings, Recording) else list(recordings)
     if not recordings:
         raise NotExcitedError("there is no recording to learn from")
@@ -161,7 +161,7 @@ def build_regression(
     # inside a factorisation of this size make it slower, and change its last bits.
     # Pieces are merged in order, whatever the number of workers.
     merged: list[Matrix] = []
-    with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(_WORKERS) as pool:
+    with ThreadPoolExecutor(_WORKERS) as pool:
         for factors in pool.map(compressed, pieces):
             merged = (
                 [triangle(np.vstack(p)) for p in zip(merged, factors, strict=True)]

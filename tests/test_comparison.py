@@ -19,7 +19,8 @@ from consistent_id import (
     simulate_torque,
 )
 from consistent_id.base_feasibility import in_words
-from consistent_id.comparison import mass_matrices, torque_error
+from consistent_id.comparison import torque_error
+from consistent_id.mass_matrix import mass_matrices
 from consistent_id.summary import comparison_tables
 from consistent_id.tables import Table
 

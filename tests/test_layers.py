@@ -9,13 +9,14 @@ PACKAGE = Path(consistent_id.__file__).parent
 
 # Each module may import only from those before it.
 ORDER = """
-errors _newton_euler _files _arrays inertia parameters model loaders._urdf_lint
+errors _newton_euler _files _arrays _threads inertia parameters model loaders._urdf_lint
 loaders.urdf loaders.modified_dh loaders friction regressor recording readers signals
 trajectory base regression simulation scaling conic constraints._rows
 constraints.datasheet constraints.parameters constraints.shape
-constraints.symmetry constraints priors cones cone_program
+constraints.symmetry constraints priors cones distances cone_program
 second_opinion certificate feasibility estimate base_feasibility
-estimators.least_squares estimators.robust estimators.best_fit
+link_condition mass_matrix estimators.least_squares estimators.robust
+estimators.scaled_fit estimators.best_fit estimators.penalised estimators.nearest
 estimators.constrained estimators
 constraint_costs comparison parametrisation problem_file problem_constraints problem
 published published_estimate study tables summary record figures commands

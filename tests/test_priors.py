@@ -1,5 +1,7 @@
 """Distances to nominal, scales and origins of parameters, by direct computation."""
 
+from typing import get_args
+
 import numpy as np
 import pytest
 from robots import random_body, random_robot
@@ -7,6 +9,7 @@ from robots import random_body, random_robot
 from consistent_id import (
     Datasheet,
     DHRow,
+    DriveTerms,
     InertialParameters,
     PointToSet,
     ProblemError,
@@ -14,7 +17,8 @@ from consistent_id import (
     from_modified_dh,
 )
 from consistent_id.base import parameter_origins
-from consistent_id.priors import distance_to_nominal, pullback_distance
+from consistent_id.distances import nominal_distance, pullback_distance
+from consistent_id.priors import Distance
 from consistent_id.scaling import link_scales, reference_bodies
 
 
@@ -54,13 +58,56 @@ def test_it_does_not_depend_on_frame_or_units():
     )
 
 
-@pytest.mark.parametrize("distance", ["pullback", "euclidean"])
+@pytest.mark.parametrize("distance", get_args(Distance))
 def test_the_nominal_robot_is_at_no_distance(distance):
     _, robot = random_robot(np.random.default_rng(3), 3)
-    model = TorqueModel(robot)
-    G, g = distance_to_nominal(model, distance, np.zeros(0))
-    assert np.linalg.norm(G @ robot.nominal - g) <= 1e-9 * np.linalg.norm(g)
-    assert np.linalg.matrix_rank(G) == 30
+    unit = link_scales(robot).units
+    mine = nominal_distance(TorqueModel(robot), distance, unit)
+    assert mine.nominal * unit == pytest.approx(robot.nominal, rel=1e-9, abs=1e-12)
+    assert mine.squared(mine.nominal) == pytest.approx(0.0, abs=1e-12)
+    assert np.linalg.matrix_rank(mine.local(mine.nominal).G) == 30
+
+
+def test_the_entropic_distance_is_twice_the_log_det_divergence():
+    rng = np.random.default_rng(5)
+    _, robot = random_robot(rng, 3)
+    unit = link_scales(robot).units
+    mine = nominal_distance(TorqueModel(robot), "entropic", unit)
+    bodies = [random_body(rng) for _ in range(3)]
+    expected = 0.0
+    for body, link in zip(bodies, robot.links, strict=True):
+        ratio = body.pseudo_inertia @ np.linalg.inv(link.nominal.pseudo_inertia)
+        expected += 2 * (np.trace(ratio) - np.log(np.linalg.det(ratio)) - 4)
+    u = np.concatenate([body.vector for body in bodies]) / unit
+    assert mine.squared(u) == pytest.approx(expected, rel=1e-9)
+    assert mine.squared(-u) == np.inf
+
+
+@pytest.mark.parametrize("distance", get_args(Distance))
+def test_rows_have_the_distances_gradient_and_curvature(distance):
+    rng = np.random.default_rng(6)
+    _, robot = random_robot(rng, 2)
+    model = TorqueModel(robot, DriveTerms(viscous=True))
+    unit = np.append(link_scales(robot).units, [0.5, 2.0])
+    mine = nominal_distance(model, distance, unit)
+    bodies = [random_body(rng).vector for _ in range(2)]
+    u = np.append(np.concatenate(bodies), [0.3, 0.7]) / unit
+    G, g = mine.local(u)
+    step = 1e-4
+    for direction in np.eye(len(u)):
+        ahead, here, behind = (
+            mine.squared(u + s * direction) for s in (step, 0, -step)
+        )
+        slope, curve = (
+            (ahead - behind) / (2 * step),
+            (ahead - 2 * here + behind) / step**2,
+        )
+        # Truncation is of the order of the step squared, relative to the curvature.
+        size = np.sum((G @ direction) ** 2)
+        assert 2 * (G @ direction) @ (G @ u - g) == pytest.approx(
+            slope, abs=1e-5 * size
+        )
+        assert 2 * size == pytest.approx(curve, rel=1e-3, abs=1e-5)
 
 
 def test_reference_bodies_are_bodies_also_where_the_nominal_is_flat_or_unknown():

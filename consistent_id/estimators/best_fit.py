@@ -1,80 +1,60 @@
-"""The least misfit that constraints allow, made dimensionless and certified."""
+"""The least misfit that constraints allow, certified."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from consistent_id._arrays import Matrix, Vector
+from consistent_id._arrays import Vector
+from consistent_id._threads import single_threaded
 from consistent_id.base import BaseParameters
 from consistent_id.certificate import Optimality, solve_certified
 from consistent_id.cone_program import ConeSolution, LeastNorm
-from consistent_id.conic import ConicSet
-from consistent_id.constraints import Constraint, lowered
+from consistent_id.constraints import Constraint
+from consistent_id.distances import nominal_distance
 from consistent_id.errors import InfeasibleError, SolverError
+from consistent_id.estimators.scaled_fit import REFERENCE, ScaledFit, scaled_fit
 from consistent_id.feasibility import find_interior
-from consistent_id.priors import Distance, distance_to_nominal
-from consistent_id.regression import Regression, require_match
+from consistent_id.regression import Regression
 from consistent_id.regressor import TorqueModel
-from consistent_id.scaling import link_scales
 
-EXACT_FIT = 1e-6
-"""Misfit, relative to the torque, that counts as none."""
-
-# Misfits are measured in units of the residual, or of a millionth of the torque: half
-# a unit squared is theirs.
-REFERENCE = 0.5
 _USABLE = 1e-5  # violation beyond which a point is no answer at all
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ScaledFit:
-    """The fit in dimensionless variables ``u = x / unit`` and units of the residual."""
-
-    M: Matrix
-    z: Vector
-    residual: float
-    domain: ConicSet
-    unit: Vector
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class BestFit:
-    """The best fit under constraints, and what the prior's stage needs besides.
+    """The best fit under constraints.
 
     Parameters
     ----------
     scaled : ScaledFit
     solution : ConeSolution
     optimality : Optimality
-    G, g : ndarray
-        ``||G u - g||`` is the distance to nominal, in dimensionless variables.
     """
 
     scaled: ScaledFit
     solution: ConeSolution
     optimality: Optimality
-    G: Matrix
-    g: Vector
-
-    @property
-    def problem(self) -> LeastNorm:
-        """The least-norm problem that was solved."""
-        return LeastNorm(self.scaled.M, self.scaled.z, self.scaled.domain)
 
     @property
     def parameters(self) -> Vector:
         """The best fitting parameters, in original units; open ones as they fell."""
         return self.solution.u * self.scaled.unit
 
+    @property
+    def misfit(self) -> float:
+        """Norm of the whole misfit, in the units of the regression's rows."""
+        excess = self.scaled.excess(self.solution.u)
+        return self.scaled.size * float(np.sqrt(excess + self.scaled.residual**2))
 
+
+@single_threaded
 def best_fit(
     model: TorqueModel,
     regression: Regression,
     constraints: Sequence[Constraint],
     *,
     base: BaseParameters,
-    distance: Distance = "pullback",
 ) -> BestFit:
     """Return the least weighted misfit over the constraints, certified.
 
@@ -83,43 +63,9 @@ def best_fit(
     InfeasibleError, NotExcitedError, SolverError
         See `constrained_least_squares`.
     """
-    scaled = _scaled_fit(model, regression, base, lowered(constraints, model))
-    drive_units = scaled.unit[model.layout.inertial_size :]
-    G, g = distance_to_nominal(model, distance, drive_units)
-    G = G * scaled.unit
-    centre = nominal_point(G, g)
-    fit = LeastNorm(scaled.M, scaled.z, scaled.domain)
-    solution, optimality = solved(fit, centre)
-    return BestFit(scaled, solution, optimality, G, g)
-
-
-def _scaled_fit(
-    model: TorqueModel, regression: Regression, base: BaseParameters, domain: ConicSet
-) -> ScaledFit:
-    require_match(model, regression, base)
-    R = regression.stacked()
-    columns = list(base.independent)
-    Q, R_base = np.linalg.qr(R[:, columns])
-    z = Q.T @ R[:, -1]
-    residual = float(np.linalg.norm(R[:, -1] - Q @ z))
-    inertial = link_scales(model.robot).units
-    norms = np.linalg.norm(R[:, model.layout.inertial_size : -1], axis=0)
-    drive = np.linalg.norm(R[:, -1]) / np.where(norms > 0.0, norms, np.inf)
-    drive = np.where(drive > 0.0, drive, 1.0)
-    unit = np.concatenate([inertial, drive])
-    size = max(residual, EXACT_FIT * float(np.linalg.norm(R[:, -1])), 1e-300)
-    return ScaledFit(
-        M=R_base @ (base.projection * unit) / size,
-        z=z / size,
-        residual=residual / size,
-        domain=domain.normalised(unit),
-        unit=unit,
-    )
-
-
-def nominal_point(G: Matrix, g: Vector) -> Vector:
-    """Return the nominal robot in dimensionless variables."""
-    return np.asarray(np.linalg.lstsq(G, g, rcond=None)[0], dtype=np.float64)
+    scaled = scaled_fit(model, regression, base, constraints)
+    centre = nominal_distance(model, "pullback", scaled.unit).nominal
+    return BestFit(scaled, *solved(scaled.problem, centre))
 
 
 def solved(problem: LeastNorm, centre: Vector) -> tuple[ConeSolution, Optimality]:

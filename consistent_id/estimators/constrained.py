@@ -17,9 +17,9 @@ from typing import NamedTuple
 import numpy as np
 
 from consistent_id._arrays import Vector
+from consistent_id._threads import single_threaded
 from consistent_id.base import BaseParameters, base_parameters, parameter_origins
-from consistent_id.certificate import FEASIBILITY_TOLERANCE, GAP_TOLERANCE, Optimality
-from consistent_id.cone_program import ConeSolution, LeastNorm
+from consistent_id.certificate import FEASIBILITY_TOLERANCE, GAP_TOLERANCE
 from consistent_id.constraints import (
     Constraint,
     FixedMasses,
@@ -27,21 +27,17 @@ from consistent_id.constraints import (
     PhysicalConsistency,
     lowered,
 )
-from consistent_id.errors import SolverError
+from consistent_id.distances import nominal_distance
 from consistent_id.estimate import Certificate, Estimate
-from consistent_id.estimators.best_fit import (
-    REFERENCE,
-    BestFit,
-    best_fit,
-    nominal_point,
-    solved,
-)
+from consistent_id.estimators.best_fit import BestFit, best_fit
 from consistent_id.estimators.least_squares import residual_sigma, solve_linear
-from consistent_id.inertia import pseudo_inertia
-from consistent_id.priors import PointToSet
+from consistent_id.estimators.nearest import nearest_within
+from consistent_id.estimators.penalised import PenalisedFit, penalised_fit
+from consistent_id.link_condition import LinkCondition, link_conditions
+from consistent_id.mass_matrix import POSES, least_mass_eigenvalue, random_poses
+from consistent_id.priors import Penalty, PointToSet, Prior
 from consistent_id.regression import Regression
 from consistent_id.regressor import TorqueModel
-from consistent_id.scaling import link_scales
 
 DEFAULT_CONSTRAINTS: tuple[Constraint, ...] = (
     PhysicalConsistency(),
@@ -50,19 +46,17 @@ DEFAULT_CONSTRAINTS: tuple[Constraint, ...] = (
 )
 """Every link a body, masses of the datasheet, friction that dissipates."""
 
-_WEIGHTS = 20  # weights of the prior tried, at the most
-_STEP = np.log(30.0)  # by which the weight grows or shrinks until it is bracketed
-_STILL = 0.01  # change of the robot, in distances, below which a weight is enough
 _DISTANCE_GAP = 0.01  # relative gap of the squared distance (or of 0.01) allowed
-_USED = 0.5  # share of the slack that must be used up
+_SEED = 0  # of the poses at which mass matrices are examined
 
 
+@single_threaded
 def constrained_least_squares(
     model: TorqueModel,
     regression: Regression,
     *,
     constraints: Sequence[Constraint] = DEFAULT_CONSTRAINTS,
-    prior: PointToSet | None = None,
+    prior: Prior | None = None,
     base: BaseParameters | None = None,
     method: str = "constrained",
 ) -> Estimate:
@@ -76,8 +70,8 @@ def constrained_least_squares(
     constraints : sequence of Constraint
         By default every link physically consistent, datasheet masses, and no negative
         friction or rotor inertia.
-    prior : PointToSet, optional
-        Settles what the data leave open.
+    prior : PointToSet or Penalty, optional
+        Settles what the data leave open; by default `PointToSet`.
     base : BaseParameters, optional
     method : str
 
@@ -99,11 +93,11 @@ def constrained_least_squares(
     started = perf_counter()
     base = base_parameters(model) if base is None else base
     prior = PointToSet() if prior is None else prior
-    fit = best_fit(model, regression, constraints, base=base, distance=prior.distance)
-    slack = prior.relative_slack(len(base), sum(regression.counts))
-    near = _nearest(fit, slack)
+    fit = best_fit(model, regression, constraints, base=base)
+    settled = _settled(model, regression, fit, prior, len(base))
 
-    x = near.solution.u * fit.scaled.unit
+    x = settled.fit.solution.u * fit.scaled.unit
+    links = link_conditions(model, x)
     R, columns = regression.stacked(), list(base.independent)
     return Estimate(
         method=method,
@@ -118,103 +112,100 @@ def constrained_least_squares(
         ),
         undetermined=(),
         sigma=residual_sigma(regression, x, len(base)),
-        certificate=_certificate(model, x, fit.optimality, near, slack),
+        certificate=_certificate(model, x, links, fit, settled),
         notes=(
-            f"nearest to nominal ({prior.distance} distance) among estimates whose "
-            f"misfit is within {slack:.2%} of the best constrained fit",
+            settled.words,
+            *(
+                f"{link.link} is at the edge: {link.edge}"
+                for link in links
+                if link.edge
+            ),
         ),
         seconds=perf_counter() - started,
     )
 
 
-class _Nearest(NamedTuple):
-    """Result of the prior's stage; `share` bounds the relative gap of the distance."""
+class _Settled(NamedTuple):
+    """Result of the prior's stage.
 
-    solution: ConeSolution
-    optimality: Optimality
-    share: float
-
-
-def _nearest(best: BestFit, slack: float) -> _Nearest:
-    """Return the point nearest to nominal whose misfit is within `slack` of the best.
-
-    The weight of the distance is raised until the misfit uses up the slack, or the
-    nominal robot fits within it and raising brings nothing any more.  The optimum for a
-    weight is the nearest point for its own misfit, and, unlike a bound on the misfit,
-    it is a well-conditioned problem.
+    `slack` is the relative misfit given up, at the most; `share` bounds the relative
+    excess of the squared distance, where the prior is `PointToSet`.
     """
-    scaled, G, g = best.scaled, best.G, best.g
-    centre = nominal_point(G, g)
-    least = float(np.linalg.norm(scaled.M @ best.solution.u - scaled.z)) ** 2
-    total = least + scaled.residual**2
-    allowed = ((1.0 + slack) ** 2 - 1.0) * max(total, 1.0)
-    low, high = -np.inf, np.inf
-    log_weight, share = np.log(allowed), np.inf
-    kept: tuple[ConeSolution, Optimality] | None = None
-    for _ in range(_WEIGHTS):
-        root = np.exp(log_weight / 2)
-        problem = LeastNorm(
-            np.vstack([scaled.M, root * G]),
-            np.append(scaled.z, root * g),
-            scaled.domain,
+
+    fit: PenalisedFit
+    slack: float
+    share: float
+    words: str
+
+
+def _settled(
+    model: TorqueModel, regression: Regression, fit: BestFit, prior: Prior, base: int
+) -> _Settled:
+    distance = nominal_distance(model, prior.distance, fit.scaled.unit)
+    if isinstance(prior, Penalty):
+        found = penalised_fit(fit.scaled, distance, prior.weight)
+        total = fit.scaled.residual**2 + np.array(
+            [found.excess, fit.scaled.excess(fit.solution.u)]
         )
-        solution, optimality = solved(problem, centre)
-        excess = float(np.linalg.norm(scaled.M @ solution.u - scaled.z)) ** 2 - least
-        if excess <= allowed:
-            moved = np.inf if kept is None else G @ (solution.u - kept[0].u)
-            settled = excess >= _USED * allowed or np.linalg.norm(moved) <= _STILL
-            if kept is None or optimality.verdict == "certified":
-                kept, low = (solution, optimality), log_weight
-                distance = float(np.linalg.norm(G @ solution.u - g)) ** 2
-                share = _distance_gap(optimality, root**2) / max(distance, _STILL)
-            if settled:
-                break
-        else:
-            high = log_weight
-        if np.isinf(low) or np.isinf(high):
-            log_weight += _STEP if np.isinf(high) else -_STEP
-        else:
-            log_weight = (low + high) / 2
-    if kept is None:
-        raise SolverError("no weight of the prior keeps the misfit within its slack")
-    return _Nearest(kept[0], kept[1], float(share))
-
-
-def _distance_gap(optimality: Optimality, weight: float) -> float:
-    """Bound on what the squared distance exceeds the least by, for its misfit."""
-    total = optimality.gap * max(optimality.objective, REFERENCE)
-    return 2.0 * total / weight
+        given = float(np.sqrt(total[0] / max(total[1], 1e-300)) - 1.0)
+        words = (
+            f"compromise of misfit and {prior.distance} distance to nominal, weight "
+            f"{prior.weight:.3g}; its misfit is {given:.2%} above the best constrained"
+        )
+        return _Settled(found, given, 0.0, words)
+    slack = prior.relative_slack(base, sum(regression.counts))
+    near = nearest_within(fit, distance, slack)
+    words = (
+        f"nearest to nominal ({prior.distance} distance) among estimates whose misfit "
+        f"is within {slack:.2%} of the best constrained fit"
+    )
+    return _Settled(near.fit, slack, near.share, words)
 
 
 def _certificate(
-    model: TorqueModel, x: Vector, fit: Optimality, near: "_Nearest", slack: float
+    model: TorqueModel,
+    x: Vector,
+    links: tuple[LinkCondition, ...],
+    best: BestFit,
+    settled: _Settled,
 ) -> Certificate:
-    scales = link_scales(model.robot).root
-    links = x[: model.layout.inertial_size].reshape(-1, 10)
-    least = min(
-        float(np.linalg.eigvalsh(J / np.outer(root, root))[0])
-        for J, root in zip(pseudo_inertia(links), scales, strict=True)
-    )
+    fit, final = best.optimality, settled.fit.optimality
+    poses = random_poses(model, POSES, _SEED)
     figures = {
         "fit: relative gap": fit.gap,
         "fit: violation": fit.violation,
-        "prior: relative gap of the squared distance": near.share,
-        "prior: violation": near.optimality.violation,
-        "slack": slack,
-        "least eigenvalue of J, per typical link": least,
+        "prior: relative gap": final.gap,
+        "prior: relative gap of the squared distance": settled.share,
+        "prior: violation": final.violation,
+        "slack": settled.slack,
+        "weight of the prior": settled.fit.weight,
+        f"least eigenvalue of M(q) over {POSES} poses": least_mass_eigenvalue(
+            model, x, poses
+        ),
     }
-    violation = max(fit.violation, near.optimality.violation)
-    fine = fit.verdict == "certified" and near.optimality.verdict == "certified"
-    if fine and near.share <= _DISTANCE_GAP:
+    figures |= {
+        f"least eigenvalue of J of {link.link}, per typical link": link.least_eigenvalue
+        for link in links
+    }
+    violation = max(fit.violation, final.violation)
+    fine = fit.verdict == "certified" and final.verdict == "certified"
+    if fine and settled.share <= _DISTANCE_GAP:
         reason = (
-            f"best fit proven to a relative {fit.gap:.1e}, squared distance to nominal "
-            f"to {near.share:.1e}, constraints violated by at most {violation:.1e}"
+            f"best fit proven to a relative {fit.gap:.1e}, "
+            f"{_proven(settled)}, constraints violated by at most {violation:.1e}"
         )
         return Certificate("certified", reason, figures)
     reason = (
-        f"relative gap of the best fit {fit.gap:.1e} (allowed {GAP_TOLERANCE:.0e}), of "
-        f"the squared distance {near.share:.1e} (allowed {_DISTANCE_GAP:.0e}), "
-        f"violation {violation:.1e} (allowed {FEASIBILITY_TOLERANCE:.0e}); the "
-        "estimate is usable only as far as these figures say"
+        f"relative gap of the best fit {fit.gap:.1e} and of the final estimate "
+        f"{final.gap:.1e} (allowed {GAP_TOLERANCE:.0e}), of the squared distance "
+        f"{settled.share:.1e} (allowed {_DISTANCE_GAP:.0e}), violation {violation:.1e} "
+        f"(allowed {FEASIBILITY_TOLERANCE:.0e}); the estimate is usable only as far as "
+        "these figures say"
     )
     return Certificate("uncertified", reason, figures)
+
+
+def _proven(settled: _Settled) -> str:
+    if settled.share > 0.0:
+        return f"squared distance to nominal to {settled.share:.1e}"
+    return f"compromise with the prior to {settled.fit.optimality.gap:.1e}"

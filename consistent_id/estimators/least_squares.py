@@ -12,6 +12,7 @@ from time import perf_counter
 import numpy as np
 
 from consistent_id._arrays import Matrix, Vector
+from consistent_id._threads import single_threaded
 from consistent_id.base import (
     BaseParameters,
     base_parameters,
@@ -86,6 +87,7 @@ def solve_linear(
     return LinearSolution(inverse @ b, inverse, _readable(null), Vt[:rank] * unit, s)
 
 
+@single_threaded
 def least_squares(
     model: TorqueModel,
     regression: Regression,
@@ -156,6 +158,7 @@ def least_squares(
     )
 
 
+@single_threaded
 def weighted_least_squares(
     model: TorqueModel,
     regression: Regression,
@@ -175,6 +178,7 @@ def weighted_least_squares(
     return replace(estimate, seconds=perf_counter() - started)
 
 
+@single_threaded
 def joint_noise(
     model: TorqueModel,
     regression: Regression,

@@ -7,6 +7,7 @@ from time import perf_counter
 import numpy as np
 
 from consistent_id._arrays import Array
+from consistent_id._threads import single_threaded
 from consistent_id.base import BaseParameters, base_parameters
 from consistent_id.errors import ProblemError
 from consistent_id.estimate import Certificate, Estimate
@@ -22,6 +23,7 @@ Gaussian noise [Huber1981]_."""
 _MAD = 1.4826  # standard deviation of a Gaussian over its median absolute deviation
 
 
+@single_threaded
 def huber(
     model: TorqueModel,
     recordings: Recording | Sequence[Recording],

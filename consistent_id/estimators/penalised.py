@@ -1,0 +1,153 @@
+"""The best compromise between misfit and distance to nominal, certified.
+
+``minimise ||M u - z||^2 + weight distance(u)^2`` over the constraints.
+
+A quadratic distance makes this one least-norm problem.  The entropic one is minimised
+by damped Newton steps, each of them a least-norm problem with the distance's second
+order: the divergence is self-concordant, so a step of local length ``d`` may be taken
+by ``1 / (1 + d)``, and in full once ``d`` is small.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from consistent_id._arrays import Matrix, Vector
+from consistent_id.certificate import (
+    Optimality,
+    certify,
+    null_space,
+    unexplained,
+)
+from consistent_id.cone_program import ConeSolution, LeastNorm
+from consistent_id.distances import NominalDistance, Rows
+from consistent_id.estimators.best_fit import solved
+from consistent_id.estimators.scaled_fit import REFERENCE, ScaledFit
+
+_STEPS = 60
+_FULL = 0.25  # local length up to which a Newton step is taken in full
+_STILL = 1e-7  # local length at which Newton's method has arrived
+_CLOSE = 1e-4  # local length from which no more than two further steps are tried
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PenalisedFit:
+    """The compromise.
+
+    Parameters
+    ----------
+    solution : ConeSolution
+    optimality : Optimality
+        Of half the penalised square.
+    excess : float
+        Squared misfit beyond the residual's.
+    squared_distance : float
+    weight : float
+    """
+
+    solution: ConeSolution
+    optimality: Optimality
+    excess: float
+    squared_distance: float
+    weight: float
+
+    @property
+    def distance_gap(self) -> float:
+        """Bound on what the squared distance exceeds the least by, for its misfit."""
+        total = self.optimality.gap * max(self.optimality.objective, REFERENCE)
+        return 2.0 * total / self.weight
+
+
+def penalised_fit(
+    fit: ScaledFit,
+    distance: NominalDistance,
+    weight: float,
+    *,
+    start: Vector | None = None,
+) -> PenalisedFit:
+    """Minimise squared misfit plus `weight` times squared distance.
+
+    Parameters
+    ----------
+    fit : ScaledFit
+    distance : NominalDistance
+    weight : float
+    start : ndarray, optional
+        Where Newton's method starts, a robot of bodies; by default the nominal one.
+
+    Raises
+    ------
+    InfeasibleError, SolverError
+        See `constrained_least_squares`.
+    """
+    centre = distance.nominal
+    if distance.exact:
+        solution, optimality = solved(
+            _stacked(fit, distance.local(centre), weight), centre
+        )
+    else:
+        solution = _newton(fit, distance, weight, centre if start is None else start)
+        optimality = _certified(fit, distance, weight, solution)
+    u = solution.u
+    return PenalisedFit(
+        solution, optimality, fit.excess(u), distance.squared(u), weight
+    )
+
+
+def _stacked(fit: ScaledFit, rows: Rows, weight: float) -> LeastNorm:
+    root = np.sqrt(weight)
+    G = np.vstack([fit.M, root * rows.G])
+    return LeastNorm(G, np.append(fit.z, root * rows.g), fit.domain)
+
+
+def _newton(
+    fit: ScaledFit, distance: NominalDistance, weight: float, start: Vector
+) -> ConeSolution:
+    u, shortest, idle = start, np.inf, 0
+    for _ in range(_STEPS):
+        rows = distance.local(u)
+        solution, _ = solved(_stacked(fit, rows, weight), distance.nominal)
+        step = solution.u - u
+        length = float(np.linalg.norm(rows.G @ step))
+        idle = idle + 1 if length > 0.5 * shortest and shortest < _CLOSE else 0
+        shortest = min(shortest, length)
+        if length <= _STILL or idle == 2:
+            break
+        u = u + (step if length <= _FULL else step / (1.0 + length))
+    return solution
+
+
+def _certified(
+    fit: ScaledFit, distance: NominalDistance, weight: float, solution: ConeSolution
+) -> Optimality:
+    """Certify with the gradient at the solution, and curvature that holds everywhere.
+
+    Self-concordance: ``D(u + d) >= D(u) + grad D.d + w(t)``, ``w(t) = t - log(1 + t)``,
+    ``t`` the local length of ``d``.  As ``w(t) >= t^2 / 4`` up to 1 and has a slope of
+    1/2 or more beyond, half the local Hessian is a lower bound wherever it matters: as
+    long as the unexplained gradient is shorter than half the weight.
+    """
+    u = solution.u
+    squared = distance.squared(u)
+    if not np.isfinite(squared):
+        return Optimality(np.inf, np.inf, fit.domain.violation(u), np.inf)
+    rows = distance.local(u)
+    problem = _stacked(fit, rows, weight)
+    objective = (fit.excess(u) + weight * squared) / 2
+
+    def judged(curvature: Matrix) -> Optimality:
+        return certify(
+            problem,
+            solution,
+            distance.nominal,
+            reference=REFERENCE,
+            objective=objective,
+            curvature=curvature,
+        )
+
+    rest, _ = unexplained(problem, u, solution.multipliers)
+    E = null_space(fit.domain.A_eq)
+    steepness = np.linalg.norm(np.linalg.lstsq((rows.G @ E).T, E.T @ rest)[0])
+    if steepness > weight / 2:
+        return judged(fit.M)
+    return judged(np.vstack([fit.M, np.sqrt(weight / 2) * rows.G]))
