@@ -149,7 +149,18 @@ def _robot(table: ProblemTable, folder: Path) -> RobotModel:
         )
     if model.urdf is not None:
         file = folder / _expanded(model.urdf, table.name)
-        return load_urdf(file, gravity=model.gravity, tip=model.tip)
+        return load_urdf(
+            file,
+            gravity=model.gravity,
+            tip=model.tip,
+            joints=model.joints,
+            locked=model.locked,
+        )
+    if model.joints is not None or model.locked:
+        raise ProblemError(
+            f"problem {table.name!r}: joints of modified_dh rows cannot be locked; "
+            "leave [model] joints and locked out"
+        )
     rows = [_dh_row(row) for row in model.modified_dh]
     robot = from_modified_dh(table.name, rows, gravity=model.gravity)
     return robot if model.tip is None else robot.up_to(model.tip)

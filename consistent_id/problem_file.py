@@ -42,6 +42,8 @@ class ModelTable(Table, frozen=True, kw_only=True):
     modified_dh: list[DHTable] = []
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
     tip: str | None = None
+    joints: Annotated[list[str], Meta(min_length=1)] | None = None
+    locked: dict[str, float] = {}
 
 
 class LinkTable(Table, frozen=True, kw_only=True):
