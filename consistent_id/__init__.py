@@ -43,7 +43,7 @@ from consistent_id.estimators.least_squares import (
     weighted_least_squares,
 )
 from consistent_id.estimators.robust import huber
-from consistent_id.friction import DriveTerms
+from consistent_id.friction import DriveTerms, GearCoupling
 from consistent_id.inertia import InertialParameters
 from consistent_id.loaders import DHRow, from_modified_dh, load_urdf
 from consistent_id.model import Datasheet, Joint, JointLimits, Link, RobotModel
@@ -87,6 +87,7 @@ __all__ = [
     "FixedCentresOfMass",
     "FixedMasses",
     "FixedParameters",
+    "GearCoupling",
     "InertialParameters",
     "InfeasibleError",
     "Joint",

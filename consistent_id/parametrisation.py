@@ -105,7 +105,7 @@ class Parametrisation:
         """Return ``Y``, shape (joints, combinations, samples)."""
         inertial, gravity = self._lifts()
         still = replace(self.model.robot, gravity=np.zeros(3))
-        Y0 = TorqueModel(still, self.model.drive).regressor(q, dq, ddq)
+        Y0 = replace(self.model, robot=still).regressor(q, dq, ddq)
         Yg = self.model.regressor(q, dq, ddq) - Y0
         return np.asarray(
             np.einsum("jps,pa->jas", Y0, inertial)

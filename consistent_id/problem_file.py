@@ -63,6 +63,18 @@ class DriveTable(Table, frozen=True, kw_only=True):
     velocity_scale: Positive | None = None
     offset: bool = False
     rotor_inertia: bool = False
+    spring: bool = False
+
+
+class CouplingTable(Table, frozen=True, kw_only=True):
+    """Terms of two joints whose gears are coupled."""
+
+    first: str
+    second: str
+    viscous: bool = False
+    coulomb: Literal["sign", "tanh", "none"] = "none"
+    velocity_scale: Positive | None = None
+    rotor_inertia: bool = False
 
 
 class RelationTable(Table, frozen=True, kw_only=True):
@@ -220,6 +232,7 @@ class ProblemTable(Table, frozen=True, kw_only=True):
     links: dict[str, LinkTable] = {}
     drive: DriveTable = DriveTable()
     joints: dict[str, DriveTable] = {}
+    couplings: list[CouplingTable] = []
     constraints: ConstraintsTable = ConstraintsTable()
     prior: PriorTable = PriorTable()
     data: DataTable | None = None

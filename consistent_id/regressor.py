@@ -1,7 +1,7 @@
 """The torque model: torques as a linear function of the parameters.
 
 ``tau = Y(q, dq, ddq) x``, where ``x`` holds ten inertial parameters per link and the
-drive terms of each joint.
+drive terms of each joint and of coupled joints.
 """
 
 from collections.abc import Iterator, Sequence
@@ -15,9 +15,9 @@ from numpy.typing import ArrayLike
 from consistent_id._arrays import Array, Vector, checked, frozen
 from consistent_id._newton_euler import JointGeometry, JointMotion, regressor_entries
 from consistent_id.errors import ProblemError
-from consistent_id.friction import DriveTerms, drive_unit
+from consistent_id.friction import DriveTerms, GearCoupling, drive_unit
 from consistent_id.model import Joint, RobotModel
-from consistent_id.parameters import ParameterLayout
+from consistent_id.parameters import ParameterLayout, did_you_mean
 
 CHUNK = 4096
 """Samples per chunk: keeps the recursion's arrays in the processor's cache."""
@@ -32,12 +32,15 @@ class TorqueModel:
     robot : RobotModel
     drive : DriveTerms or tuple of DriveTerms
         Friction and drive terms, for all joints alike or joint by joint.
+    couplings : tuple of GearCoupling
+        Terms that two joints share.
 
     Attributes
     ----------
     layout : ParameterLayout
     fingerprint : str
-        Of geometry, gravity and drive terms: what belongs together has the same.
+        Of geometry, gravity, drive terms and couplings: what belongs together has the
+        same.
 
     Examples
     --------
@@ -50,6 +53,7 @@ class TorqueModel:
 
     robot: RobotModel
     drive: DriveTerms | tuple[DriveTerms, ...] = field(default_factory=DriveTerms)
+    couplings: tuple[GearCoupling, ...] = ()
     terms: tuple[DriveTerms, ...] = field(init=False)
     layout: ParameterLayout = field(init=False)
     fingerprint: str = field(init=False)
@@ -62,21 +66,29 @@ class TorqueModel:
             raise ProblemError(
                 f"drive terms for {len(drive)} joints, but the robot has {len(robot)}"
             )
+        couplings = tuple(self.couplings)
         columns = [
-            (joint, term)
+            (joint.name, joint, term)
             for joint, of_joint in zip(robot.joints, drive, strict=True)
             for term in of_joint.names
+        ] + [
+            (coupling.label, robot.joints[coupled_joints(robot, coupling)[0]], term)
+            for coupling in couplings
+            for term in coupling.names
         ]
         layout = ParameterLayout(
             links=robot.link_names,
-            drive=tuple((joint.name, term) for joint, term in columns),
+            drive=tuple((name, term) for name, _, term in columns),
             drive_units=tuple(
-                drive_unit(term, joint.kind == "prismatic") for joint, term in columns
+                drive_unit(term, joint.kind == "prismatic")
+                for _, joint, term in columns
             ),
         )
         object.__setattr__(self, "terms", drive)
+        object.__setattr__(self, "couplings", couplings)
         object.__setattr__(self, "layout", layout)
-        content = repr((joint_geometry(robot), robot.gravity.tolist(), drive, layout))
+        gravity = robot.gravity.tolist()
+        content = repr((joint_geometry(robot), gravity, drive, couplings, layout))
         digest = sha256(content.encode()).hexdigest()[:16]
         object.__setattr__(self, "fingerprint", digest)
 
@@ -155,11 +167,49 @@ class TorqueModel:
         for j, k, entries in regressor_entries(geometry, gravity, motion):
             for i, entry in enumerate(entries, start=10 * k):
                 out[j, i] = entry
-        column = self.layout.inertial_size
-        for j, terms in enumerate(self.terms):
-            for values in terms.columns(dq[j], ddq[j]):
-                out[j, column] = values
-                column += 1
+        for j, column, values in _drive_entries(self, q, dq, ddq):
+            out[j, column] = values
+
+
+def coupled_joints(robot: RobotModel, coupling: GearCoupling) -> tuple[int, int]:
+    """Return the places of the two joints of a coupling.
+
+    Raises
+    ------
+    ProblemError
+        If there is no such joint, or one turns and the other slides.
+    """
+    places = []
+    for name in (coupling.first, coupling.second):
+        if name not in robot.joint_names:
+            near = did_you_mean(name, robot.joint_names)
+            raise ProblemError(f"coupling {coupling.label}: no joint {name!r}; {near}")
+        places.append(robot.joint_names.index(name))
+    first, second = places
+    slide = [robot.joints[j].kind == "prismatic" for j in places]
+    if slide[0] != slide[1]:
+        raise ProblemError(
+            f"coupling {coupling.label}: one joint turns, the other slides; the sum of "
+            "their rates means nothing"
+        )
+    return first, second
+
+
+def _drive_entries(
+    model: TorqueModel, q: Any, dq: Any, ddq: Any
+) -> Iterator[tuple[int, int, Any]]:
+    """Yield ``(joint, column, values)`` of drive terms and couplings."""
+    column = model.layout.inertial_size
+    for j, terms in enumerate(model.terms):
+        for values in terms.columns(q[j], dq[j], ddq[j]):
+            yield j, column, values
+            column += 1
+    for coupling in model.couplings:
+        i, j = coupled_joints(model.robot, coupling)
+        for first, second in coupling.columns((dq[i], dq[j]), (ddq[i], ddq[j])):
+            yield i, column, first
+            yield j, column, second
+            column += 1
 
 
 def joint_torque_regressor(
@@ -172,19 +222,25 @@ def joint_torque_regressor(
     return TorqueModel(robot).regressor(q, dq, ddq)
 
 
-def casadi_regressor(robot: RobotModel) -> Any:
-    """Return the rigid-body regressor as a CasADi function of one sample.
+def casadi_regressor(model: TorqueModel | RobotModel) -> Any:
+    """Return the regressor as a CasADi function of one sample.
+
+    Parameters
+    ----------
+    model : TorqueModel or RobotModel
+        A robot alone has the rigid-body columns only.
 
     Returns
     -------
     casadi.Function
-        ``(q, dq, ddq) -> Y``, shapes (joints,) and (joints, 10 links), SX.
+        ``(q, dq, ddq) -> Y``, shapes (joints,) and (joints, parameters), SX.
     """
     import casadi as ca
 
-    n = len(robot)
+    model = TorqueModel(model) if isinstance(model, RobotModel) else model
+    robot, n = model.robot, len(model.robot)
     q, dq, ddq = (ca.SX.sym(name, n) for name in ("q", "dq", "ddq"))
-    Y = ca.SX(n, 10 * n)
+    Y = ca.SX(n, len(model.layout))
     motion = [
         JointMotion(q[j], ca.sin(q[j]), ca.cos(q[j]), dq[j], ddq[j]) for j in range(n)
     ]
@@ -192,6 +248,8 @@ def casadi_regressor(robot: RobotModel) -> Any:
     for j, k, entries in regressor_entries(joint_geometry(robot), gravity, motion):
         for i, entry in enumerate(entries, start=10 * k):
             Y[j, i] = entry
+    for j, column, values in _drive_entries(model, q, dq, ddq):
+        Y[j, column] = values
     return ca.Function("regressor", [q, dq, ddq], [Y], ["q", "dq", "ddq"], ["Y"])
 
 

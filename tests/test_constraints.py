@@ -9,11 +9,15 @@ from robots import random_body, random_robot, random_states
 from consistent_id import (
     CentreOfMassIn,
     DensityOn,
+    DHRow,
+    DriveTerms,
     Ellipsoid,
     EqualLinks,
     FixedMasses,
+    GearCoupling,
     InertialParameters,
     LinearRelation,
+    NonNegativeDrive,
     ParameterBounds,
     PhysicalConsistency,
     Polytope,
@@ -24,6 +28,7 @@ from consistent_id import (
     TotalMass,
     build_regression,
     constrained_least_squares,
+    from_modified_dh,
     load_problem,
     simulate_torque,
 )
@@ -237,6 +242,53 @@ box = [[-1,-1,-1], [1,1,1]]
         "CentreOfMassIn",
         "DensityOn",
     ]
+
+
+def test_signs_hold_for_springs_and_leave_coupled_gears_alone():
+    table = [DHRow(0.0, 0.1), DHRow(1.0, 0.1)]
+    drive = DriveTerms(viscous=True, offset=True, spring=True)
+    coupling = GearCoupling("joint1", "joint2", viscous=True, rotor_inertia=True)
+    model = TorqueModel(from_modified_dh("arm", table), drive, (coupling,))
+    assert set(NonNegativeDrive().lower(model).in_labels) == {
+        f"joint{j}.{term} >= 0" for j in (1, 2) for term in ("viscous", "spring")
+    }
+    named = NonNegativeDrive(("coupling_viscous",)).lower(model)
+    assert named.in_labels == ("joint1+joint2.coupling_viscous >= 0",)
+
+
+def test_a_problem_file_has_locks_springs_and_couplings(tmp_path):
+    links = "".join(f'<link name="l{k}"/>' for k in range(4))
+    joints = "".join(
+        f'<joint name="j{k}" type="continuous"><parent link="l{k}"/>'
+        f'<child link="l{k + 1}"/><origin xyz="0.1 0 0"/></joint>'
+        for k in range(3)
+    )
+    (tmp_path / "arm.urdf").write_text(f'<robot name="arm">{links}{joints}</robot>')
+    (tmp_path / "problem.toml").write_text(
+        """
+name = "arm"
+[model]
+urdf = "arm.urdf"
+joints = ["j0", "j1"]
+locked = { j2 = 0.5 }
+[drive]
+spring = true
+[[couplings]]
+first = "j0"
+second = "j1"
+coulomb = "tanh"
+velocity_scale = 0.1
+[constraints]
+masses = "free"
+"""
+    )
+    model = load_problem(tmp_path).model
+    assert model.robot.joint_names == ("j0", "j1")
+    assert model.layout.names[20:] == (
+        "j0.spring",
+        "j1.spring",
+        "j0+j1.coupling_coulomb",
+    )
 
 
 def test_a_wrong_name_in_a_problem_files_constraints_is_found_at_once(tmp_path):

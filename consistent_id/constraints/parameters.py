@@ -12,21 +12,22 @@ from consistent_id.constraints._rows import (
     unit_row,
 )
 from consistent_id.errors import ProblemError
-from consistent_id.parameters import DRIVE_NAMES
+from consistent_id.parameters import COUPLING_NAMES, DRIVE_NAMES
 from consistent_id.regressor import TorqueModel
 
 
 @dataclass(frozen=True, slots=True)
 class NonNegativeDrive:
-    """Friction and rotor inertia that dissipate and store, never the reverse."""
+    """Friction that dissipates, rotors and springs that store, never the reverse."""
 
-    terms: tuple[str, ...] = ("viscous", "coulomb", "rotor_inertia")
+    terms: tuple[str, ...] = ("viscous", "coulomb", "rotor_inertia", "spring")
 
     def __post_init__(self) -> None:
-        unknown = sorted(set(self.terms) - set(DRIVE_NAMES))
+        known = (*DRIVE_NAMES, *COUPLING_NAMES)
+        unknown = sorted(set(self.terms) - set(known))
         if unknown:
             raise ProblemError(
-                f"drive terms {unknown} are unknown; known: {', '.join(DRIVE_NAMES)}"
+                f"drive terms {unknown} are unknown; known: {', '.join(known)}"
             )
 
     def lower(self, model: TorqueModel) -> ConicSet:
