@@ -31,9 +31,9 @@ class TorqueError:
     Parameters
     ----------
     recording : str
-    rms : ndarray, shape (joints,), [N m or N]
+    rms : ndarray, shape (torque joints,), [N m or N]
         Root of the mean squared error.
-    relative : ndarray, shape (joints,)
+    relative : ndarray, shape (torque joints,)
         RMS error over RMS torque.
     stacked : float
         ``||tau - prediction|| / ||tau||`` over all joints.
@@ -157,7 +157,7 @@ def compare(
 
 def torque_error(estimate: Estimate, recording: Recording) -> TorqueError:
     """Return the prediction error of an estimate along a recording."""
-    measured = recording.of(estimate.model.robot.joint_names).torque
+    measured = recording.of(estimate.model.torque_joints).torque
     if measured is None:
         raise ProblemError(f"{recording.name} has no torque to compare with")
     if not measured.any():
@@ -202,7 +202,8 @@ def mass_matrices(model: TorqueModel, parameters: Vector, q: Array) -> Array:
     Column ``j`` is what a unit acceleration of joint ``j`` adds to the torque at rest;
     rotor inertia and couplings are part of it.
     """
-    still = replace(model, robot=replace(model.robot, gravity=np.zeros(3)))
+    robot = replace(model.robot, gravity=np.zeros(3))
+    still = replace(model, robot=robot, torque_joints=())
     rest = np.zeros_like(q)
     at_rest = still.predict(parameters, q, rest, rest)
     columns = [

@@ -131,7 +131,8 @@ def load_problem(path: str | Path) -> Problem:
         _drive(table.joints.get(name, table.drive)) for name in robot.joint_names
     )
     couplings = tuple(_coupling(coupling) for coupling in table.couplings)
-    model = TorqueModel(robot, drive, couplings)
+    measured = () if table.data is None else tuple(table.data.torque_joints)
+    model = TorqueModel(robot, drive, couplings, measured)
     constraints = constraints_of(table.constraints)
     lowered(constraints, model)  # a name that is wrong is found here, not after hours
     return Problem(

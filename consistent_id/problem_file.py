@@ -167,6 +167,7 @@ class DataTable(Table, frozen=True, kw_only=True):
     folder: str = "."
     columns: ColumnsTable = ColumnsTable()
     torque_gain: float | list[float] = 1.0
+    torque_joints: list[str] = []
     preparation: PreparationTable = PreparationTable()
 
 

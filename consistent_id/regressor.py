@@ -34,13 +34,17 @@ class TorqueModel:
         Friction and drive terms, for all joints alike or joint by joint.
     couplings : tuple of GearCoupling
         Terms that two joints share.
+    torque_joints : tuple of str
+        Joints whose torque is known, in the robot's order; by default all.  The others
+        move, and what they carry weighs on the joints before them, but they have no
+        row.
 
     Attributes
     ----------
     layout : ParameterLayout
     fingerprint : str
-        Of geometry, gravity, drive terms and couplings: what belongs together has the
-        same.
+        Of geometry, gravity, drive terms, couplings and rows: what belongs together
+        has the same.
 
     Examples
     --------
@@ -54,6 +58,7 @@ class TorqueModel:
     robot: RobotModel
     drive: DriveTerms | tuple[DriveTerms, ...] = field(default_factory=DriveTerms)
     couplings: tuple[GearCoupling, ...] = ()
+    torque_joints: tuple[str, ...] = ()
     terms: tuple[DriveTerms, ...] = field(init=False)
     layout: ParameterLayout = field(init=False)
     fingerprint: str = field(init=False)
@@ -67,6 +72,7 @@ class TorqueModel:
                 f"drive terms for {len(drive)} joints, but the robot has {len(robot)}"
             )
         couplings = tuple(self.couplings)
+        rows = _in_order(self.torque_joints, robot)
         columns = [
             (joint.name, joint, term)
             for joint, of_joint in zip(robot.joints, drive, strict=True)
@@ -86,9 +92,10 @@ class TorqueModel:
         )
         object.__setattr__(self, "terms", drive)
         object.__setattr__(self, "couplings", couplings)
+        object.__setattr__(self, "torque_joints", rows)
         object.__setattr__(self, "layout", layout)
         gravity = robot.gravity.tolist()
-        content = repr((joint_geometry(robot), gravity, drive, couplings, layout))
+        content = repr((joint_geometry(robot), gravity, drive, couplings, layout, rows))
         digest = sha256(content.encode()).hexdigest()[:16]
         object.__setattr__(self, "fingerprint", digest)
 
@@ -102,7 +109,7 @@ class TorqueModel:
 
         Returns
         -------
-        ndarray, shape (joints, parameters, samples)
+        ndarray, shape (torque joints, parameters, samples)
             Joint-major: ``tau[:, j] = Y[j].T @ x``.
 
         Raises
@@ -110,7 +117,7 @@ class TorqueModel:
         ProblemError
             If a shape is wrong or a value is not finite.
         """
-        Y = np.zeros((len(self.robot), len(self.layout), len(np.asarray(q))))
+        Y = np.zeros((len(self.torque_joints), len(self.layout), len(np.asarray(q))))
         for part, block in self.chunks(q, dq, ddq):
             Y[:, :, part] = block
         return Y
@@ -132,7 +139,8 @@ class TorqueModel:
             if len(x) != samples:
                 raise ProblemError(f"{name} has {len(x)} samples, q has {samples}")
         geometry = joint_geometry(self.robot)
-        out = np.zeros((joints, len(self.layout), min(size, samples)))
+        rows = len(self.torque_joints)
+        out = np.zeros((rows, len(self.layout), min(size, samples)))
         for start in range(0, samples, size):
             part = slice(start, min(start + size, samples))
             block = out[:, :, : part.stop - start]
@@ -144,12 +152,17 @@ class TorqueModel:
     def predict(
         self, x: ArrayLike, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike
     ) -> Array:
-        """Return the torques of parameters `x`, shape (samples, joints), [N m or N]."""
+        """Return torques of parameters `x`, shape (samples, torque joints), [N m or N].
+
+        In the order of `torque_joints`.
+        """
         x = frozen(x, (len(self.layout),), "parameters")
         parts = [
             np.einsum("jps,p->sj", block, x) for _, block in self.chunks(q, dq, ddq)
         ]
-        return np.concatenate(parts) if parts else np.zeros((0, len(self.robot)))
+        return (
+            np.concatenate(parts) if parts else np.zeros((0, len(self.torque_joints)))
+        )
 
     def _fill(
         self,
@@ -164,11 +177,14 @@ class TorqueModel:
             for joint in zip(q, np.sin(q), np.cos(q), dq, ddq, strict=True)
         ]
         gravity = _floats(self.robot.gravity)
+        row = _rows_of(self)
         for j, k, entries in regressor_entries(geometry, gravity, motion):
-            for i, entry in enumerate(entries, start=10 * k):
-                out[j, i] = entry
+            if j in row:
+                for i, entry in enumerate(entries, start=10 * k):
+                    out[row[j], i] = entry
         for j, column, values in _drive_entries(self, q, dq, ddq):
-            out[j, column] = values
+            if j in row:
+                out[row[j], column] = values
 
 
 def coupled_joints(robot: RobotModel, coupling: GearCoupling) -> tuple[int, int]:
@@ -193,6 +209,21 @@ def coupled_joints(robot: RobotModel, coupling: GearCoupling) -> tuple[int, int]
             "their rates means nothing"
         )
     return first, second
+
+
+def _in_order(names: Sequence[str], robot: RobotModel) -> tuple[str, ...]:
+    """Return the named joints in the robot's order, all of them for none."""
+    for name in names:
+        if name not in robot.joint_names:
+            near = did_you_mean(name, robot.joint_names)
+            raise ProblemError(f"torque_joints: no joint {name!r}; {near}")
+    return tuple(j for j in robot.joint_names if j in names) or robot.joint_names
+
+
+def _rows_of(model: TorqueModel) -> dict[int, int]:
+    """Return the row of each joint that has one."""
+    places = [model.robot.joint_names.index(name) for name in model.torque_joints]
+    return {j: row for row, j in enumerate(places)}
 
 
 def _drive_entries(
@@ -233,23 +264,25 @@ def casadi_regressor(model: TorqueModel | RobotModel) -> Any:
     Returns
     -------
     casadi.Function
-        ``(q, dq, ddq) -> Y``, shapes (joints,) and (joints, parameters), SX.
+        ``(q, dq, ddq) -> Y``, shapes (joints,) and (torque joints, parameters), SX.
     """
     import casadi as ca
 
     model = TorqueModel(model) if isinstance(model, RobotModel) else model
-    robot, n = model.robot, len(model.robot)
+    robot, row, n = model.robot, _rows_of(model), len(model.robot)
     q, dq, ddq = (ca.SX.sym(name, n) for name in ("q", "dq", "ddq"))
-    Y = ca.SX(n, len(model.layout))
+    Y = ca.SX(len(row), len(model.layout))
     motion = [
         JointMotion(q[j], ca.sin(q[j]), ca.cos(q[j]), dq[j], ddq[j]) for j in range(n)
     ]
     gravity = _floats(robot.gravity)
     for j, k, entries in regressor_entries(joint_geometry(robot), gravity, motion):
-        for i, entry in enumerate(entries, start=10 * k):
-            Y[j, i] = entry
+        if j in row:
+            for i, entry in enumerate(entries, start=10 * k):
+                Y[row[j], i] = entry
     for j, column, values in _drive_entries(model, q, dq, ddq):
-        Y[j, column] = values
+        if j in row:
+            Y[row[j], column] = values
     return ca.Function("regressor", [q, dq, ddq], [Y], ["q", "dq", "ddq"], ["Y"])
 
 
