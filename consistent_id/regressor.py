@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._arrays import Array, Vector, checked, frozen
+from consistent_id._arrays import Array, checked, frozen
+from consistent_id._joint_geometry import floats, joint_geometry
 from consistent_id._newton_euler import JointGeometry, JointMotion, regressor_entries
 from consistent_id.errors import ProblemError
 from consistent_id.friction import DriveTerms, GearCoupling, drive_unit
-from consistent_id.model import Joint, RobotModel
+from consistent_id.model import RobotModel
 from consistent_id.parameters import ParameterLayout, did_you_mean
 
 CHUNK = 4096
@@ -176,7 +177,7 @@ class TorqueModel:
             JointMotion(*joint)
             for joint in zip(q, np.sin(q), np.cos(q), dq, ddq, strict=True)
         ]
-        gravity = _floats(self.robot.gravity)
+        gravity = floats(self.robot.gravity)
         row = _rows_of(self)
         for j, k, entries in regressor_entries(geometry, gravity, motion):
             if j in row:
@@ -275,7 +276,7 @@ def casadi_regressor(model: TorqueModel | RobotModel) -> Any:
     motion = [
         JointMotion(q[j], ca.sin(q[j]), ca.cos(q[j]), dq[j], ddq[j]) for j in range(n)
     ]
-    gravity = _floats(robot.gravity)
+    gravity = floats(robot.gravity)
     for j, k, entries in regressor_entries(joint_geometry(robot), gravity, motion):
         if j in row:
             for i, entry in enumerate(entries, start=10 * k):
@@ -284,42 +285,3 @@ def casadi_regressor(model: TorqueModel | RobotModel) -> Any:
         if j in row:
             Y[row[j], column] = values
     return ca.Function("regressor", [q, dq, ddq], [Y], ["q", "dq", "ddq"], ["Y"])
-
-
-def joint_geometry(robot: RobotModel) -> tuple[JointGeometry, ...]:
-    """Return what the recursion needs of each joint, in plain Python numbers."""
-    return tuple(
-        JointGeometry(
-            parent=joint.parent,
-            slides=joint.kind == "prismatic",
-            rotation=_rows(joint.rotation),
-            translation=_floats(joint.translation),
-            align=_rows(_basis_with_axis(joint)),
-        )
-        for joint in robot.joints
-    )
-
-
-def _basis_with_axis(joint: Joint) -> Array:
-    """Return a rotation whose third column is the joint's axis.
-
-    A cyclic permutation where the axis is a coordinate axis, so that it costs nothing.
-    """
-    axis = joint.axis
-    if np.count_nonzero(axis) == 1:
-        place = int(np.argmax(abs(axis)))
-        basis = np.roll(np.eye(3), place - 2, axis=0)
-        return basis if axis[place] > 0 else basis * np.array([1.0, -1.0, -1.0])
-    helper = np.eye(3)[np.argmin(abs(axis))]
-    first = np.cross(axis, helper)
-    first /= np.linalg.norm(first)
-    return np.column_stack([first, np.cross(axis, first), axis])
-
-
-def _floats(vector: Vector) -> tuple[float, float, float]:
-    x, y, z = vector.tolist()
-    return x, y, z
-
-
-def _rows(matrix: Array) -> tuple[Any, Any, Any]:
-    return _floats(matrix[0]), _floats(matrix[1]), _floats(matrix[2])
