@@ -23,6 +23,7 @@ from consistent_id.constraints import (
     ParameterBounds,
     PhysicalConsistency,
     Polytope,
+    SharedMotors,
     SymmetricLink,
     TotalMass,
 )
@@ -108,6 +109,7 @@ __all__ = [
     "RecordingError",
     "Regression",
     "RobotModel",
+    "SharedMotors",
     "SolverError",
     "Study",
     "SymmetricLink",

@@ -103,9 +103,9 @@ class GearCoupling:
     -----
     `NonNegativeDrive` leaves these terms alone: viscous and inertial ones are the
     off-diagonal entries of symmetric matrices, which dissipate or store energy with
-    either sign, as long as the entry is small beside the joints' own.  A motor that
-    turns with the sum, and no other coupling, makes them neither negative nor larger
-    than the joints' own terms, which `LinearRelation` can say.
+    either sign, as long as the entry is small beside the joints' own.  Where they all
+    come of a motor that turns with the sum of the rates, the constraint `SharedMotors`
+    bounds them.
 
     Examples
     --------

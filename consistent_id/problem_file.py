@@ -116,6 +116,7 @@ class ConstraintsTable(Table, frozen=True, kw_only=True):
     masses: Literal["datasheet", "bounds", "free"] = "datasheet"
     centres_of_mass: Literal["datasheet", "box", "free"] = "free"
     drive_signs: bool = True
+    shared_motors: bool = False
     fixed: dict[str, float] = {}
     bounds: dict[str, Pair] = {}
     relations: list[RelationTable] = []

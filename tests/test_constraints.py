@@ -23,6 +23,7 @@ from consistent_id import (
     Polytope,
     ProblemError,
     Recording,
+    SharedMotors,
     SymmetricLink,
     TorqueModel,
     TotalMass,
@@ -254,6 +255,44 @@ def test_signs_hold_for_springs_and_leave_coupled_gears_alone():
     }
     named = NonNegativeDrive(("coupling_viscous",)).lower(model)
     assert named.in_labels == ("joint1+joint2.coupling_viscous >= 0",)
+
+
+def _wrist(rotor=True):
+    table = [DHRow(0.0, 0.1), DHRow(1.0, 0.1)]
+    drive = DriveTerms(viscous=True, rotor_inertia=rotor)
+    coupling = GearCoupling("joint1", "joint2", True, "sign", rotor_inertia=True)
+    return TorqueModel(from_modified_dh("wrist", table), drive, (coupling,))
+
+
+def test_a_motor_that_turns_with_the_sum_is_part_of_what_both_joints_have():
+    model = _wrist()
+    domain = SharedMotors().lower(model)
+    names = list(model.layout.names[20:])
+    x = np.zeros(len(model.layout))
+    # Motor 1 on joint 1 alone, motor 2 on the sum of rates: viscous, inertia.
+    first, second = np.array([0.3, 0.02]), np.array([0.5, 0.04])
+    x[20:24] = [*(first + second), *second]
+    x[24:] = [second[0], 0.7, second[1]]
+    assert names[4:] == [
+        f"joint1+joint2.coupling_{t}" for t in ("viscous", "coulomb", "rotor_inertia")
+    ]
+    assert (domain.A_in @ x <= domain.b_in + 1e-15).all()
+    for place, value in ((24, 0.6), (24, -0.1), (25, -0.1), (26, 0.05), (26, -0.01)):
+        wrong = x.copy()
+        wrong[place] = value
+        assert (domain.A_in @ wrong > domain.b_in).sum() == 1
+
+
+@pytest.mark.parametrize(
+    ("model", "message"),
+    [
+        (MODEL, "no gear coupling"),
+        (_wrist(rotor=False), "no parameter named 'joint1.rotor_inertia'"),
+    ],
+)
+def test_shared_motors_without_a_coupling_or_a_term_are_refused(model, message):
+    with pytest.raises(ProblemError, match=message):
+        SharedMotors().lower(model)
 
 
 def test_a_problem_file_has_locks_springs_and_couplings(tmp_path):

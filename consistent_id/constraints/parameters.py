@@ -40,6 +40,43 @@ class NonNegativeDrive:
 
 
 @dataclass(frozen=True, slots=True)
+class SharedMotors:
+    """Couplings that come of one motor, which turns with the sum of two joints' rates.
+
+    What such a motor adds to both joints is not negative, and is part of the viscous
+    friction and of the inertia that each joint has by itself.
+    """
+
+    def lower(self, model: TorqueModel) -> ConicSet:
+        """Return ``0 <= coupling``, and ``coupling <= own term`` where it has a twin.
+
+        Raises
+        ------
+        ProblemError
+            If the model has no coupling, or a joint lacks a term of its own.
+        """
+        layout = model.layout
+        if not model.couplings:
+            raise ProblemError(
+                "SharedMotors: the model has no gear coupling; give it one, or leave "
+                "this constraint out"
+            )
+        rows, labels = [], []
+        for coupling in model.couplings:
+            for term in coupling.names:
+                name = f"{coupling.label}.{term}"
+                rows.append(-unit_row(layout, name))
+                labels.append(f"{name} >= 0")
+                if term == "coupling_coulomb":
+                    continue  # it has a motion of its own, the sum of both rates
+                for joint in (coupling.first, coupling.second):
+                    own = f"{joint}.{term.removeprefix('coupling_')}"
+                    rows.append(unit_row(layout, name) - unit_row(layout, own))
+                    labels.append(f"{name} <= {own}")
+        return inequalities(rows, [0.0] * len(rows), labels, model)
+
+
+@dataclass(frozen=True, slots=True)
 class FixedParameters:
     """Parameters known exactly, by name, such as ``{"link2.hx": 1.48}``."""
 
