@@ -23,6 +23,7 @@ from consistent_id.constraints import (
     ParameterBounds,
     PhysicalConsistency,
     Polytope,
+    SharedMotors,
     SymmetricLink,
     TotalMass,
 )
@@ -43,7 +44,7 @@ from consistent_id.estimators.least_squares import (
     weighted_least_squares,
 )
 from consistent_id.estimators.robust import huber
-from consistent_id.friction import DriveTerms
+from consistent_id.friction import DriveTerms, GearCoupling
 from consistent_id.inertia import InertialParameters
 from consistent_id.loaders import DHRow, from_modified_dh, load_urdf
 from consistent_id.model import Datasheet, Joint, JointLimits, Link, RobotModel
@@ -87,6 +88,7 @@ __all__ = [
     "FixedCentresOfMass",
     "FixedMasses",
     "FixedParameters",
+    "GearCoupling",
     "InertialParameters",
     "InfeasibleError",
     "Joint",
@@ -108,6 +110,7 @@ __all__ = [
     "RecordingError",
     "Regression",
     "RobotModel",
+    "SharedMotors",
     "SolverError",
     "Study",
     "SymmetricLink",

@@ -105,7 +105,7 @@ def base_parameters(model: TorqueModel, *, seed: int = 0) -> BaseParameters:
 
 
 def random_regressor(model: TorqueModel, *, seed: int = 0) -> Array:
-    """Return the regressor of random states, shape (joints, parameters, samples).
+    """Return the regressor of random states, (torque joints, parameters, samples).
 
     There are three times as many samples as there are parameters.
     """

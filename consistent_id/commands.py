@@ -37,6 +37,10 @@ def info(problem: Problem) -> list[Table]:
                 robot.joints, robot.links, model.terms, strict=True
             )
         ),
+        tuple(
+            f"coupled gears: {coupling.label}, {', '.join(coupling.names)}"
+            for coupling in model.couplings
+        ),
     )
     groups = Table(
         f"Base parameters: {len(base)} of {len(model.layout)} (structural rank)",

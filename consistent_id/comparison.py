@@ -26,9 +26,9 @@ class TorqueError:
     Parameters
     ----------
     recording : str
-    rms : ndarray, shape (joints,), [N m or N]
+    rms : ndarray, shape (torque joints,), [N m or N]
         Root of the mean squared error.
-    relative : ndarray, shape (joints,)
+    relative : ndarray, shape (torque joints,)
         RMS error over RMS torque.
     stacked : float
         ``||tau - prediction|| / ||tau||`` over all joints.
@@ -158,7 +158,7 @@ def compare(
 
 def torque_error(estimate: Estimate, recording: Recording) -> TorqueError:
     """Return the prediction error of an estimate along a recording."""
-    measured = recording.of(estimate.model.robot.joint_names).torque
+    measured = recording.of(estimate.model.torque_joints).torque
     if measured is None:
         raise ProblemError(f"{recording.name} has no torque to compare with")
     if not measured.any():

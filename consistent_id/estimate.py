@@ -55,8 +55,8 @@ class Estimate:
         vector); see `parameter_origins`.
     undetermined : tuple of str
         Combinations of base parameters that the data leave open, as readable sums.
-    sigma : array_like, shape (joints,), [N m or N]
-        Residual standard deviation of each joint.
+    sigma : array_like, shape (torque joints,), [N m or N]
+        Residual standard deviation of each joint whose torque is known.
     certificate : Certificate
     notes : tuple of str
         What a reader must know before using the numbers.
@@ -77,7 +77,7 @@ class Estimate:
     seconds: float = 0.0
 
     def __post_init__(self) -> None:
-        p, b, n = len(self.model.layout), len(self.base), len(self.model.robot)
+        p, b, n = len(self.model.layout), len(self.base), len(self.model.torque_joints)
         x = frozen(self.parameters, (p,), f"{self.method}: parameters")
         object.__setattr__(self, "parameters", x)
         sigma = frozen(self.sigma, (n,), f"{self.method}: sigma")
@@ -119,8 +119,8 @@ class Estimate:
 
         Returns
         -------
-        ndarray, shape (samples, joints), [N m or N]
-            In the model's order of joints.
+        ndarray, shape (samples, torque joints), [N m or N]
+            In the order of the model's torque joints.
 
         Raises
         ------
@@ -181,7 +181,7 @@ class Estimate:
             ],
             "undetermined": list(self.undetermined),
             "sigma": dict(
-                zip(self.model.robot.joint_names, self.sigma.tolist(), strict=True)
+                zip(self.model.torque_joints, self.sigma.tolist(), strict=True)
             ),
             "notes": list(self.notes),
             "seconds": self.seconds,
@@ -220,7 +220,7 @@ class Estimate:
                 base_covariance=None,
                 origins=tuple(entry["origin"] for entry in named.values()),
                 undetermined=tuple(record["undetermined"]),
-                sigma=np.array([record["sigma"][j] for j in model.robot.joint_names]),
+                sigma=np.array([record["sigma"][j] for j in model.torque_joints]),
                 certificate=Certificate(**record["certificate"]),
                 notes=tuple(record["notes"]),
                 seconds=record["seconds"],

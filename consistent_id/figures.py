@@ -29,19 +29,19 @@ def motion_figure(robot: RobotModel, recording: Recording) -> Any:
 def torque_figure(recording: Recording, estimates: Sequence[Estimate]) -> Any:
     """Return a figure of measured and predicted torque, and of what is left."""
     model = estimates[0].model
-    recording = recording.of(model.robot.joint_names)
-    figure, axes = _panels(len(model.robot), "torque: " + recording.name, columns=2)
+    joints = [j for j in model.robot.joints if j.name in model.torque_joints]
+    figure, axes = _panels(len(joints), "torque: " + recording.name, columns=2)
     keep = _thinned(recording)
     time = recording.time[keep]
-    measured = recording.torque
-    for j, name in enumerate(model.robot.joint_names):
+    measured = recording.of(model.torque_joints).torque
+    for j, joint in enumerate(joints):
         left = axes[2 * j]
-        left.set_ylabel(f"{name}\n[{_unit(model.robot.joints[j], 'N m', 'N')}]")
+        left.set_ylabel(f"{joint.name}\n[{_unit(joint, 'N m', 'N')}]")
         if measured is not None:
             left.plot(time, measured[keep, j], color="0.6", lw=2.5, label="measured")
     for estimate, colour in zip(estimates, _cycle(len(estimates)), strict=True):
         predicted = estimate.predict(recording)
-        for j in range(len(model.robot)):
+        for j in range(len(joints)):
             label = estimate.method
             axes[2 * j].plot(time, predicted[keep, j], color=colour, lw=1, label=label)
             if measured is not None:

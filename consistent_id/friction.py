@@ -1,14 +1,13 @@
-"""Friction and drive terms: columns that depend on one joint's own motion."""
+"""Friction and drive terms: columns that depend on the joints' own motion."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 
-from consistent_id._arrays import Array
 from consistent_id.errors import ProblemError
-from consistent_id.parameters import DRIVE_NAMES
+from consistent_id.parameters import COUPLING_NAMES, DRIVE_NAMES
 
 CoulombShape = Literal["sign", "tanh", "none"]
 
@@ -17,7 +16,7 @@ CoulombShape = Literal["sign", "tanh", "none"]
 class DriveTerms:
     """Which terms a joint's torque has besides the rigid-body ones.
 
-    ``tau = viscous dq + coulomb s(dq) + offset + rotor_inertia ddq``
+    ``tau = viscous dq + coulomb s(dq) + offset + rotor_inertia ddq + spring q``
 
     Parameters
     ----------
@@ -32,6 +31,8 @@ class DriveTerms:
         Constant term, [N m] or [N].
     rotor_inertia : bool
         Term in ``ddq``, reflected through the gear, [kg m^2] or [kg].
+    spring : bool
+        Term in ``q``, [N m/rad] or [N/m]; with an offset, a spring under preload.
 
     Examples
     --------
@@ -44,43 +45,118 @@ class DriveTerms:
     velocity_scale: float | None = None
     offset: bool = False
     rotor_inertia: bool = False
+    spring: bool = False
 
     def __post_init__(self) -> None:
-        if self.coulomb not in get_args(CoulombShape):
-            known = ", ".join(get_args(CoulombShape))
-            raise ProblemError(f"coulomb is {self.coulomb!r}, expected one of {known}")
-        if self.coulomb == "tanh":
-            if self.velocity_scale is None or not 0 < self.velocity_scale < np.inf:
-                raise ProblemError(
-                    f"velocity_scale is {self.velocity_scale}; a tanh Coulomb term "
-                    "needs the positive velocity at which it saturates"
-                )
-        elif self.velocity_scale is not None:
-            raise ProblemError(
-                f"velocity_scale is {self.velocity_scale}, but coulomb is "
-                f"{self.coulomb!r}; only 'tanh' has a scale"
-            )
+        _check_coulomb(self.coulomb, self.velocity_scale)
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the terms in use, in the order of their columns."""
-        used = (self.viscous, self.coulomb != "none", self.offset, self.rotor_inertia)
+        used = (
+            self.viscous,
+            self.coulomb != "none",
+            self.offset,
+            self.rotor_inertia,
+            self.spring,
+        )
         return tuple(n for n, use in zip(DRIVE_NAMES, used, strict=True) if use)
 
-    def columns(self, dq: Array, ddq: Array) -> list[Array]:
-        """Return the terms' columns for one joint's samples, each shape (samples,)."""
-        compute: dict[str, Callable[[], Array]] = {
+    def columns(self, q: Any, dq: Any, ddq: Any) -> list[Any]:
+        """Return the terms' columns for one joint's samples.
+
+        Like the samples, they are arrays of shape (samples,) or CasADi expressions; the
+        offset's is the number one.
+        """
+        compute: dict[str, Callable[[], Any]] = {
             "viscous": lambda: dq,
-            "coulomb": lambda: self._coulomb(dq),
-            "offset": lambda: np.ones_like(dq),
+            "coulomb": lambda: _saturated(dq, self.velocity_scale),
+            "offset": lambda: 1.0,
             "rotor_inertia": lambda: ddq,
+            "spring": lambda: q,
         }
         return [compute[name]() for name in self.names]
 
-    def _coulomb(self, dq: Array) -> Array:
-        if self.velocity_scale is None:
-            return np.sign(dq)
-        return np.tanh(dq / self.velocity_scale)
+
+@dataclass(frozen=True, slots=True)
+class GearCoupling:
+    """Terms of two joints whose gears are coupled: one motor turns both.
+
+    With ``1`` the first joint and ``2`` the second,
+
+    ``tau1 += viscous dq2 + rotor_inertia ddq2 + coulomb s(dq1 + dq2)``
+    ``tau2 += viscous dq1 + rotor_inertia ddq1 + coulomb s(dq1 + dq2)``
+
+    that is, the motor of the second joint moves with the sum of both rates.
+
+    Parameters
+    ----------
+    first, second : str
+        Joints, of one kind.
+    viscous : bool
+    coulomb : {"sign", "tanh", "none"}
+    velocity_scale : float, [rad/s] or [m/s]
+    rotor_inertia : bool
+        As in `DriveTerms`.
+
+    Notes
+    -----
+    `NonNegativeDrive` leaves these terms alone: viscous and inertial ones are the
+    off-diagonal entries of symmetric matrices, which dissipate or store energy with
+    either sign, as long as the entry is small beside the joints' own.  Where they all
+    come of a motor that turns with the sum of the rates, the constraint `SharedMotors`
+    bounds them.
+
+    Examples
+    --------
+    >>> GearCoupling("joint5", "joint6", viscous=True, rotor_inertia=True).names
+    ('coupling_viscous', 'coupling_rotor_inertia')
+    """
+
+    first: str
+    second: str
+    viscous: bool = False
+    coulomb: CoulombShape = "none"
+    velocity_scale: float | None = None
+    rotor_inertia: bool = False
+
+    def __post_init__(self) -> None:
+        _check_coulomb(self.coulomb, self.velocity_scale)
+        if self.first == self.second:
+            raise ProblemError(f"joint {self.first!r} cannot be coupled to itself")
+        if not self.names:
+            raise ProblemError(
+                f"the coupling of {self.first!r} and {self.second!r} has no term; "
+                "choose viscous, coulomb or rotor_inertia"
+            )
+
+    @property
+    def label(self) -> str:
+        """The two joints, as their parameters are named: ``"joint5+joint6"``."""
+        return f"{self.first}+{self.second}"
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the terms in use, in the order of their columns."""
+        used = (self.viscous, self.coulomb != "none", self.rotor_inertia)
+        return tuple(n for n, use in zip(COUPLING_NAMES, used, strict=True) if use)
+
+    def columns(self, dq: Sequence[Any], ddq: Sequence[Any]) -> list[tuple[Any, Any]]:
+        """Return the terms' columns in the rows of the first and the second joint.
+
+        `dq` and `ddq` hold the motion of the first and the second joint.
+        """
+
+        def shared() -> tuple[Any, Any]:
+            both = _saturated(dq[0] + dq[1], self.velocity_scale)
+            return both, both
+
+        compute: dict[str, Callable[[], tuple[Any, Any]]] = {
+            "coupling_viscous": lambda: (dq[1], dq[0]),
+            "coupling_coulomb": shared,
+            "coupling_rotor_inertia": lambda: (ddq[1], ddq[0]),
+        }
+        return [compute[name]() for name in self.names]
 
 
 def drive_unit(term: str, slides: bool) -> str:
@@ -91,4 +167,30 @@ def drive_unit(term: str, slides: bool) -> str:
         "coulomb": torque,
         "offset": torque,
         "rotor_inertia": "kg" if slides else "kg m^2",
-    }[term]
+        "spring": f"{torque}/{coordinate}",
+    }[term.removeprefix("coupling_")]
+
+
+def _check_coulomb(shape: str, velocity_scale: float | None) -> None:
+    if shape not in get_args(CoulombShape):
+        known = ", ".join(get_args(CoulombShape))
+        raise ProblemError(f"coulomb is {shape!r}, expected one of {known}")
+    if shape == "tanh":
+        if velocity_scale is None or not 0 < velocity_scale < np.inf:
+            raise ProblemError(
+                f"velocity_scale is {velocity_scale}; a tanh Coulomb term needs the "
+                "positive velocity at which it saturates"
+            )
+    elif velocity_scale is not None:
+        raise ProblemError(
+            f"velocity_scale is {velocity_scale}, but coulomb is {shape!r}; only "
+            "'tanh' has a scale"
+        )
+
+
+def _saturated(dq: Any, velocity_scale: float | None) -> Any:
+    """Return the Coulomb term of a rate, of whichever type it is."""
+    # CasADi's expressions have as methods what NumPy has as functions.
+    if not isinstance(dq, np.ndarray):
+        return dq.sign() if velocity_scale is None else (dq / velocity_scale).tanh()
+    return np.sign(dq) if velocity_scale is None else np.tanh(dq / velocity_scale)

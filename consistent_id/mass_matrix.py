@@ -27,17 +27,16 @@ def random_poses(model: TorqueModel, count: int, seed: int) -> Array:
 def mass_matrices(model: TorqueModel, parameters: Vector, q: Array) -> Array:
     """Return mass matrices, shape (poses, joints, joints), [kg m^2 or kg].
 
-    Column ``j`` is the torque of a unit acceleration of joint ``j`` from rest without
-    gravity, friction or offsets; rotor inertia is part of it.
+    Column ``j`` is what a unit acceleration of joint ``j`` adds to the torque at rest;
+    rotor inertia and couplings are part of it.
     """
-    still = replace(model.robot, gravity=np.zeros(3))
-    drive = tuple(replace(terms, offset=False) for terms in model.terms)
-    bare = TorqueModel(still, drive)
-    x = np.array([parameters[model.layout.index(name)] for name in bare.layout.names])
-    n = len(model.robot)
+    robot = replace(model.robot, gravity=np.zeros(3))
+    still = replace(model, robot=robot, torque_joints=())
+    rest = np.zeros_like(q)
+    at_rest = still.predict(parameters, q, rest, rest)
     columns = [
-        bare.predict(x, q, np.zeros_like(q), np.tile(unit, (len(q), 1)))
-        for unit in np.eye(n)
+        still.predict(parameters, q, rest, np.tile(unit, (len(q), 1))) - at_rest
+        for unit in np.eye(len(model.robot))
     ]
     return np.stack(columns, axis=2)
 

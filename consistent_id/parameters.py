@@ -6,19 +6,21 @@ from dataclasses import dataclass, field
 from consistent_id.errors import ProblemError
 from consistent_id.inertia import INERTIAL_NAMES, INERTIAL_UNITS
 
-DRIVE_NAMES = ("viscous", "coulomb", "offset", "rotor_inertia")
+DRIVE_NAMES = ("viscous", "coulomb", "offset", "rotor_inertia", "spring")
+COUPLING_NAMES = ("coupling_viscous", "coupling_coulomb", "coupling_rotor_inertia")
 
 
 @dataclass(frozen=True, slots=True)
 class ParameterLayout:
-    """Where each parameter stands: ten per link, then the drive terms per joint.
+    """Where each parameter stands: ten per link, then drive terms and couplings.
 
     Parameters
     ----------
     links : tuple of str
         Names of the moving links; link ``k`` owns entries ``10 k .. 10 k + 9``.
     drive : tuple of (str, str)
-        Joint and term, such as ``("elbow", "viscous")``, in order.
+        Joint and term, such as ``("elbow", "viscous")``, in order; after them, two
+        joints and the term they share, ``("elbow+wrist", "coupling_viscous")``.
     drive_units : tuple of str
         Unit of each drive term.
 

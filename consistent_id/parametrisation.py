@@ -105,7 +105,7 @@ class Parametrisation:
         """Return ``Y``, shape (joints, combinations, samples)."""
         inertial, gravity = self._lifts()
         still = replace(self.model.robot, gravity=np.zeros(3))
-        Y0 = TorqueModel(still, self.model.drive).regressor(q, dq, ddq)
+        Y0 = replace(self.model, robot=still).regressor(q, dq, ddq)
         Yg = self.model.regressor(q, dq, ddq) - Y0
         return np.asarray(
             np.einsum("jps,pa->jas", Y0, inertial)
@@ -117,6 +117,7 @@ class Parametrisation:
 
         Without torque the last column is zero.
         """
+        measured = recording.of(self.model.torque_joints).torque
         recording = recording.of(self.model.robot.joint_names)
         if recording.velocity is None or recording.acceleration is None:
             raise ProblemError(f"{recording.name} has no velocity or no acceleration")
@@ -130,8 +131,8 @@ class Parametrisation:
                 recording.acceleration[part],
             )
             tau = np.zeros((Y.shape[2], len(Y)))
-            if recording.torque is not None:
-                tau = recording.torque[part]
+            if measured is not None:
+                tau = measured[part]
             rows = np.hstack([np.concatenate(list(Y), axis=1).T, tau.T.reshape(-1, 1)])
             R = triangle(np.asfortranarray(np.vstack([R, rows])))
         return R

@@ -10,13 +10,14 @@ import numpy as np
 
 from consistent_id.constraints import Constraint, lowered
 from consistent_id.errors import ProblemError
-from consistent_id.friction import DriveTerms
+from consistent_id.friction import DriveTerms, GearCoupling
 from consistent_id.loaders import DHRow, from_modified_dh, load_urdf
 from consistent_id.model import Datasheet, JointLimits, RobotModel
 from consistent_id.parameters import did_you_mean
 from consistent_id.priors import PointToSet
 from consistent_id.problem_constraints import constraints_of
 from consistent_id.problem_file import (
+    CouplingTable,
     DataTable,
     DHTable,
     DriveTable,
@@ -129,7 +130,9 @@ def load_problem(path: str | Path) -> Problem:
     drive = tuple(
         _drive(table.joints.get(name, table.drive)) for name in robot.joint_names
     )
-    model = TorqueModel(robot, drive)
+    couplings = tuple(_coupling(coupling) for coupling in table.couplings)
+    measured = () if table.data is None else tuple(table.data.torque_joints)
+    model = TorqueModel(robot, drive, couplings, measured)
     constraints = constraints_of(table.constraints)
     lowered(constraints, model)  # a name that is wrong is found here, not after hours
     return Problem(
@@ -149,7 +152,18 @@ def _robot(table: ProblemTable, folder: Path) -> RobotModel:
         )
     if model.urdf is not None:
         file = folder / _expanded(model.urdf, table.name)
-        return load_urdf(file, gravity=model.gravity, tip=model.tip)
+        return load_urdf(
+            file,
+            gravity=model.gravity,
+            tip=model.tip,
+            joints=model.joints,
+            locked=model.locked,
+        )
+    if model.joints is not None or model.locked:
+        raise ProblemError(
+            f"problem {table.name!r}: joints of modified_dh rows cannot be locked; "
+            "leave [model] joints and locked out"
+        )
     rows = [_dh_row(row) for row in model.modified_dh]
     robot = from_modified_dh(table.name, rows, gravity=model.gravity)
     return robot if model.tip is None else robot.up_to(model.tip)
@@ -184,6 +198,18 @@ def _drive(table: DriveTable) -> DriveTerms:
         table.coulomb,
         table.velocity_scale,
         table.offset,
+        table.rotor_inertia,
+        table.spring,
+    )
+
+
+def _coupling(table: CouplingTable) -> GearCoupling:
+    return GearCoupling(
+        table.first,
+        table.second,
+        table.viscous,
+        table.coulomb,
+        table.velocity_scale,
         table.rotor_inertia,
     )
 

@@ -18,6 +18,7 @@ from consistent_id.constraints import (
     ParameterBounds,
     PhysicalConsistency,
     Polytope,
+    SharedMotors,
     SymmetricLink,
     TotalMass,
 )
@@ -44,6 +45,8 @@ def constraints_of(table: ConstraintsTable) -> tuple[Constraint, ...]:
         chosen.append(CentreOfMassBoxes())
     if table.drive_signs:
         chosen.append(NonNegativeDrive())
+    if table.shared_motors:
+        chosen.append(SharedMotors())
     if table.fixed:
         chosen.append(FixedParameters(table.fixed))
     if table.bounds:

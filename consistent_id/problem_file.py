@@ -42,6 +42,8 @@ class ModelTable(Table, frozen=True, kw_only=True):
     modified_dh: list[DHTable] = []
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
     tip: str | None = None
+    joints: Annotated[list[str], Meta(min_length=1)] | None = None
+    locked: dict[str, float] = {}
 
 
 class LinkTable(Table, frozen=True, kw_only=True):
@@ -60,6 +62,18 @@ class DriveTable(Table, frozen=True, kw_only=True):
     coulomb: Literal["sign", "tanh", "none"] = "none"
     velocity_scale: Positive | None = None
     offset: bool = False
+    rotor_inertia: bool = False
+    spring: bool = False
+
+
+class CouplingTable(Table, frozen=True, kw_only=True):
+    """Terms of two joints whose gears are coupled."""
+
+    first: str
+    second: str
+    viscous: bool = False
+    coulomb: Literal["sign", "tanh", "none"] = "none"
+    velocity_scale: Positive | None = None
     rotor_inertia: bool = False
 
 
@@ -102,6 +116,7 @@ class ConstraintsTable(Table, frozen=True, kw_only=True):
     masses: Literal["datasheet", "bounds", "free"] = "datasheet"
     centres_of_mass: Literal["datasheet", "box", "free"] = "free"
     drive_signs: bool = True
+    shared_motors: bool = False
     fixed: dict[str, float] = {}
     bounds: dict[str, Pair] = {}
     relations: list[RelationTable] = []
@@ -153,6 +168,7 @@ class DataTable(Table, frozen=True, kw_only=True):
     folder: str = "."
     columns: ColumnsTable = ColumnsTable()
     torque_gain: float | list[float] = 1.0
+    torque_joints: list[str] = []
     preparation: PreparationTable = PreparationTable()
 
 
@@ -218,6 +234,7 @@ class ProblemTable(Table, frozen=True, kw_only=True):
     links: dict[str, LinkTable] = {}
     drive: DriveTable = DriveTable()
     joints: dict[str, DriveTable] = {}
+    couplings: list[CouplingTable] = []
     constraints: ConstraintsTable = ConstraintsTable()
     prior: PriorTable = PriorTable()
     data: DataTable | None = None

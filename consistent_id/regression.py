@@ -125,9 +125,9 @@ def build_regression(
     model : TorqueModel
     recordings : Recording or sequence of Recording
         With velocity, acceleration and torque; joints are matched by name.
-    row_weights : sequence of ndarray, each shape (samples, joints), optional
+    row_weights : sequence of ndarray, each shape (samples, torque joints), optional
         Factors by which each row and its torque are multiplied, one array for each
-        recording, in the model's order of joints.
+        recording, in the order of the model's torque joints.
 
     Raises
     ------
@@ -175,9 +175,9 @@ def build_regression(
     counts = sum(len(recording) for recording in recordings)
     return Regression(
         layout=model.layout,
-        joints=model.robot.joint_names,
+        joints=model.torque_joints,
         factors=tuple(expanded),
-        counts=(counts,) * len(model.robot),
+        counts=(counts,) * len(model.torque_joints),
         fingerprint=model.fingerprint,
     )
 
@@ -204,22 +204,25 @@ def require_match(
                 f"the {what} are of another torque model: geometry, gravity, drive "
                 "terms or names differ. Build them with this model"
             )
-    if regression.joints != model.robot.joint_names:
+    if regression.joints != model.torque_joints:
         raise ProblemError(
-            f"the regression is of joints {regression.joints}, the model has "
-            f"{model.robot.joint_names}"
+            f"the regression is of joints {regression.joints}, the model has torques "
+            f"of {model.torque_joints}"
         )
     rms = regression.torque_rms
     dead = [j for j, size in zip(regression.joints, rms, strict=True) if size == 0.0]
     if dead:
         raise NotExcitedError(
             f"the torque is zero throughout for {', '.join(dead)}; check column, unit "
-            "and gain, or leave the joint out of the model"
+            "and gain, or leave the joint out of the model's torque_joints"
         )
 
 
 class _Motion(NamedTuple):
-    """A recording's arrays in the model's order of joints, all of one length."""
+    """A recording's arrays in the model's order of joints, all of one length.
+
+    Torque and weights are those of the model's torque joints.
+    """
 
     q: Array
     dq: Array
@@ -229,8 +232,9 @@ class _Motion(NamedTuple):
 
 
 def _motion(model: TorqueModel, recording: Recording, weights: Array | None) -> _Motion:
+    tau = recording.of(model.torque_joints).torque
     recording = recording.of(model.robot.joint_names)
-    dq, ddq, tau = recording.velocity, recording.acceleration, recording.torque
+    dq, ddq = recording.velocity, recording.acceleration
     if dq is None or ddq is None or tau is None:
         given = {"velocity": dq, "acceleration": ddq, "torque": tau}
         missing = [name for name, values in given.items() if values is None]

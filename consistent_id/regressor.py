@@ -1,7 +1,7 @@
 """The torque model: torques as a linear function of the parameters.
 
 ``tau = Y(q, dq, ddq) x``, where ``x`` holds ten inertial parameters per link and the
-drive terms of each joint.
+drive terms of each joint and of coupled joints.
 """
 
 from collections.abc import Iterator, Sequence
@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._arrays import Array, Vector, checked, frozen
+from consistent_id._arrays import Array, checked, frozen
+from consistent_id._joint_geometry import floats, joint_geometry
 from consistent_id._newton_euler import JointGeometry, JointMotion, regressor_entries
 from consistent_id.errors import ProblemError
-from consistent_id.friction import DriveTerms, drive_unit
-from consistent_id.model import Joint, RobotModel
-from consistent_id.parameters import ParameterLayout
+from consistent_id.friction import DriveTerms, GearCoupling, drive_unit
+from consistent_id.model import RobotModel
+from consistent_id.parameters import ParameterLayout, did_you_mean
 
 CHUNK = 4096
 """Samples per chunk: keeps the recursion's arrays in the processor's cache."""
@@ -32,12 +33,19 @@ class TorqueModel:
     robot : RobotModel
     drive : DriveTerms or tuple of DriveTerms
         Friction and drive terms, for all joints alike or joint by joint.
+    couplings : tuple of GearCoupling
+        Terms that two joints share.
+    torque_joints : tuple of str
+        Joints whose torque is known, in the robot's order; by default all.  The others
+        move, and what they carry weighs on the joints before them, but they have no
+        row.
 
     Attributes
     ----------
     layout : ParameterLayout
     fingerprint : str
-        Of geometry, gravity and drive terms: what belongs together has the same.
+        Of geometry, gravity, drive terms, couplings and rows: what belongs together
+        has the same.
 
     Examples
     --------
@@ -50,6 +58,8 @@ class TorqueModel:
 
     robot: RobotModel
     drive: DriveTerms | tuple[DriveTerms, ...] = field(default_factory=DriveTerms)
+    couplings: tuple[GearCoupling, ...] = ()
+    torque_joints: tuple[str, ...] = ()
     terms: tuple[DriveTerms, ...] = field(init=False)
     layout: ParameterLayout = field(init=False)
     fingerprint: str = field(init=False)
@@ -62,21 +72,31 @@ class TorqueModel:
             raise ProblemError(
                 f"drive terms for {len(drive)} joints, but the robot has {len(robot)}"
             )
+        couplings = tuple(self.couplings)
+        rows = _in_order(self.torque_joints, robot)
         columns = [
-            (joint, term)
+            (joint.name, joint, term)
             for joint, of_joint in zip(robot.joints, drive, strict=True)
             for term in of_joint.names
+        ] + [
+            (coupling.label, robot.joints[coupled_joints(robot, coupling)[0]], term)
+            for coupling in couplings
+            for term in coupling.names
         ]
         layout = ParameterLayout(
             links=robot.link_names,
-            drive=tuple((joint.name, term) for joint, term in columns),
+            drive=tuple((name, term) for name, _, term in columns),
             drive_units=tuple(
-                drive_unit(term, joint.kind == "prismatic") for joint, term in columns
+                drive_unit(term, joint.kind == "prismatic")
+                for _, joint, term in columns
             ),
         )
         object.__setattr__(self, "terms", drive)
+        object.__setattr__(self, "couplings", couplings)
+        object.__setattr__(self, "torque_joints", rows)
         object.__setattr__(self, "layout", layout)
-        content = repr((joint_geometry(robot), robot.gravity.tolist(), drive, layout))
+        gravity = robot.gravity.tolist()
+        content = repr((joint_geometry(robot), gravity, drive, couplings, layout, rows))
         digest = sha256(content.encode()).hexdigest()[:16]
         object.__setattr__(self, "fingerprint", digest)
 
@@ -90,7 +110,7 @@ class TorqueModel:
 
         Returns
         -------
-        ndarray, shape (joints, parameters, samples)
+        ndarray, shape (torque joints, parameters, samples)
             Joint-major: ``tau[:, j] = Y[j].T @ x``.
 
         Raises
@@ -98,7 +118,7 @@ class TorqueModel:
         ProblemError
             If a shape is wrong or a value is not finite.
         """
-        Y = np.zeros((len(self.robot), len(self.layout), len(np.asarray(q))))
+        Y = np.zeros((len(self.torque_joints), len(self.layout), len(np.asarray(q))))
         for part, block in self.chunks(q, dq, ddq):
             Y[:, :, part] = block
         return Y
@@ -120,7 +140,8 @@ class TorqueModel:
             if len(x) != samples:
                 raise ProblemError(f"{name} has {len(x)} samples, q has {samples}")
         geometry = joint_geometry(self.robot)
-        out = np.zeros((joints, len(self.layout), min(size, samples)))
+        rows = len(self.torque_joints)
+        out = np.zeros((rows, len(self.layout), min(size, samples)))
         for start in range(0, samples, size):
             part = slice(start, min(start + size, samples))
             block = out[:, :, : part.stop - start]
@@ -132,12 +153,17 @@ class TorqueModel:
     def predict(
         self, x: ArrayLike, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike
     ) -> Array:
-        """Return the torques of parameters `x`, shape (samples, joints), [N m or N]."""
+        """Return torques of parameters `x`, shape (samples, torque joints), [N m or N].
+
+        In the order of `torque_joints`.
+        """
         x = frozen(x, (len(self.layout),), "parameters")
         parts = [
             np.einsum("jps,p->sj", block, x) for _, block in self.chunks(q, dq, ddq)
         ]
-        return np.concatenate(parts) if parts else np.zeros((0, len(self.robot)))
+        return (
+            np.concatenate(parts) if parts else np.zeros((0, len(self.torque_joints)))
+        )
 
     def _fill(
         self,
@@ -151,15 +177,71 @@ class TorqueModel:
             JointMotion(*joint)
             for joint in zip(q, np.sin(q), np.cos(q), dq, ddq, strict=True)
         ]
-        gravity = _floats(self.robot.gravity)
+        gravity = floats(self.robot.gravity)
+        row = _rows_of(self)
         for j, k, entries in regressor_entries(geometry, gravity, motion):
-            for i, entry in enumerate(entries, start=10 * k):
-                out[j, i] = entry
-        column = self.layout.inertial_size
-        for j, terms in enumerate(self.terms):
-            for values in terms.columns(dq[j], ddq[j]):
-                out[j, column] = values
-                column += 1
+            if j in row:
+                for i, entry in enumerate(entries, start=10 * k):
+                    out[row[j], i] = entry
+        for j, column, values in _drive_entries(self, q, dq, ddq):
+            if j in row:
+                out[row[j], column] = values
+
+
+def coupled_joints(robot: RobotModel, coupling: GearCoupling) -> tuple[int, int]:
+    """Return the places of the two joints of a coupling.
+
+    Raises
+    ------
+    ProblemError
+        If there is no such joint, or one turns and the other slides.
+    """
+    places = []
+    for name in (coupling.first, coupling.second):
+        if name not in robot.joint_names:
+            near = did_you_mean(name, robot.joint_names)
+            raise ProblemError(f"coupling {coupling.label}: no joint {name!r}; {near}")
+        places.append(robot.joint_names.index(name))
+    first, second = places
+    slide = [robot.joints[j].kind == "prismatic" for j in places]
+    if slide[0] != slide[1]:
+        raise ProblemError(
+            f"coupling {coupling.label}: one joint turns, the other slides; the sum of "
+            "their rates means nothing"
+        )
+    return first, second
+
+
+def _in_order(names: Sequence[str], robot: RobotModel) -> tuple[str, ...]:
+    """Return the named joints in the robot's order, all of them for none."""
+    for name in names:
+        if name not in robot.joint_names:
+            near = did_you_mean(name, robot.joint_names)
+            raise ProblemError(f"torque_joints: no joint {name!r}; {near}")
+    return tuple(j for j in robot.joint_names if j in names) or robot.joint_names
+
+
+def _rows_of(model: TorqueModel) -> dict[int, int]:
+    """Return the row of each joint that has one."""
+    places = [model.robot.joint_names.index(name) for name in model.torque_joints]
+    return {j: row for row, j in enumerate(places)}
+
+
+def _drive_entries(
+    model: TorqueModel, q: Any, dq: Any, ddq: Any
+) -> Iterator[tuple[int, int, Any]]:
+    """Yield ``(joint, column, values)`` of drive terms and couplings."""
+    column = model.layout.inertial_size
+    for j, terms in enumerate(model.terms):
+        for values in terms.columns(q[j], dq[j], ddq[j]):
+            yield j, column, values
+            column += 1
+    for coupling in model.couplings:
+        i, j = coupled_joints(model.robot, coupling)
+        for first, second in coupling.columns((dq[i], dq[j]), (ddq[i], ddq[j])):
+            yield i, column, first
+            yield j, column, second
+            column += 1
 
 
 def joint_torque_regressor(
@@ -172,63 +254,34 @@ def joint_torque_regressor(
     return TorqueModel(robot).regressor(q, dq, ddq)
 
 
-def casadi_regressor(robot: RobotModel) -> Any:
-    """Return the rigid-body regressor as a CasADi function of one sample.
+def casadi_regressor(model: TorqueModel | RobotModel) -> Any:
+    """Return the regressor as a CasADi function of one sample.
+
+    Parameters
+    ----------
+    model : TorqueModel or RobotModel
+        A robot alone has the rigid-body columns only.
 
     Returns
     -------
     casadi.Function
-        ``(q, dq, ddq) -> Y``, shapes (joints,) and (joints, 10 links), SX.
+        ``(q, dq, ddq) -> Y``, shapes (joints,) and (torque joints, parameters), SX.
     """
     import casadi as ca
 
-    n = len(robot)
+    model = TorqueModel(model) if isinstance(model, RobotModel) else model
+    robot, row, n = model.robot, _rows_of(model), len(model.robot)
     q, dq, ddq = (ca.SX.sym(name, n) for name in ("q", "dq", "ddq"))
-    Y = ca.SX(n, 10 * n)
+    Y = ca.SX(len(row), len(model.layout))
     motion = [
         JointMotion(q[j], ca.sin(q[j]), ca.cos(q[j]), dq[j], ddq[j]) for j in range(n)
     ]
-    gravity = _floats(robot.gravity)
+    gravity = floats(robot.gravity)
     for j, k, entries in regressor_entries(joint_geometry(robot), gravity, motion):
-        for i, entry in enumerate(entries, start=10 * k):
-            Y[j, i] = entry
+        if j in row:
+            for i, entry in enumerate(entries, start=10 * k):
+                Y[row[j], i] = entry
+    for j, column, values in _drive_entries(model, q, dq, ddq):
+        if j in row:
+            Y[row[j], column] = values
     return ca.Function("regressor", [q, dq, ddq], [Y], ["q", "dq", "ddq"], ["Y"])
-
-
-def joint_geometry(robot: RobotModel) -> tuple[JointGeometry, ...]:
-    """Return what the recursion needs of each joint, in plain Python numbers."""
-    return tuple(
-        JointGeometry(
-            parent=joint.parent,
-            slides=joint.kind == "prismatic",
-            rotation=_rows(joint.rotation),
-            translation=_floats(joint.translation),
-            align=_rows(_basis_with_axis(joint)),
-        )
-        for joint in robot.joints
-    )
-
-
-def _basis_with_axis(joint: Joint) -> Array:
-    """Return a rotation whose third column is the joint's axis.
-
-    A cyclic permutation where the axis is a coordinate axis, so that it costs nothing.
-    """
-    axis = joint.axis
-    if np.count_nonzero(axis) == 1:
-        place = int(np.argmax(abs(axis)))
-        basis = np.roll(np.eye(3), place - 2, axis=0)
-        return basis if axis[place] > 0 else basis * np.array([1.0, -1.0, -1.0])
-    helper = np.eye(3)[np.argmin(abs(axis))]
-    first = np.cross(axis, helper)
-    first /= np.linalg.norm(first)
-    return np.column_stack([first, np.cross(axis, first), axis])
-
-
-def _floats(vector: Vector) -> tuple[float, float, float]:
-    x, y, z = vector.tolist()
-    return x, y, z
-
-
-def _rows(matrix: Array) -> tuple[Any, Any, Any]:
-    return _floats(matrix[0]), _floats(matrix[1]), _floats(matrix[2])

@@ -21,6 +21,8 @@ def simulate_torque(
 ) -> Recording:
     """Return a motion with the torques of known parameters, and white noise on them.
 
+    All joints get their torque, also those whose torque the model does without.
+
     Parameters
     ----------
     model : TorqueModel
@@ -38,7 +40,7 @@ def simulate_torque(
             f"{motion.name} has no velocity or no acceleration; call "
             "signals.differentiated(recording) first"
         )
-    torque = model.predict(
+    torque = replace(model, torque_joints=()).predict(
         parameters, motion.position, motion.velocity, motion.acceleration
     )
     shape = torque.shape[1:] if np.ndim(noise) else ()

@@ -21,7 +21,7 @@ def study_tables(study: Study) -> list[Table]:
         tables += published_tables(study.published, study.problem.table.published)
     tables.append(excitation_table(study.excitation, study.training))
     tables += comparison_tables(study.comparison)
-    tables.append(cost_table(study.costs, study.problem.model.robot.joint_names))
+    tables.append(cost_table(study.costs, study.problem.model.torque_joints))
     return tables
 
 
@@ -66,7 +66,7 @@ def cost_table(costs: Sequence[ConstraintCost], joints: Sequence[str]) -> Table:
 
 def comparison_tables(comparison: Comparison) -> list[Table]:
     """Return held-out errors, consistency and certificates of all estimates."""
-    joints = comparison.model.robot.joint_names
+    joints = comparison.model.torque_joints
     reports = comparison.reports
     tables = []
     for i, error in enumerate(reports[0].validation):

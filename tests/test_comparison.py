@@ -8,19 +8,22 @@ import pytest
 from robots import random_robot, random_states
 
 from consistent_id import (
+    DHRow,
     DriveTerms,
+    GearCoupling,
     ProblemError,
     Recording,
     TorqueModel,
     build_regression,
     compare,
     constrained_least_squares,
+    from_modified_dh,
     least_squares,
     simulate_torque,
 )
 from consistent_id.base_feasibility import in_words
 from consistent_id.comparison import torque_error
-from consistent_id.mass_matrix import mass_matrices
+from consistent_id.mass_matrix import mass_matrices, random_poses
 from consistent_id.summary import comparison_tables
 from consistent_id.tables import Table
 
@@ -63,6 +66,18 @@ def test_mass_matrices_are_those_of_pinocchio_with_rotor_inertia_added():
         expected = pin.crba(reference, data, pose)
         expected = np.triu(expected) + np.triu(expected, 1).T + np.diag([0.2, 0.3, 0.4])
         assert np.allclose(M, expected, atol=1e-12 * abs(expected).max())
+
+
+def test_mass_matrices_have_coupled_rotors_and_no_spring():
+    robot = from_modified_dh("arm", [DHRow(0.0, 0.1), DHRow(1.0, 0.1)])
+    drive = DriveTerms(offset=True, spring=True, rotor_inertia=True)
+    coupling = GearCoupling("joint1", "joint2", rotor_inertia=True)
+    model = TorqueModel(robot, drive, (coupling,))
+    x = np.zeros(len(model.layout))
+    x[20:] = [5.0, 0.4, 9.0, 7.0, 0.3, 8.0, 0.2]
+    q = random_poses(model, 3, seed=0)
+    expected = np.tile([[0.4, 0.2], [0.2, 0.3]], (3, 1, 1))
+    assert np.allclose(mass_matrices(model, x, q), expected, rtol=0, atol=1e-13)
 
 
 def test_the_constrained_robot_is_consistent_and_its_mass_matrix_positive():

@@ -9,21 +9,27 @@ from robots import random_body, random_robot, random_states
 from consistent_id import (
     CentreOfMassIn,
     DensityOn,
+    DHRow,
+    DriveTerms,
     Ellipsoid,
     EqualLinks,
     FixedMasses,
+    GearCoupling,
     InertialParameters,
     LinearRelation,
+    NonNegativeDrive,
     ParameterBounds,
     PhysicalConsistency,
     Polytope,
     ProblemError,
     Recording,
+    SharedMotors,
     SymmetricLink,
     TorqueModel,
     TotalMass,
     build_regression,
     constrained_least_squares,
+    from_modified_dh,
     load_problem,
     simulate_torque,
 )
@@ -237,6 +243,91 @@ box = [[-1,-1,-1], [1,1,1]]
         "CentreOfMassIn",
         "DensityOn",
     ]
+
+
+def test_signs_hold_for_springs_and_leave_coupled_gears_alone():
+    table = [DHRow(0.0, 0.1), DHRow(1.0, 0.1)]
+    drive = DriveTerms(viscous=True, offset=True, spring=True)
+    coupling = GearCoupling("joint1", "joint2", viscous=True, rotor_inertia=True)
+    model = TorqueModel(from_modified_dh("arm", table), drive, (coupling,))
+    assert set(NonNegativeDrive().lower(model).in_labels) == {
+        f"joint{j}.{term} >= 0" for j in (1, 2) for term in ("viscous", "spring")
+    }
+    named = NonNegativeDrive(("coupling_viscous",)).lower(model)
+    assert named.in_labels == ("joint1+joint2.coupling_viscous >= 0",)
+
+
+def _wrist(rotor=True):
+    table = [DHRow(0.0, 0.1), DHRow(1.0, 0.1)]
+    drive = DriveTerms(viscous=True, rotor_inertia=rotor)
+    coupling = GearCoupling("joint1", "joint2", True, "sign", rotor_inertia=True)
+    return TorqueModel(from_modified_dh("wrist", table), drive, (coupling,))
+
+
+def test_a_motor_that_turns_with_the_sum_is_part_of_what_both_joints_have():
+    model = _wrist()
+    domain = SharedMotors().lower(model)
+    names = list(model.layout.names[20:])
+    x = np.zeros(len(model.layout))
+    # Motor 1 on joint 1 alone, motor 2 on the sum of rates: viscous, inertia.
+    first, second = np.array([0.3, 0.02]), np.array([0.5, 0.04])
+    x[20:24] = [*(first + second), *second]
+    x[24:] = [second[0], 0.7, second[1]]
+    assert names[4:] == [
+        f"joint1+joint2.coupling_{t}" for t in ("viscous", "coulomb", "rotor_inertia")
+    ]
+    assert (domain.A_in @ x <= domain.b_in + 1e-15).all()
+    for place, value in ((24, 0.6), (24, -0.1), (25, -0.1), (26, 0.05), (26, -0.01)):
+        wrong = x.copy()
+        wrong[place] = value
+        assert (domain.A_in @ wrong > domain.b_in).sum() == 1
+
+
+@pytest.mark.parametrize(
+    ("model", "message"),
+    [
+        (MODEL, "no gear coupling"),
+        (_wrist(rotor=False), "no parameter named 'joint1.rotor_inertia'"),
+    ],
+)
+def test_shared_motors_without_a_coupling_or_a_term_are_refused(model, message):
+    with pytest.raises(ProblemError, match=message):
+        SharedMotors().lower(model)
+
+
+def test_a_problem_file_has_locks_springs_and_couplings(tmp_path):
+    links = "".join(f'<link name="l{k}"/>' for k in range(4))
+    joints = "".join(
+        f'<joint name="j{k}" type="continuous"><parent link="l{k}"/>'
+        f'<child link="l{k + 1}"/><origin xyz="0.1 0 0"/></joint>'
+        for k in range(3)
+    )
+    (tmp_path / "arm.urdf").write_text(f'<robot name="arm">{links}{joints}</robot>')
+    (tmp_path / "problem.toml").write_text(
+        """
+name = "arm"
+[model]
+urdf = "arm.urdf"
+joints = ["j0", "j1"]
+locked = { j2 = 0.5 }
+[drive]
+spring = true
+[[couplings]]
+first = "j0"
+second = "j1"
+coulomb = "tanh"
+velocity_scale = 0.1
+[constraints]
+masses = "free"
+"""
+    )
+    model = load_problem(tmp_path).model
+    assert model.robot.joint_names == ("j0", "j1")
+    assert model.layout.names[20:] == (
+        "j0.spring",
+        "j1.spring",
+        "j0+j1.coupling_coulomb",
+    )
 
 
 def test_a_wrong_name_in_a_problem_files_constraints_is_found_at_once(tmp_path):

@@ -6,6 +6,11 @@ import pytest
 from consistent_id import ModelError, ProblemError, RecordingError, load_problem
 
 ARM = 'name = "arm"\n[model]\nmodified_dh = [{ alpha_deg = 0, a = 0 }]\n'
+DATA = """
+[data]
+torque_joints = ["elbow"]
+recordings = [{ file = "log.csv", role = "training" }]
+"""
 FREE = '[constraints]\nmasses = "free"\n'
 
 
@@ -47,6 +52,9 @@ def test_the_file_may_be_named_instead_of_its_folder():
         (ARM + "[links.link1]\nmass = -1\n", r"\$\.links"),
         (ARM, "no link's datasheet has a mass"),
         (ARM + '[constraints]\nmasses = "bounds"\n', "mass_bounds"),
+        (ARM + FREE + "shared_motors = true\n", "no gear coupling"),
+        (ARM.replace("[model]", '[model]\njoints = ["joint1"]'), "cannot be locked"),
+        (ARM + FREE + DATA, "torque_joints: no joint 'elbow'"),
         ("name = ", "not TOML"),
     ],
 )

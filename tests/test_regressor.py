@@ -1,11 +1,20 @@
 """The regressor: Pinocchio, CasADi, energy, closed forms of the drive terms."""
 
+from dataclasses import replace
+
 import numpy as np
 import pinocchio as pin
 import pytest
 from robots import random_robot, random_states
 
-from consistent_id import DriveTerms, ProblemError, TorqueModel
+from consistent_id import (
+    DHRow,
+    DriveTerms,
+    GearCoupling,
+    ProblemError,
+    TorqueModel,
+    from_modified_dh,
+)
 from consistent_id.regressor import casadi_regressor, joint_torque_regressor
 
 CASES = [(n, tree) for n in range(1, 10) for tree in (False, True)]
@@ -101,9 +110,11 @@ def test_drive_terms_have_the_columns_they_are_named_after():
     rng = np.random.default_rng(9)
     _, robot = random_robot(rng, 2)
     smooth = DriveTerms(coulomb="tanh", velocity_scale=0.5)
-    full = DriveTerms(viscous=True, coulomb="sign", offset=True, rotor_inertia=True)
+    full = DriveTerms(
+        viscous=True, coulomb="sign", offset=True, rotor_inertia=True, spring=True
+    )
     model = TorqueModel(robot, (smooth, full))
-    _, dq, ddq = states = random_states(rng, 2, 8)
+    q, dq, ddq = states = random_states(rng, 2, 8)
     Y = model.regressor(*states)
     assert model.layout.names[20:] == (
         "j0.coulomb",
@@ -111,14 +122,121 @@ def test_drive_terms_have_the_columns_they_are_named_after():
         "j1.coulomb",
         "j1.offset",
         "j1.rotor_inertia",
+        "j1.spring",
     )
     assert np.allclose(Y[0, 20], np.tanh(dq[:, 0] / 0.5))
     assert np.array_equal(Y[1, 21], dq[:, 1])
     assert np.array_equal(Y[1, 22], np.sign(dq[:, 1]))
     assert np.array_equal(Y[1, 23], np.ones(8))
     assert np.array_equal(Y[1, 24], ddq[:, 1])
+    assert np.array_equal(Y[1, 25], q[:, 1])
     assert not Y[1, 20].any()
     assert not Y[0, 21:].any()
+
+
+def _coupled(rng, coulomb="tanh", velocity_scale=0.3):
+    """A robot of four turning joints, the last two coupled, and its torque model."""
+    table = [DHRow(angle, 0.1) for angle in (0.0, -np.pi / 2, 0.4, np.pi / 2)]
+    drive = DriveTerms(viscous=True, offset=True, spring=True)
+    coupling = GearCoupling(
+        "joint4",
+        "joint3",
+        viscous=True,
+        coulomb=coulomb,
+        velocity_scale=velocity_scale,
+        rotor_inertia=True,
+    )
+    model = TorqueModel(from_modified_dh("arm", table), drive, (coupling,))
+    return model, rng.normal(size=len(model.layout))
+
+
+def test_coupled_gears_give_the_torque_of_their_formula():
+    rng = np.random.default_rng(21)
+    model, x = _coupled(rng)
+    assert model.layout.names[-3:] == (
+        "joint4+joint3.coupling_viscous",
+        "joint4+joint3.coupling_coulomb",
+        "joint4+joint3.coupling_rotor_inertia",
+    )
+    assert model.layout.units[-3:] == ("N m s/rad", "N m", "kg m^2")
+    viscous, coulomb, inertia = x[-3:]
+    q, dq, ddq = random_states(rng, 4, 20)
+    bare = TorqueModel(model.robot, model.drive)
+    shared = model.predict(x, q, dq, ddq) - bare.predict(x[:-3], q, dq, ddq)
+    friction = coulomb * np.tanh((dq[:, 2] + dq[:, 3]) / 0.3)
+    expected = np.zeros((20, 4))
+    expected[:, 3] = viscous * dq[:, 2] + inertia * ddq[:, 2] + friction
+    expected[:, 2] = viscous * dq[:, 3] + inertia * ddq[:, 3] + friction
+    assert np.allclose(shared, expected, rtol=0, atol=1e-12)
+
+
+def test_a_motor_that_turns_with_the_sum_of_rates_is_a_coupling():
+    # Its kinetic energy is I (dq3 + dq4)^2 / 2, its friction v (dq3 + dq4).
+    model, x = _coupled(np.random.default_rng(22))
+    model = TorqueModel(
+        model.robot, DriveTerms(viscous=True, rotor_inertia=True), model.couplings
+    )
+    x = np.zeros(len(model.layout))
+    for joints in ("joint3", "joint4"):
+        x[model.layout.index(f"{joints}.viscous")] = 0.7
+        x[model.layout.index(f"{joints}.rotor_inertia")] = 0.2
+    x[model.layout.index("joint4+joint3.coupling_viscous")] = 0.7
+    x[model.layout.index("joint4+joint3.coupling_rotor_inertia")] = 0.2
+    q, dq, ddq = random_states(np.random.default_rng(23), 4, 9)
+    motor = 0.7 * dq[:, 2:].sum(axis=1) + 0.2 * ddq[:, 2:].sum(axis=1)
+    torque = model.predict(x, q, dq, ddq)
+    assert np.allclose(torque[:, 2:], motor[:, None], rtol=0, atol=1e-13)
+    assert not torque[:, :2].any()
+
+
+@pytest.mark.parametrize(("coulomb", "scale"), [("sign", None), ("tanh", 0.3)])
+def test_the_casadi_form_has_the_drive_terms_and_couplings_too(coulomb, scale):
+    rng = np.random.default_rng(24)
+    model, _ = _coupled(rng, coulomb, scale)
+    every = DriveTerms(True, coulomb, scale, True, True, True)
+    model = TorqueModel(model.robot, every, model.couplings)
+    states = random_states(rng, 4, 5)
+    Y, function = model.regressor(*states), casadi_regressor(model)
+    for s, state in enumerate(zip(*states, strict=True)):
+        found = function(*state).full()
+        assert np.allclose(found, Y[:, :, s], rtol=0, atol=1e-12 * abs(Y).max())
+
+
+def test_what_is_coupled_belongs_to_the_fingerprint():
+    model, _ = _coupled(np.random.default_rng(0))
+    other, _ = _coupled(np.random.default_rng(0), velocity_scale=0.4)
+    assert other.layout == model.layout
+    assert other.fingerprint != model.fingerprint
+
+
+@pytest.mark.parametrize(
+    ("coupling", "message"),
+    [
+        (("joint3", "joint9"), "no joint 'joint9'"),
+        (("joint3", "slide"), "one joint turns, the other slides"),
+    ],
+)
+def test_couplings_of_joints_that_cannot_be_coupled_are_refused(coupling, message):
+    table = [DHRow(0.0, 0.1), DHRow(1.0, 0.1), DHRow(1.0, 0.1)]
+    robot = from_modified_dh("arm", [*table, DHRow(0.0, 0.2, kind="prismatic")])
+    joints = (*robot.joints[:3], replace(robot.joints[3], name="slide"))
+    robot = replace(robot, joints=joints)
+    with pytest.raises(ProblemError, match=message):
+        TorqueModel(robot, couplings=(GearCoupling(*coupling, viscous=True),))
+
+
+@pytest.mark.parametrize(
+    "terms",
+    [
+        ("a", "a", True),
+        ("a", "b"),
+        ("a", "b", True, "tanh"),
+        ("a", "b", True, "sign", 0.1),
+    ],
+)
+def test_couplings_that_make_no_sense_are_refused(terms):
+    with pytest.raises(ProblemError):
+        GearCoupling(*terms)
 
 
 def test_no_sample_gives_an_empty_regressor():

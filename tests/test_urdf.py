@@ -7,7 +7,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from consistent_id import ModelError, joint_torque_regressor, load_urdf
+from consistent_id import ModelError, TorqueModel, joint_torque_regressor, load_urdf
 
 BODY = """
     <inertial>
@@ -108,6 +108,79 @@ def test_limits_are_those_stated_and_infinite_where_none_are(tmp_path):
 def test_the_chain_to_a_tip_can_be_loaded_alone(tmp_path):
     path = _written(tmp_path, ROBOT)
     assert load_urdf(path, tip="one").joint_names == ("turn",)
+
+
+LOCKED = {"slide": 0.3}
+
+
+def test_a_locked_joint_stands_where_it_is_told(tmp_path):
+    path = _written(tmp_path, ROBOT)
+    whole, robot = load_urdf(path), load_urdf(path, locked=LOCKED)
+    assert robot.joint_names == ("turn", "spin")
+    assert robot.link_names == ("one", "three")
+    q, dq, ddq = np.random.default_rng(4).uniform(-1.5, 1.5, (3, 6, 2))
+    places = [whole.joint_names.index(name) for name in robot.joint_names]
+    states = [np.zeros((6, 3)) for _ in range(3)]
+    for mine, state in zip(states, (q, dq, ddq), strict=True):
+        mine[:, places] = state
+    states[0][:, whole.joint_names.index("slide")] = 0.3
+    expected = TorqueModel(whole).predict(whole.nominal, *states)[:, places]
+    torque = TorqueModel(robot).predict(robot.nominal, q, dq, ddq)
+    # 1.57079632679 is taken for a right angle in one of the two: off by 5e-12.
+    assert np.allclose(torque, expected, rtol=0, atol=1e-10 * abs(expected).max())
+
+
+def test_the_body_on_a_locked_joint_is_merged_into_its_parent(tmp_path):
+    path = _written(tmp_path, ROBOT)
+    robot, whole = load_urdf(path, locked=LOCKED), load_urdf(path)
+    masses = {link.name: link.datasheet.mass for link in robot.links}
+    assert masses == pytest.approx({"one": 2.0 + 1.0 + 0.5, "three": 0.7})
+    slide, one, two = whole.joints[1], *whole.links[:2]
+    place = slide.translation + slide.rotation @ slide.axis * LOCKED["slide"]
+    merged = one.nominal + two.nominal.transformed(slide.rotation, place)
+    assert np.allclose(robot.links[0].nominal.vector, merged.vector, atol=1e-10)
+    assert np.allclose(robot.links[0].datasheet.com, merged.com, atol=1e-10)
+
+
+def test_joints_that_are_not_kept_are_locked_at_zero(tmp_path):
+    path = _written(tmp_path, ROBOT)
+    kept = load_urdf(path, joints=["turn", "spin"])
+    told = load_urdf(path, locked={"slide": 0.0})
+    assert kept.joint_names == told.joint_names == ("turn", "spin")
+    assert np.array_equal(kept.nominal, told.nominal)
+
+
+def test_a_continuous_joint_is_locked_at_an_angle(tmp_path):
+    path = _written(tmp_path, ROBOT)
+    robot = load_urdf(path, locked={"spin": 0.4})
+    turned = load_urdf(path)
+    c, s = np.cos(0.4), np.sin(0.4)
+    body = turned.links[2].nominal.transformed(
+        [[c, 0, s], [0, 1, 0], [-s, 0, c]], np.zeros(3)
+    )
+    merged = turned.links[1].nominal + body
+    assert np.allclose(robot.links[1].nominal.vector, merged.vector, atol=1e-12)
+
+
+def test_a_mimic_joint_may_be_locked(tmp_path):
+    text = ROBOT.replace('<axis xyz="0 1 0"/>', '<mimic joint="turn"/>')
+    robot = load_urdf(_written(tmp_path, text), joints=["turn", "slide"])
+    assert robot.joint_names == ("turn", "slide")
+
+
+@pytest.mark.parametrize(
+    ("wish", "message"),
+    [
+        ({"locked": {"slid": 0.0}}, "no joint 'slid' .*slide"),
+        ({"joints": ["trun"]}, "no joint 'trun' .*turn"),
+        ({"joints": ["turn"], "locked": {"turn": 0.0}}, "kept and to be locked"),
+        ({"locked": {"slide": np.nan}}, "'slide' is locked at nan"),
+        ({"locked": dict.fromkeys(("turn", "slide", "spin"), 0.0)}, "nothing moves"),
+    ],
+)
+def test_locks_that_make_no_sense_are_refused(tmp_path, wish, message):
+    with pytest.raises(ModelError, match=message):
+        load_urdf(_written(tmp_path, ROBOT), **wish)
 
 
 @pytest.mark.parametrize(

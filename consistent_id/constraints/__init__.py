@@ -17,6 +17,7 @@ from consistent_id.constraints.parameters import (
     LinearRelation,
     NonNegativeDrive,
     ParameterBounds,
+    SharedMotors,
 )
 from consistent_id.constraints.shape import (
     CentreOfMassIn,
@@ -42,6 +43,7 @@ __all__ = [
     "ParameterBounds",
     "PhysicalConsistency",
     "Polytope",
+    "SharedMotors",
     "SymmetricLink",
     "TotalMass",
     "lowered",

@@ -12,21 +12,22 @@ from consistent_id.constraints._rows import (
     unit_row,
 )
 from consistent_id.errors import ProblemError
-from consistent_id.parameters import DRIVE_NAMES
+from consistent_id.parameters import COUPLING_NAMES, DRIVE_NAMES
 from consistent_id.regressor import TorqueModel
 
 
 @dataclass(frozen=True, slots=True)
 class NonNegativeDrive:
-    """Friction and rotor inertia that dissipate and store, never the reverse."""
+    """Friction that dissipates, rotors and springs that store, never the reverse."""
 
-    terms: tuple[str, ...] = ("viscous", "coulomb", "rotor_inertia")
+    terms: tuple[str, ...] = ("viscous", "coulomb", "rotor_inertia", "spring")
 
     def __post_init__(self) -> None:
-        unknown = sorted(set(self.terms) - set(DRIVE_NAMES))
+        known = (*DRIVE_NAMES, *COUPLING_NAMES)
+        unknown = sorted(set(self.terms) - set(known))
         if unknown:
             raise ProblemError(
-                f"drive terms {unknown} are unknown; known: {', '.join(DRIVE_NAMES)}"
+                f"drive terms {unknown} are unknown; known: {', '.join(known)}"
             )
 
     def lower(self, model: TorqueModel) -> ConicSet:
@@ -35,6 +36,43 @@ class NonNegativeDrive:
         indices = [i for term in self.terms for i in layout.drive_indices(term)]
         rows = [-unit_row(layout, layout.names[i]) for i in indices]
         labels = [f"{layout.names[i]} >= 0" for i in indices]
+        return inequalities(rows, [0.0] * len(rows), labels, model)
+
+
+@dataclass(frozen=True, slots=True)
+class SharedMotors:
+    """Couplings that come of one motor, which turns with the sum of two joints' rates.
+
+    What such a motor adds to both joints is not negative, and is part of the viscous
+    friction and of the inertia that each joint has by itself.
+    """
+
+    def lower(self, model: TorqueModel) -> ConicSet:
+        """Return ``0 <= coupling``, and ``coupling <= own term`` where it has a twin.
+
+        Raises
+        ------
+        ProblemError
+            If the model has no coupling, or a joint lacks a term of its own.
+        """
+        layout = model.layout
+        if not model.couplings:
+            raise ProblemError(
+                "SharedMotors: the model has no gear coupling; give it one, or leave "
+                "this constraint out"
+            )
+        rows, labels = [], []
+        for coupling in model.couplings:
+            for term in coupling.names:
+                name = f"{coupling.label}.{term}"
+                rows.append(-unit_row(layout, name))
+                labels.append(f"{name} >= 0")
+                if term == "coupling_coulomb":
+                    continue  # it has a motion of its own, the sum of both rates
+                for joint in (coupling.first, coupling.second):
+                    own = f"{joint}.{term.removeprefix('coupling_')}"
+                    rows.append(unit_row(layout, name) - unit_row(layout, own))
+                    labels.append(f"{name} <= {own}")
         return inequalities(rows, [0.0] * len(rows), labels, model)
 
 

@@ -97,7 +97,7 @@ def huber(
 
 
 def _residuals(estimate: Estimate, recordings: Sequence[Recording]) -> list[Array]:
-    joints = estimate.model.robot.joint_names
+    joints = estimate.model.torque_joints
     residuals = []
     for recording in recordings:
         torque = recording.of(joints).torque

@@ -1,6 +1,6 @@
 """What Pinocchio would swallow in silence: a lint of URDF text, with line numbers."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from math import isfinite
 from pathlib import Path
@@ -35,8 +35,11 @@ class _Element:
         return next((c for c in self.children if c.tag == tag), None)
 
 
-def lint(text: bytes, path: Path) -> None:
-    """Raise a `ModelError` that names file and line for the first fault found."""
+def lint(text: bytes, path: Path, moves: Callable[[str], bool]) -> None:
+    """Raise a `ModelError` that names file and line for the first fault found.
+
+    `moves` tells of a joint's name whether the joint is not locked.
+    """
     root = _parse(text, path)
 
     def fail(element: _Element, message: str) -> None:
@@ -63,6 +66,8 @@ def lint(text: bytes, path: Path) -> None:
                     f"number{'s' if count > 1 else ''}",
                 )
         message = _link_fault(element) if element.tag == "link" else _fault(element)
+        if not message and element.child("mimic") is not None and moves(name):
+            message = "mimic joints are not supported; make the joint fixed, or lock it"
         if message:
             fail(element, f"{element.tag} {name!r}: {message}")
 
@@ -137,8 +142,6 @@ def _fault(joint: _Element) -> str:
         element = joint.child(end)
         if element is None or "link" not in element.attributes:
             return f"<{end} link=...> is missing"
-    if joint.child("mimic") is not None:
-        return "mimic joints are not supported; make the joint fixed"
     axis = joint.child("axis")
     if kind != "fixed" and axis is not None:
         if not any(float(x) for x in axis.attributes.get("xyz", "1 0 0").split()):

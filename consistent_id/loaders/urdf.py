@@ -1,5 +1,6 @@
 """Robots from URDF: our own lint first, then Pinocchio as the loader."""
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
 
@@ -18,12 +19,18 @@ from consistent_id.model import (
     Link,
     RobotModel,
 )
+from consistent_id.parameters import did_you_mean
 
 _SNAP = 1e-10  # entries of a rotation nearer than this to -1, 0 or 1 are taken as such
 
 
 def load_urdf(
-    path: str | Path, *, gravity: ArrayLike = STANDARD_GRAVITY, tip: str | None = None
+    path: str | Path,
+    *,
+    gravity: ArrayLike = STANDARD_GRAVITY,
+    tip: str | None = None,
+    joints: Sequence[str] | None = None,
+    locked: Mapping[str, float] | None = None,
 ) -> RobotModel:
     """Load a robot from a URDF file; fixed joints are merged into their parents.
 
@@ -36,6 +43,12 @@ def load_urdf(
         In the base frame.
     tip : str, optional
         Keep only the chain from the base to this moving link.
+    joints : sequence of str, optional
+        Keep only these joints; all others are locked, at zero unless `locked` says
+        otherwise.
+    locked : mapping of str to float, optional, [rad or m]
+        Positions of joints that do not move.  What a locked joint carries is merged
+        into the link that carries the joint.
 
     Returns
     -------
@@ -48,18 +61,50 @@ def load_urdf(
     """
     import pinocchio as pin
 
-    path = Path(path)
+    path, locked = Path(path), dict(locked or {})
+
+    def moves(joint: str) -> bool:
+        return joint not in locked and (joints is None or joint in joints)
+
     try:
         text = path.read_bytes()
     except OSError as cause:
         raise ModelError(f"{path}: cannot be read ({cause.strerror})") from None
-    lint(text, path)
+    lint(text, path, moves)
     try:
         model = pin.buildModelFromXML(text.decode())
     except (ValueError, RuntimeError) as cause:
         raise ModelError(f"{path}: Pinocchio refuses it: {cause}") from None
-    robot = from_pinocchio(model, gravity=gravity)
+    known = list(model.names)[1:]
+    for name in (*locked, *(joints or ())):
+        if name not in known:
+            near = did_you_mean(name, known)
+            raise ModelError(f"{path}: no joint {name!r} to keep or lock; {near}")
+    for name in joints or ():
+        if name in locked:
+            raise ModelError(f"{path}: joint {name!r} is to be kept and to be locked")
+    still = {name: locked.get(name, 0.0) for name in known if not moves(name)}
+    robot = from_pinocchio(_reduced(model, still, path), gravity=gravity)
     return robot if tip is None else robot.up_to(tip)
+
+
+def _reduced(model: Any, locked: Mapping[str, float], path: Path) -> Any:
+    """Return a ``pinocchio.Model`` in which the named joints stand still."""
+    import pinocchio as pin
+
+    if not locked:
+        return model
+    if len(locked) == model.njoints - 1:
+        raise ModelError(f"{path}: every joint is locked, so nothing moves")
+    q = pin.neutral(model)
+    places = [model.getJointId(name) for name in locked]
+    for k, (name, position) in zip(places, locked.items(), strict=True):
+        if not np.isfinite(position):
+            raise ModelError(f"{path}: joint {name!r} is locked at {position}")
+        joint = model.joints[k]
+        turned = [np.cos(position), np.sin(position)]
+        q[joint.idx_q : joint.idx_q + joint.nq] = turned if joint.nq == 2 else position
+    return pin.buildReducedModel(model, places, q)
 
 
 def from_pinocchio(model: Any, *, gravity: ArrayLike | None = None) -> RobotModel:
