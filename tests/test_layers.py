@@ -9,15 +9,15 @@ PACKAGE = Path(consistent_id.__file__).parent
 
 # Each module may import only from those before it.
 ORDER = """
-errors _newton_euler _files _arrays inertia parameters model loaders._urdf_lint
-loaders.urdf loaders.modified_dh loaders friction regressor recording readers signals
-trajectory base regression simulation scaling conic constraints._rows
-constraints.datasheet constraints.parameters constraints.shape
-constraints.symmetry constraints priors cone_program
-certificate feasibility estimate base_feasibility estimators.least_squares
-estimators.robust estimators.best_fit estimators.constrained estimators
-constraint_costs comparison parametrisation problem_file problem_constraints problem
-published published_estimate study tables summary record figures commands
+errors _newton_euler _files _arrays inertia log_cholesky parameters model
+loaders._urdf_lint loaders.urdf loaders.modified_dh loaders friction regressor recording
+readers signals trajectory base regression simulation scaling conic constraints._rows
+constraints.datasheet constraints.parameters constraints.shape constraints.symmetry
+constraints priors cone_program certificate feasibility estimate base_feasibility
+estimators.least_squares estimators.robust estimators.best_fit estimators.constrained
+estimators constraint_costs comparison parametrisation
+problem_file problem_constraints problem published published_estimate study tables
+summary record figures commands
 """.split()
 
 HEAVY = {"cvxpy", "casadi", "pinocchio", "scipy", "matplotlib", "pyarrow", "clarabel"}
