@@ -15,7 +15,8 @@ readers signals trajectory base regression simulation scaling conic constraints.
 constraints.datasheet constraints.parameters constraints.shape constraints.symmetry
 constraints priors cone_program certificate feasibility estimate base_feasibility
 estimators.least_squares estimators.robust estimators.best_fit estimators.constrained
-estimators constraint_costs comparison parametrisation
+estimators.body_variables estimators.constraint_variables estimators.smooth_fit
+estimators.smooth estimators cross_check constraint_costs comparison parametrisation
 problem_file problem_constraints problem published published_estimate study tables
 summary record figures commands
 """.split()

@@ -29,11 +29,24 @@ _USABLE = 1e-5  # violation beyond which a point is no answer at all
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ScaledFit:
-    """The fit in dimensionless variables ``u = x / unit`` and units of the residual."""
+    """The fit in dimensionless variables ``u = x / unit`` and units of the residual.
+
+    Parameters
+    ----------
+    M, z : ndarray
+        ``||M u - z||`` is the misfit beyond that of least squares, in units of `size`.
+    residual : float
+        The misfit of least squares, in units of `size`.
+    size : float
+        The unit of misfits: that of least squares, or a millionth of the torque.
+    domain : ConicSet
+    unit : ndarray, shape (parameters,)
+    """
 
     M: Matrix
     z: Vector
     residual: float
+    size: float
     domain: ConicSet
     unit: Vector
 
@@ -78,7 +91,7 @@ def best_fit(
     InfeasibleError, NotExcitedError, SolverError
         See `constrained_least_squares`.
     """
-    scaled = _scaled_fit(model, regression, base, lowered(constraints, model))
+    scaled = scaled_fit(model, regression, base, lowered(constraints, model))
     drive_units = scaled.unit[model.layout.inertial_size :]
     G, g = distance_to_nominal(model, distance, drive_units)
     G = G * scaled.unit
@@ -88,9 +101,16 @@ def best_fit(
     return BestFit(scaled, solution, optimality, G, g)
 
 
-def _scaled_fit(
+def scaled_fit(
     model: TorqueModel, regression: Regression, base: BaseParameters, domain: ConicSet
 ) -> ScaledFit:
+    """Return the fit over a set, made dimensionless.
+
+    Raises
+    ------
+    ProblemError, NotExcitedError
+        See `require_match`.
+    """
     require_match(model, regression, base)
     R = regression.stacked()
     columns = list(base.independent)
@@ -107,6 +127,7 @@ def _scaled_fit(
         M=R_base @ (base.projection * unit) / size,
         z=z / size,
         residual=residual / size,
+        size=size,
         domain=domain.normalised(unit),
         unit=unit,
     )
