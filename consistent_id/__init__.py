@@ -27,6 +27,7 @@ from consistent_id.constraints import (
     SymmetricLink,
     TotalMass,
 )
+from consistent_id.cross_check import CrossCheck, cross_check
 from consistent_id.errors import (
     ConsistentIdError,
     InfeasibleError,
@@ -44,9 +45,15 @@ from consistent_id.estimators.least_squares import (
     weighted_least_squares,
 )
 from consistent_id.estimators.robust import huber
+from consistent_id.estimators.smooth import smooth_least_squares
 from consistent_id.friction import DriveTerms, GearCoupling
 from consistent_id.inertia import InertialParameters
 from consistent_id.loaders import DHRow, from_modified_dh, load_urdf
+from consistent_id.log_cholesky import (
+    body_from_log_cholesky,
+    log_cholesky_from_body,
+    log_cholesky_jacobian,
+)
 from consistent_id.model import Datasheet, Joint, JointLimits, Link, RobotModel
 from consistent_id.priors import Penalty, PointToSet
 from consistent_id.problem import Problem, load_problem
@@ -78,6 +85,7 @@ __all__ = [
     "Columns",
     "Comparison",
     "ConsistentIdError",
+    "CrossCheck",
     "DHRow",
     "Datasheet",
     "DensityOn",
@@ -118,12 +126,14 @@ __all__ = [
     "TotalMass",
     "base_feasibility",
     "base_parameters",
+    "body_from_log_cholesky",
     "build_regression",
     "casadi_regressor",
     "compare",
     "condition_number",
     "constrained_least_squares",
     "constraint_costs",
+    "cross_check",
     "decimated",
     "differentiated",
     "from_modified_dh",
@@ -134,11 +144,14 @@ __all__ = [
     "least_squares",
     "load_problem",
     "load_urdf",
+    "log_cholesky_from_body",
+    "log_cholesky_jacobian",
     "low_passed",
     "read_recording",
     "resampled",
     "run_study",
     "simulate_torque",
+    "smooth_least_squares",
     "trimmed",
     "weighted_least_squares",
 ]

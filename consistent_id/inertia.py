@@ -68,6 +68,26 @@ def pseudo_inertia(vector: ArrayLike) -> Array:
     return np.tensordot(array, PSEUDO_INERTIA_BASIS, axes=1)
 
 
+def inertial_vector(matrix: ArrayLike) -> Array:
+    """Return the parameter vectors of pseudo-inertias: the inverse of `pseudo_inertia`.
+
+    Parameters
+    ----------
+    matrix : array_like, shape (..., 4, 4)
+        Symmetric matrices ``J``.
+
+    Returns
+    -------
+    ndarray, shape (..., 10)
+    """
+    J = np.asarray(matrix, dtype=np.float64)
+    sigma = J[..., :3, :3]
+    trace = np.trace(sigma, axis1=-2, axis2=-1)[..., None, None]
+    inertia = trace * np.eye(3) - sigma
+    entries = inertia[..., _ROWS, _COLUMNS]
+    return np.concatenate([J[..., 3, 3:], J[..., :3, 3], entries], axis=-1)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class InertialParameters:
     """Mass, first moment and inertia of a body, as one value with many views.
@@ -111,11 +131,9 @@ class InertialParameters:
     @classmethod
     def from_pseudo_inertia(cls, matrix: ArrayLike) -> Self:
         """Build from the symmetric matrix ``J``, shape (4, 4)."""
-        J = frozen(matrix, (4, 4), "pseudo-inertia", ModelError)
-        sigma = J[:3, :3]
-        inertia = np.trace(sigma) * np.eye(3) - sigma
-        entries = inertia[_ROWS, _COLUMNS]
-        return cls(np.concatenate([[J[3, 3]], J[:3, 3], entries]))
+        return cls(
+            inertial_vector(frozen(matrix, (4, 4), "pseudo-inertia", ModelError))
+        )
 
     @property
     def mass(self) -> float:
