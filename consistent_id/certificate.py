@@ -24,12 +24,11 @@ import numpy as np
 from consistent_id._arrays import Matrix, Vector
 from consistent_id.cone_program import (
     TOLERANCES,
-    Ball,
     ConeSolution,
     LeastNorm,
     solve_least_norm,
 )
-from consistent_id.cones import Multipliers
+from consistent_id.cones import Ball, Multipliers
 from consistent_id.errors import SolverError
 from consistent_id.second_opinion import FORMULATIONS, solve_anew
 

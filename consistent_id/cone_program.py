@@ -13,6 +13,7 @@ import numpy as np
 
 from consistent_id._arrays import Matrix, Vector
 from consistent_id.cones import (
+    Ball,
     ConeRows,
     Multipliers,
     set_multipliers,
@@ -45,14 +46,6 @@ class ConeSolution:
     status: str
     build_seconds: float
     solve_seconds: float
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Ball:
-    """``||u - centre|| <= radius``."""
-
-    centre: Vector
-    radius: float
 
 
 def solve_least_norm(
@@ -88,11 +81,8 @@ def solve_least_norm(
     rows.append(ConeRows("second order", norm, np.append(0.0, -g / scale)))
     besides = 1
     if within is not None:
-        inside = np.zeros((1 + size, 1 + size))
-        inside[1:, 1:] = -np.eye(size) / within.radius
-        centre = within.centre if origin is None else within.centre - origin
-        b = np.append(1.0, -centre / within.radius)
-        rows.append(ConeRows("second order", inside, b))
+        ball = within if origin is None else within.moved(origin)
+        rows.append(ball.rows(others=1))
         besides = 2
     point = solve_cones(np.eye(1 + size)[0], rows, tolerance=tolerance)
     v = point.x[1:]

@@ -52,6 +52,25 @@ class Multipliers:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Ball:
+    """``||x - centre|| <= radius``."""
+
+    centre: Vector
+    radius: float
+
+    def moved(self, origin: Vector) -> "Ball":
+        """Rewrite the ball for ``x - origin``."""
+        return Ball(self.centre - origin, self.radius)
+
+    def rows(self, others: int = 0) -> ConeRows:
+        """Return its rows, for variables ``(others, x)``."""
+        size = len(self.centre)
+        A = np.zeros((1 + size, others + size))
+        A[1:, others:] = -np.eye(size) / self.radius
+        return ConeRows("second order", A, np.append(1.0, -self.centre / self.radius))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class ConePoint:
     """What Clarabel returned: a point, a dual vector for each of the rows, a word."""
 
@@ -197,3 +216,37 @@ def _triangle(k: int) -> tuple[IntArray, IntArray, Vector]:
     # Rows of the lower triangle are columns of the upper one.
     j, i = np.tril_indices(k)
     return i, j, np.where(i == j, 1.0, np.sqrt(2.0))
+
+
+def lower_bound(
+    cost: Vector, rows: Sequence[ConeRows], duals: Sequence[Vector], within: Ball
+) -> float:
+    """Return a bound on ``cost.x`` from below, whatever the solver did.
+
+    For multipliers ``z_i`` in the dual cones and any feasible ``x``,
+    ``cost.x >= r.x - sum b_i.z_i`` with ``r = cost + sum A_i^T z_i``, of which the
+    first term is bounded in a ball.
+    """
+    rest, value = cost.copy(), 0.0
+    equal = [block for block in rows if block.kind == "zero"]
+    for block, dual in zip(rows, duals, strict=True):
+        if block.kind == "zero":
+            continue
+        z = _in_dual_cone(block, dual)
+        rest = rest + block.A.T @ z
+        value -= float(block.b @ z)
+    for block in equal:  # free multipliers take up what they can
+        z = np.asarray(np.linalg.lstsq(block.A.T, -rest, rcond=None)[0])
+        rest = rest + block.A.T @ z
+        value -= float(block.b @ z)
+    ends = float(rest @ within.centre) - float(np.linalg.norm(rest)) * within.radius
+    return value + ends
+
+
+def _in_dual_cone(rows: ConeRows, z: Vector) -> Vector:
+    """Return the dual vector, moved into its cone where rounding has left it."""
+    if rows.kind == "nonnegative":
+        return np.maximum(z, 0.0)
+    if rows.kind == "semidefinite":
+        return svec(positive_part(smat(z)))
+    return np.append(max(z[0], float(np.linalg.norm(z[1:]))), z[1:])

@@ -148,22 +148,33 @@ class ConicSet:
         b_eq, b_in = self.b_eq - self.A_eq @ origin, self.b_in - self.A_in @ origin
         return replace(self, b_eq=b_eq, b_in=b_in, blocks=blocks)
 
+    @property
+    def box(self) -> tuple[Vector, Vector]:
+        """Least and largest value of each parameter by rows on it alone."""
+        low = np.full(self.A_eq.shape[1], -np.inf)
+        high = np.full(self.A_eq.shape[1], np.inf)
+        rows = [
+            (self.A_in, self.b_in),
+            (self.A_eq, self.b_eq),
+            (-self.A_eq, -self.b_eq),
+        ]
+        for A, b in rows:
+            alone = np.flatnonzero(np.count_nonzero(A, axis=1) == 1)
+            for row in alone:
+                i = int(np.flatnonzero(A[row])[0])
+                bound = b[row] / A[row, i] + 0.0  # and no minus zero
+                if A[row, i] > 0.0:
+                    high[i] = min(high[i], bound)
+                else:
+                    low[i] = max(low[i], bound)
+        return low, high
+
     def snapped(self, x: Vector) -> Vector:
         """Return `x` with rows on a single parameter made to hold to the last digit.
 
         A mass is then the datasheet's and friction is not -1e-12.
         """
-        x = x.copy()
-        for A, b, equal in (
-            (self.A_in, self.b_in, False),
-            (self.A_eq, self.b_eq, True),
-        ):
-            for row in np.flatnonzero(np.count_nonzero(A, axis=1) == 1):
-                i = int(np.flatnonzero(A[row])[0])
-                bound = b[row] / A[row, i]
-                if equal or A[row, i] * x[i] > b[row]:
-                    x[i] = bound
-        return x
+        return np.clip(x, *self.box)
 
     def violation(self, x: Vector) -> float:
         """Return the largest violation, zero or more, in the set's own units.

@@ -9,7 +9,8 @@ from consistent_id.inertia import InertialParameters
 from consistent_id.model import RobotModel
 
 _MASSLESS = 1e-3  # mass of a link stated to have none, over the mean of the others
-_THIN = 1e-3  # least ratio of a reference body's thickness to its size
+_FLAT = 1e-3  # ratio of thickness to length below which a nominal body is none
+_THICK = 0.1  # ratio that a reference body is then given
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,16 +63,15 @@ def link_scales(robot: RobotModel) -> LinkScales:
 def reference_bodies(robot: RobotModel) -> Array:
     """Return a consistent body for each link, shape (links, 10).
 
-    The nominal one where it is known; where it is flat or inconsistent its principal
-    second moments are raised to a thousandth of the link's size.  Else a ball of the
-    link's typical mass and length about the datasheet's centre of mass.
+    The nominal one where it is known; where it is flat, as of point masses, or no body,
+    its vanishing extents are raised to a tenth of the link's length.  Else a ball of
+    the link's typical mass and length about the datasheet's centre of mass.
     """
     scales = link_scales(robot)
     bodies = []
     for link, m, d in zip(robot.links, scales.mass, scales.length, strict=True):
-        least = m * (_THIN * d) ** 2
         if link.nominal is not None and link.nominal.mass > 0.0:
-            bodies.append(_thickened(link.nominal, least).vector)
+            bodies.append(_thickened(link.nominal, m, d).vector)
             continue
         com = np.zeros(3) if link.datasheet.com is None else link.datasheet.com
         ball = InertialParameters.from_central(m, com, 0.1 * m * d**2 * np.eye(3))
@@ -88,11 +88,12 @@ def _known_mass(robot: RobotModel, k: int) -> float | None:
     return None
 
 
-def _thickened(body: InertialParameters, least: float) -> InertialParameters:
-    """Raise the central second moments of a body to at least `least` [kg m^2]."""
+def _thickened(body: InertialParameters, m: float, d: float) -> InertialParameters:
+    """Give a body's vanishing extents a tenth of a length `d`."""
     inertia = body.central_inertia
     sigma = np.trace(inertia) / 2 * np.eye(3) - inertia
     moments, axes = np.linalg.eigh(sigma)
-    sigma = axes @ np.diag(np.maximum(moments, least)) @ axes.T
+    flat = moments < m * (_FLAT * d) ** 2
+    sigma = axes @ np.diag(np.where(flat, m * (_THICK * d) ** 2, moments)) @ axes.T
     thick = np.trace(sigma) * np.eye(3) - sigma
     return InertialParameters.from_central(body.mass, body.com, thick)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from consistent_id import SolverError
 from consistent_id.certificate import certify, solve_certified
 from consistent_id.cone_program import LeastNorm, solve_least_norm
-from consistent_id.cones import ConeRows, smat, solve_cones, svec
+from consistent_id.cones import Ball, ConeRows, smat, solve_cones, svec
 from consistent_id.conic import ConicSet, SemidefiniteBlock
 from consistent_id.second_opinion import FORMULATIONS, solve_anew
 
@@ -110,8 +110,6 @@ def test_when_nothing_works_each_failure_is_told_once(monkeypatch):
 
 
 def test_the_origin_and_a_wide_ball_do_not_change_the_answer():
-    from consistent_id.cone_program import Ball
-
     problem = _projection(5)
     plain = solve_least_norm(problem)
     moved = solve_least_norm(
@@ -122,8 +120,6 @@ def test_the_origin_and_a_wide_ball_do_not_change_the_answer():
 
 
 def test_a_narrow_ball_is_kept_to():
-    from consistent_id.cone_program import Ball
-
     # Nearest to 5 within 2 of the origin, where nothing else holds it.
     problem = LeastNorm(np.eye(1), np.array([5.0]), ConicSet.everything(1))
     inside = solve_least_norm(problem, within=Ball(np.zeros(1), 2.0))

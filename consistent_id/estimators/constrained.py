@@ -12,11 +12,7 @@ Both are cone programmes on the compressed regression; both optima are certified
 
 from collections.abc import Sequence
 from time import perf_counter
-from typing import NamedTuple
 
-import numpy as np
-
-from consistent_id._arrays import Vector
 from consistent_id._threads import single_threaded
 from consistent_id.base import BaseParameters, base_parameters, parameter_origins
 from consistent_id.certificate import FEASIBILITY_TOLERANCE, GAP_TOLERANCE
@@ -27,15 +23,12 @@ from consistent_id.constraints import (
     PhysicalConsistency,
     lowered,
 )
-from consistent_id.distances import nominal_distance
 from consistent_id.estimate import Certificate, Estimate
-from consistent_id.estimators.best_fit import BestFit, best_fit
 from consistent_id.estimators.least_squares import residual_sigma, solve_linear
-from consistent_id.estimators.nearest import nearest_within
-from consistent_id.estimators.penalised import PenalisedFit, penalised_fit
+from consistent_id.estimators.settled import DISTANCE_GAP, Settled, settle
 from consistent_id.link_condition import LinkCondition, link_conditions
 from consistent_id.mass_matrix import POSES, least_mass_eigenvalue, random_poses
-from consistent_id.priors import Penalty, PointToSet, Prior
+from consistent_id.priors import Prior
 from consistent_id.regression import Regression
 from consistent_id.regressor import TorqueModel
 
@@ -46,7 +39,6 @@ DEFAULT_CONSTRAINTS: tuple[Constraint, ...] = (
 )
 """Every link a body, masses of the datasheet, friction that dissipates."""
 
-_DISTANCE_GAP = 0.01  # relative gap of the squared distance (or of 0.01) allowed
 _SEED = 0  # of the poses at which mass matrices are examined
 
 
@@ -92,11 +84,8 @@ def constrained_least_squares(
     """
     started = perf_counter()
     base = base_parameters(model) if base is None else base
-    prior = PointToSet() if prior is None else prior
-    fit = best_fit(model, regression, constraints, base=base)
-    settled = _settled(model, regression, fit, prior, len(base))
-
-    x = settled.fit.solution.u * fit.scaled.unit
+    settled = settle(model, regression, constraints, prior, base)
+    x = settled.parameters
     links = link_conditions(model, x)
     R, columns = regression.stacked(), list(base.independent)
     return Estimate(
@@ -112,7 +101,7 @@ def constrained_least_squares(
         ),
         undetermined=(),
         sigma=residual_sigma(regression, x, len(base)),
-        certificate=_certificate(model, x, links, fit, settled),
+        certificate=_certificate(model, links, settled),
         notes=(
             settled.words,
             *(
@@ -125,52 +114,12 @@ def constrained_least_squares(
     )
 
 
-class _Settled(NamedTuple):
-    """Result of the prior's stage.
-
-    `slack` is the relative misfit given up, at the most; `share` bounds the relative
-    excess of the squared distance, where the prior is `PointToSet`.
-    """
-
-    fit: PenalisedFit
-    slack: float
-    share: float
-    words: str
-
-
-def _settled(
-    model: TorqueModel, regression: Regression, fit: BestFit, prior: Prior, base: int
-) -> _Settled:
-    distance = nominal_distance(model, prior.distance, fit.scaled.unit)
-    if isinstance(prior, Penalty):
-        found = penalised_fit(fit.scaled, distance, prior.weight)
-        total = fit.scaled.residual**2 + np.array(
-            [found.excess, fit.scaled.excess(fit.solution.u)]
-        )
-        given = float(np.sqrt(total[0] / max(total[1], 1e-300)) - 1.0)
-        words = (
-            f"compromise of misfit and {prior.distance} distance to nominal, weight "
-            f"{prior.weight:.3g}; its misfit is {given:.2%} above the best constrained"
-        )
-        return _Settled(found, given, 0.0, words)
-    slack = prior.relative_slack(base, sum(regression.counts))
-    near = nearest_within(fit, distance, slack)
-    words = (
-        f"nearest to nominal ({prior.distance} distance) among estimates whose misfit "
-        f"is within {slack:.2%} of the best constrained fit"
-    )
-    return _Settled(near.fit, slack, near.share, words)
-
-
 def _certificate(
-    model: TorqueModel,
-    x: Vector,
-    links: tuple[LinkCondition, ...],
-    best: BestFit,
-    settled: _Settled,
+    model: TorqueModel, links: tuple[LinkCondition, ...], settled: Settled
 ) -> Certificate:
-    fit, final = best.optimality, settled.fit.optimality
+    fit, final = settled.best.optimality, settled.fit.optimality
     poses = random_poses(model, POSES, _SEED)
+    mass = least_mass_eigenvalue(model, settled.parameters, poses)
     figures = {
         "fit: relative gap": fit.gap,
         "fit: violation": fit.violation,
@@ -179,33 +128,17 @@ def _certificate(
         "prior: violation": final.violation,
         "slack": settled.slack,
         "weight of the prior": settled.fit.weight,
-        f"least eigenvalue of M(q) over {POSES} poses": least_mass_eigenvalue(
-            model, x, poses
-        ),
+        f"least eigenvalue of M(q) over {POSES} poses": mass,
     }
     figures |= {
         f"least eigenvalue of J of {link.link}, per typical link": link.least_eigenvalue
         for link in links
     }
-    violation = max(fit.violation, final.violation)
-    fine = fit.verdict == "certified" and final.verdict == "certified"
-    if fine and settled.share <= _DISTANCE_GAP:
-        reason = (
-            f"best fit proven to a relative {fit.gap:.1e}, "
-            f"{_proven(settled)}, constraints violated by at most {violation:.1e}"
-        )
-        return Certificate("certified", reason, figures)
+    if settled.certified:
+        return Certificate("certified", settled.proven, figures)
     reason = (
-        f"relative gap of the best fit {fit.gap:.1e} and of the final estimate "
-        f"{final.gap:.1e} (allowed {GAP_TOLERANCE:.0e}), of the squared distance "
-        f"{settled.share:.1e} (allowed {_DISTANCE_GAP:.0e}), violation {violation:.1e} "
-        f"(allowed {FEASIBILITY_TOLERANCE:.0e}); the estimate is usable only as far as "
-        "these figures say"
+        f"{settled.proven} (allowed: {GAP_TOLERANCE:.0e}, {DISTANCE_GAP:.0e} and "
+        f"{FEASIBILITY_TOLERANCE:.0e}); the estimate is usable only as far as these "
+        "figures say"
     )
     return Certificate("uncertified", reason, figures)
-
-
-def _proven(settled: _Settled) -> str:
-    if settled.share > 0.0:
-        return f"squared distance to nominal to {settled.share:.1e}"
-    return f"compromise with the prior to {settled.fit.optimality.gap:.1e}"

@@ -19,8 +19,9 @@ from consistent_id.certificate import (
     null_space,
     unexplained,
 )
-from consistent_id.cone_program import ConeSolution, LeastNorm
+from consistent_id.cone_program import ConeSolution, LeastNorm, solve_least_norm
 from consistent_id.distances import NominalDistance, Rows
+from consistent_id.errors import SolverError
 from consistent_id.estimators.best_fit import solved
 from consistent_id.estimators.scaled_fit import REFERENCE, ScaledFit
 
@@ -106,7 +107,11 @@ def _newton(
     u, shortest, idle = start, np.inf, 0
     for _ in range(_STEPS):
         rows = distance.local(u)
-        solution, _ = solved(_stacked(fit, rows, weight), distance.nominal)
+        problem = _stacked(fit, rows, weight)
+        try:
+            solution = solve_least_norm(problem, origin=u)
+        except SolverError:
+            solution, _ = solved(problem, distance.nominal)
         step = solution.u - u
         length = float(np.linalg.norm(rows.G @ step))
         idle = idle + 1 if length > 0.5 * shortest and shortest < _CLOSE else 0

@@ -1,0 +1,118 @@
+"""Both stages of a constrained estimate: the best fit, then what the prior settles."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from consistent_id._arrays import Vector
+from consistent_id.base import BaseParameters
+from consistent_id.constraints import Constraint
+from consistent_id.distances import NominalDistance, nominal_distance
+from consistent_id.estimators.best_fit import BestFit, best_fit
+from consistent_id.estimators.nearest import nearest_within
+from consistent_id.estimators.penalised import PenalisedFit, penalised_fit
+from consistent_id.priors import Penalty, PointToSet, Prior
+from consistent_id.regression import Regression
+from consistent_id.regressor import TorqueModel
+
+DISTANCE_GAP = 0.01
+"""Relative gap of the squared distance (or of 0.01, if it is less) that is allowed."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Settled:
+    """What both stages found.
+
+    Parameters
+    ----------
+    best : BestFit
+    distance : NominalDistance
+    fit : PenalisedFit
+        The final point.
+    slack : float
+        Relative misfit given up for the prior, at the most.
+    share : float
+        Bound on the relative excess of the squared distance, under `PointToSet`.
+    words : str
+        How the prior was used.
+    """
+
+    best: BestFit
+    distance: NominalDistance
+    fit: PenalisedFit
+    slack: float
+    share: float
+    words: str
+
+    @property
+    def parameters(self) -> Vector:
+        """The final parameters, in original units."""
+        return self.fit.solution.u * self.best.scaled.unit
+
+    @property
+    def certified(self) -> bool:
+        """Whether both optima are, and the squared distance is within its gap."""
+        verdicts = {self.best.optimality.verdict, self.fit.optimality.verdict}
+        return verdicts == {"certified"} and self.share <= DISTANCE_GAP
+
+    @property
+    def proven(self) -> str:
+        """What was proven, in words."""
+        fit, final = self.best.optimality, self.fit.optimality
+        violation = max(fit.violation, final.violation)
+        if not self.certified:
+            return (
+                f"relative gap of the best fit {fit.gap:.1e} and of the final estimate "
+                f"{final.gap:.1e}, of the squared distance {self.share:.1e}, violation "
+                f"{violation:.1e}"
+            )
+        second = (
+            f"compromise with the prior to {final.gap:.1e}"
+            if self.share == 0.0
+            else f"squared distance to nominal to {self.share:.1e}"
+        )
+        return (
+            f"best fit proven to a relative {fit.gap:.1e}, {second}, constraints "
+            f"violated by at most {violation:.1e}"
+        )
+
+
+def settle(
+    model: TorqueModel,
+    regression: Regression,
+    constraints: Sequence[Constraint],
+    prior: Prior | None,
+    base: BaseParameters,
+) -> Settled:
+    """Fit under constraints, then let the prior settle what the data leave open.
+
+    Raises
+    ------
+    InfeasibleError, NotExcitedError, SolverError
+        See `constrained_least_squares`.
+    """
+    prior = PointToSet() if prior is None else prior
+    best = best_fit(model, regression, constraints, base=base)
+    distance = nominal_distance(model, prior.distance, best.scaled.unit)
+    if isinstance(prior, Penalty):
+        return _compromise(best, distance, prior)
+    slack = prior.relative_slack(len(base), sum(regression.counts))
+    near = nearest_within(best, distance, slack)
+    words = (
+        f"nearest to nominal ({prior.distance} distance) among estimates whose misfit "
+        f"is within {slack:.2%} of the best constrained fit"
+    )
+    return Settled(best, distance, near.fit, slack, near.share, words)
+
+
+def _compromise(best: BestFit, distance: NominalDistance, prior: Penalty) -> Settled:
+    fit = penalised_fit(best.scaled, distance, prior.weight)
+    least = best.scaled.excess(best.solution.u) + best.scaled.residual**2
+    total = fit.excess + best.scaled.residual**2
+    given = float(np.sqrt(total / max(least, 1e-300)) - 1.0)
+    words = (
+        f"compromise of misfit and {prior.distance} distance to nominal, weight "
+        f"{prior.weight:.3g}; its misfit is {given:.2%} above the best constrained fit"
+    )
+    return Settled(best, distance, fit, given, 0.0, words)
