@@ -1,92 +1,169 @@
-"""How estimates hold up when data are scarce: held-out torque error on a real robot.
+"""How estimates hold up when data are scarce: held-out torque error on real robots.
 
 ``python benchmarks/scarce.py [--write docs/scarce-data.md]``, with recordings in
-``CONSISTENT_ID_DATASETS``.  The first part of the training motion is all there is.
+``CONSISTENT_ID_DATASETS``.  A part of the training motion is all there is.
 """
 
 import argparse
 import statistics
+from dataclasses import dataclass
 from pathlib import Path
+
+import matplotlib as mpl
 
 import consistent_id as ci
 
+mpl.use("Agg")
+from matplotlib import pyplot as plt
+
+ROBOTS = ("ur10e", "kuka_kr300", "staubli_tx40", "tiago")
 SHARES = (1.0, 0.3, 0.1, 0.03, 0.01)
 STARTS = 5
-METHODS = (
-    "least squares",
-    "weighted least squares",
-    "bounded",
-    "constrained",
-    "weighted constrained",
-)
+FEWEST = 20  # samples
+METHODS = {
+    "least squares": "least squares",
+    "weighted least squares": "weighted least squares",
+    "bounded": "QP: masses and signs",
+    "constrained": "SDP",
+    "cross-validated": "SDP + cross-validated prior",
+}
+CONSISTENT = ("constrained", "weighted constrained", "cross-validated")
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One method with one share of the data, over several parts of the motion."""
+
+    errors: tuple[float, ...]
+    links: int
+    certified: int
+
+    @property
+    def median(self) -> float:
+        return statistics.median(self.errors)
+
+    @property
+    def text(self) -> str:
+        return f"{self.median:.1%} ({max(self.errors):.1%})"
 
 
 def parts(log: ci.Recording, share: float) -> list[ci.Recording]:
     """Return up to five runs of the recording, spread evenly, each of this share."""
-    length = max(round(share * len(log)), 20)
+    length = max(round(share * len(log)), FEWEST)
     room = len(log) - length
     starts = sorted({round(i * room / (STARTS - 1)) for i in range(STARTS)})
     return [log.samples(slice(start, start + length)) for start in starts]
 
 
-def errors(problem: ci.Problem, share: float) -> dict[str, dict[str, float]]:
-    """Return the median held-out error, and bodies, of each method over the parts."""
+def cells(problem: ci.Problem, share: float) -> dict[str, Cell]:
+    """Return what each method makes of the parts."""
     (log,) = problem.training
     base = ci.base_parameters(problem.model)
-    stacked: dict[str, list[float]] = {name: [] for name in METHODS}
-    bodies: dict[str, list[float]] = {name: [] for name in METHODS}
+    reports: dict[str, list[ci.comparison.EstimateReport]] = {}
     for part in parts(log, share):
         estimates = ci.identify(problem, [part], base=base)
         for report in ci.compare(estimates, problem.validation).reports:
-            name = report.estimate.method
-            if name in stacked:
-                held_out = [error.stacked for error in report.validation]
-                stacked[name].append(statistics.mean(held_out))
-                bodies[name].append(sum(report.consistent_links))
+            reports.setdefault(report.estimate.method, []).append(report)
     return {
-        name: {
-            "error": statistics.median(stacked[name]),
-            "worst": max(stacked[name]),
-            "bodies": min(bodies[name]),
-        }
-        for name in METHODS
+        name: Cell(
+            tuple(
+                statistics.mean(e.stacked for e in report.validation)
+                for report in found
+            ),
+            min(sum(report.consistent_links) for report in found),
+            sum(r.estimate.certificate.verdict == "certified" for r in found),
+        )
+        for name, found in reports.items()
     }
 
 
-def page() -> str:
+def section(name: str, table: dict[float, dict[str, Cell]], links: int) -> list[str]:
+    """Return one robot's table as Markdown."""
+    lines = [
+        f"## {name}",
+        "",
+        "| share of the data | " + " | ".join(METHODS.values()) + " |",
+        "|---|" + "---:|" * len(METHODS),
+    ]
+    for share, row in table.items():
+        texts = [row[method].text for method in METHODS]
+        lines.append(f"| {share:.0%} | " + " | ".join(texts) + " |")
+    fewest = [min(row[m].links for row in table.values()) for m in METHODS]
+    bodies = " | ".join(f"{n} of {links}" for n in fewest)
+    lines.append(f"| fewest links that are bodies | {bodies} |")
+    return [*lines, ""]
+
+
+def verdict_line(tables: dict[str, dict[float, dict[str, Cell]]]) -> str:
+    """Return how many constrained estimates are certified."""
+    counted = [
+        (cell.certified, len(cell.errors))
+        for table in tables.values()
+        for row in table.values()
+        for method, cell in row.items()
+        if method in CONSISTENT
+    ]
+    certified, total = (sum(n) for n in zip(*counted, strict=True))
+    return f"Of {total} consistent estimates, {certified} are certified."
+
+
+def figure(tables: dict[str, dict[float, dict[str, Cell]]], path: Path) -> None:
+    """Draw the medians over the share of the data, one panel for each robot."""
+    colours = ("#999999", "#e69f00", "#56b4e9", "#d55e00", "#0072b2")
+    drawing, axes = plt.subplots(1, len(tables), figsize=(11, 3.4), sharex=True)
+    for axis, (name, table) in zip(axes, tables.items(), strict=True):
+        shares = [100 * share for share in table]
+        for (method, label), colour in zip(METHODS.items(), colours, strict=True):
+            medians = [100 * row[method].median for row in table.values()]
+            axis.loglog(shares, medians, "o-", ms=4, color=colour, label=label)
+        axis.set_title(name, fontsize=10)
+        axis.set_xlabel("share of the training data [%]")
+        axis.set_ylim(top=min(axis.get_ylim()[1], 2000))
+        axis.grid(alpha=0.3, which="both", lw=0.4)
+    axes[0].set_ylabel("held-out torque error [%]")
+    handles, labels = axes[0].get_legend_handles_labels()
+    drawing.legend(
+        handles, labels, loc="outside lower center", ncol=5, fontsize=8, frameon=False
+    )
+    drawing.set_layout_engine("constrained")
+    drawing.savefig(path, dpi=110)
+    plt.close(drawing)
+
+
+def page(names: tuple[str, ...], picture: Path | None) -> str:
     """Measure and return the page as Markdown."""
-    problem = ci.load_problem("problems/ur10e")
-    (log,) = problem.training
-    links = len(problem.model.robot)
+    tables, lengths = {}, {}
+    for name in names:
+        problem = ci.load_problem(f"problems/{name}")
+        tables[name] = {share: cells(problem, share) for share in SHARES}
+        lengths[name] = len(problem.model.robot), len(problem.training[0])
     lines = [
         "# When data are scarce",
         "",
-        "Measured by `python benchmarks/scarce.py`: UR10e, parts of `30sec_12harm` to",
-        "learn from, `50sec_12harm` and `20sec_8harm` to judge by. Stacked torque",
-        "error, mean of the two; median (worst) over up to five parts of the training",
-        "motion; settings are those of `problems/ur10e`, the same for all. The whole",
-        f"has {len(log)} samples at 100 Hz.",
+        "Measured by `python benchmarks/scarce.py`. Of each robot's training motion a",
+        "part is all there is; the validation recordings of its problem folder judge.",
+        "Stacked torque error, mean over these recordings; median (worst) over up to",
+        f"{STARTS} parts, spread evenly. Settings are those of the problem folders, the",
+        f"same for all shares; no part has fewer than {FEWEST} samples. The whole has",
+        ", ".join(f"{n} samples ({name})" for name, (_, n) in lengths.items()) + ".",
+        verdict_line(tables),
         "",
-        "| share of the data | " + " | ".join(METHODS) + " |",
-        "|---|" + "---:|" * len(METHODS),
     ]
-    fewest = dict.fromkeys(METHODS, float(links))
-    for share in SHARES:
-        found = errors(problem, share)
-        cells = [f"{v['error']:.1%} ({v['worst']:.1%})" for v in found.values()]
-        lines.append(f"| {share:.0%} | " + " | ".join(cells) + " |")
-        for name, values in found.items():
-            fewest[name] = min(fewest[name], values["bodies"])
-    cells = [f"{fewest[name]:.0f} of {links}" for name in METHODS]
-    lines.append("| fewest links that are bodies | " + " | ".join(cells) + " |")
-    return "\n".join(lines) + "\n"
+    if picture is not None:
+        figure(tables, picture)
+        lines += [f"![Held-out error over the share of data]({picture.name})", ""]
+    for name, table in tables.items():
+        lines += section(name, table, lengths[name][0])
+    return "\n".join(lines).rstrip() + "\n"
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--robots", nargs="+", default=list(ROBOTS))
     parser.add_argument("--write", type=Path, help="file to write the page to")
     options = parser.parse_args()
-    text = page()
+    picture = options.write and options.write.with_suffix(".png")
+    text = page(tuple(options.robots), picture)
     print(text)
     if options.write:
         options.write.write_text(text)

@@ -11,10 +11,12 @@ import numpy as np
 
 from consistent_id._arrays import Array, Vector, frozen
 from consistent_id._threads import single_threaded
-from consistent_id.base import BaseParameters
+from consistent_id.base import BaseParameters, random_regressor
+from consistent_id.certificate import Verdict, solve_certified
 from consistent_id.cone_program import LeastNorm, solve_least_norm
 from consistent_id.conic import ConicSet, SemidefiniteBlock
 from consistent_id.constraints import Constraint, PhysicalConsistency, lowered
+from consistent_id.distances import nominal_distance
 from consistent_id.errors import ProblemError, SolverError
 from consistent_id.feasibility import Interior, find_interior
 from consistent_id.inertia import InertialParameters
@@ -22,6 +24,7 @@ from consistent_id.regressor import TorqueModel
 from consistent_id.scaling import link_scales
 
 _BACK_OFF = 0.01  # share of the depth given up for smaller, more telling numbers
+_SMALL = 5e-7  # half the squared torque change, relative, that is as good as none
 _UNDECIDED = 1e-9  # depths nearer to zero than this are neither proof nor witness
 
 
@@ -45,6 +48,25 @@ class LinkViolation:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class NearestRobot:
+    """The robot that satisfies the constraints and whose torque differs least.
+
+    Parameters
+    ----------
+    parameters : ndarray, shape (parameters,)
+    torque_change : float
+        Root-mean-square difference of the torque along random motions, relative to
+        the torque that the given base parameters predict.
+    verdict : {"certified", "uncertified"}
+        Whether no nearer one exists.
+    """
+
+    parameters: Vector
+    torque_change: float
+    verdict: Verdict
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class BaseFeasibility:
     """Answer to "is there a body with these base parameters?".
 
@@ -60,12 +82,15 @@ class BaseFeasibility:
         The least violating parameters, in original units.
     violations : tuple of LinkViolation
         Links that cannot be bodies even alone.
+    nearest : NearestRobot, optional
+        If the answer is ``"impossible"`` and one was found.
     """
 
     answer: str
     proof: Interior
     parameters: Vector
     violations: tuple[LinkViolation, ...]
+    nearest: NearestRobot | None = None
 
     @property
     def summary(self) -> str:
@@ -111,16 +136,44 @@ def base_feasibility(
     except SolverError:
         nothing = Interior(-np.inf, np.inf, np.zeros(len(layout)), (), ())
         return BaseFeasibility("undecided", nothing, np.zeros(len(layout)), ())
-    violations = []
+    violations, nearest = [], None
     if proof.bound < -_UNDECIDED:
         answer = "impossible"
         violations = _violations(domain, unit, layout.links)
+        possible = lowered(constraints, model).normalised(unit)
+        nearest = _nearest(model, base, base_values, possible, unit)
     else:
         # A witness must be a body and have these very base parameters.
         missed = _relative_miss(domain, proof.u)
         witness = proof.depth >= -_UNDECIDED and missed <= _UNDECIDED
         answer = "consistent" if witness else "undecided"
-    return BaseFeasibility(answer, proof, proof.u * unit, tuple(violations))
+    return BaseFeasibility(answer, proof, proof.u * unit, tuple(violations), nearest)
+
+
+def _nearest(
+    model: TorqueModel,
+    base: BaseParameters,
+    base_values: Vector,
+    possible: ConicSet,
+    unit: Vector,
+) -> NearestRobot | None:
+    """Return the possible robot whose torque along random motions differs least."""
+    W = random_regressor(model)[:, list(base.independent)]
+    R = np.linalg.qr(np.concatenate(list(np.swapaxes(W, 1, 2))), mode="r")
+    size = float(np.linalg.norm(R @ base_values))
+    if size == 0.0:
+        return None
+    problem = LeastNorm(
+        R @ (base.projection * unit) / size, R @ base_values / size, possible
+    )
+    centre = nominal_distance(model, "pullback", unit).nominal
+    try:
+        # Half a thousandth of the torque, squared, is what a gap is measured against.
+        solution, optimality = solve_certified(problem, centre, reference=_SMALL)
+    except SolverError:
+        return None
+    change = float(np.linalg.norm(problem.G @ solution.u - problem.g))
+    return NearestRobot(solution.u * unit, change, optimality.verdict)
 
 
 def _relative_miss(domain: ConicSet, u: Vector) -> float:

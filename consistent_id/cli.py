@@ -14,7 +14,7 @@ from consistent_id.errors import ConsistentIdError, SolverError
 
 _EPILOG = """examples:
   consistent-id info problems/rx60
-  consistent-id identify problems/ur10e --output results/ur10e
+  consistent-id identify problems/ur10e --uncertainty --output results/ur10e
   consistent-id compare problems/rx60
 """
 
@@ -62,6 +62,15 @@ def _parser() -> argparse.ArgumentParser:
         command.add_argument(
             "--json", action="store_true", help="print JSON instead of tables"
         )
+        if name == "identify":
+            command.add_argument(
+                "--uncertainty",
+                action="store_true",
+                help="also say how sure the constrained estimate is of each parameter",
+            )
+            command.add_argument(
+                "--seed", type=int, default=0, help="of the bootstrap (default: 0)"
+            )
         if name != "info":
             default = " (default: results/NAME)" if name == "compare" else ""
             command.add_argument(
@@ -83,12 +92,20 @@ def _info(options: argparse.Namespace) -> int:
 
 
 def _identify(options: argparse.Namespace) -> int:
-    from consistent_id.commands import identify_problem
+    from consistent_id.commands import identify_problem, uncertainty_of
     from consistent_id.problem import load_problem
 
-    estimates, tables = identify_problem(load_problem(options.problem), options.output)
+    problem = load_problem(options.problem)
+    estimates, tables = identify_problem(problem, options.output)
+    record: dict[str, object] = {"estimates": [e.to_dict() for e in estimates]}
+    if options.uncertainty:
+        found, table = uncertainty_of(
+            problem, seed=options.seed, progress=sys.stderr.isatty()
+        )
+        tables.append(table)
+        record["uncertainty"] = found.to_dict()
     if options.json:
-        print(json.dumps([e.to_dict() for e in estimates], indent=1))
+        print(json.dumps(record, indent=1))
     else:
         print("\n\n".join(table.text() for table in tables))
     certified = any(e.certificate.verdict == "certified" for e in estimates)

@@ -10,10 +10,12 @@ from consistent_id.figures import motion_figure, save_figure, torque_figure
 from consistent_id.problem import Problem
 from consistent_id.record import study_record
 from consistent_id.regression import build_regression
+from consistent_id.segments import segment_regressions
 from consistent_id.study import Study, excitation_of, identify, run_study
 from consistent_id.study import recordings_of as study_recordings
-from consistent_id.summary import excitation_table, study_tables
+from consistent_id.summary import excitation_table, study_tables, uncertainty_table
 from consistent_id.tables import Table
+from consistent_id.uncertainty import Uncertainty, uncertainty
 
 _DRAWN = ("least squares", "constrained")
 
@@ -49,6 +51,22 @@ def info(problem: Problem) -> list[Table]:
         (f"without effect on torque: {', '.join(base.without_effect) or 'none'}",),
     )
     return [links, groups]
+
+
+def uncertainty_of(
+    problem: Problem, *, seed: int = 0, progress: bool = False
+) -> tuple[Uncertainty, Table]:
+    """Say how sure the problem's constrained estimate is of each parameter."""
+    training, _ = study_recordings(problem)
+    found = uncertainty(
+        problem.model,
+        segment_regressions(problem.model, training),
+        constraints=problem.constraints,
+        prior=problem.prior,
+        seed=seed,
+        progress=progress,
+    )
+    return found, uncertainty_table(found)
 
 
 def identify_problem(

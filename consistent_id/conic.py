@@ -44,6 +44,12 @@ class SemidefiniteBlock:
             array = frozen(getattr(self, name), shape, f"{self.label}: {name}")
             object.__setattr__(self, name, array)
 
+    @property
+    def description(self) -> str:
+        """The label, in full: that of a body is no more than its link's name."""
+        body = ":" not in self.label
+        return f"link {self.label!r} as a body" if body else self.label
+
     def value(self, x: Vector) -> Matrix:
         """Return ``F(x)``, in original units."""
         return self.constant + np.tensordot(x, self.coefficients, axes=1)
@@ -113,6 +119,31 @@ class ConicSet:
             self.in_labels + other.in_labels,
             self.blocks + other.blocks,
         )
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Labels of all members: equalities, inequalities, blocks."""
+        blocks = tuple(block.description for block in self.blocks)
+        return self.eq_labels + self.in_labels + blocks
+
+    def only(self, members: Iterable[int]) -> "ConicSet":
+        """Return the set of these members alone, counted as in `labels`."""
+        chosen, e, i = sorted(set(members)), len(self.b_eq), len(self.b_in)
+        equal = [m for m in chosen if m < e]
+        at_most = [m - e for m in chosen if e <= m < e + i]
+        return ConicSet(
+            self.A_eq[equal],
+            self.b_eq[equal],
+            tuple(self.eq_labels[m] for m in equal),
+            self.A_in[at_most],
+            self.b_in[at_most],
+            tuple(self.in_labels[m] for m in at_most),
+            tuple(self.blocks[m - e - i] for m in chosen if m >= e + i),
+        )
+
+    def without(self, member: int) -> "ConicSet":
+        """Return the set without one member, counted as in `labels`."""
+        return self.only(m for m in range(len(self.labels)) if m != member)
 
     def normalised(self, unit: Vector) -> "ConicSet":
         """Rewrite the set for ``u = x / unit``, with rows of unit size.

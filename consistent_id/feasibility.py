@@ -153,7 +153,7 @@ def _blame(
 ) -> tuple[str, ...]:
     """Labels of bodies and inequalities in the proof, then of the weightiest values."""
     shares = [
-        (float(np.trace(z)), _described(block.label))
+        (float(np.trace(z)), block.description)
         for block, z in zip(domain.blocks, Z, strict=True)
     ]
     shares += list(zip(y.tolist(), domain.in_labels, strict=True)) if len(y) else []
@@ -163,8 +163,3 @@ def _blame(
     floor = _SHARE * abs(taken).max(initial=0.0)
     values = [domain.eq_labels[i] for i in heavy if abs(taken[i]) > floor]
     return (*(label for _, label in sorted(named, reverse=True)), *values)
-
-
-def _described(label: str) -> str:
-    """Blocks that are bodies are labelled with no more than their link's name."""
-    return label if ":" in label else f"link {label!r} as a body"

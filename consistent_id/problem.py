@@ -14,7 +14,7 @@ from consistent_id.friction import DriveTerms, GearCoupling
 from consistent_id.loaders import DHRow, from_modified_dh, load_urdf
 from consistent_id.model import Datasheet, JointLimits, RobotModel
 from consistent_id.parameters import did_you_mean
-from consistent_id.priors import PointToSet
+from consistent_id.priors import Penalty, PointToSet, Prior
 from consistent_id.problem_constraints import constraints_of
 from consistent_id.problem_file import (
     CouplingTable,
@@ -22,6 +22,7 @@ from consistent_id.problem_file import (
     DHTable,
     DriveTable,
     LinkTable,
+    PriorTable,
     ProblemTable,
     RecordingTable,
     read_problem_table,
@@ -50,14 +51,14 @@ class Problem:
         The file's content.
     model : TorqueModel
     constraints : tuple of Constraint
-    prior : PointToSet
+    prior : PointToSet or Penalty
     """
 
     folder: Path
     table: ProblemTable
     model: TorqueModel
     constraints: tuple[Constraint, ...]
-    prior: PointToSet
+    prior: Prior
 
     @property
     def name(self) -> str:
@@ -140,8 +141,19 @@ def load_problem(path: str | Path) -> Problem:
         table=table,
         model=model,
         constraints=constraints,
-        prior=PointToSet(table.prior.slack, table.prior.distance),
+        prior=_prior(table.prior, file),
     )
+
+
+def _prior(table: PriorTable, file: Path) -> Prior:
+    if table.weight is None:
+        return PointToSet(table.slack, table.distance)
+    if table.slack is not None:
+        raise ProblemError(
+            f"{file}: [prior] has both slack = {table.slack} and weight = "
+            f"{table.weight}; give a slack or a weight, not both"
+        )
+    return Penalty(table.weight, table.distance)
 
 
 def _robot(table: ProblemTable, folder: Path) -> RobotModel:

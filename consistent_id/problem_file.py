@@ -128,10 +128,11 @@ class ConstraintsTable(Table, frozen=True, kw_only=True):
 
 
 class PriorTable(Table, frozen=True, kw_only=True):
-    """What settles the parameters that data leave open."""
+    """What settles the parameters that data leave open: a slack, or a weight."""
 
     slack: Annotated[float, Meta(gt=0.0, lt=1.0)] | None = None
     distance: Literal["pullback", "euclidean", "entropic"] = "pullback"
+    weight: Positive | None = None
 
 
 class ColumnsTable(Table, frozen=True, kw_only=True):

@@ -38,6 +38,15 @@ def study_record(study: Study) -> dict[str, Any]:
             }
             for cost in study.costs
         ],
+        "shadow_prices": [
+            {
+                "constraint": price.label,
+                "price": price.price,
+                "cost": _number(price.cost),
+                "verdict": price.verdict,
+            }
+            for price in study.prices
+        ],
         "estimates": [_report_record(r) for r in study.comparison.reports],
         "published": (
             None if study.published is None else _published_record(study.published)
@@ -56,10 +65,24 @@ def _report_record(report: EstimateReport) -> dict[str, Any]:
             "summary": report.base_feasibility.summary,
             "depth": _number(report.base_feasibility.proof.depth),
             "bound": _number(report.base_feasibility.proof.bound),
+            "nearest_torque_change": _to_nearest(report),
         },
+        "links": [
+            {
+                "link": link.link,
+                "least_eigenvalue": link.least_eigenvalue,
+                "edge": link.edge,
+            }
+            for link in report.links
+        ],
         "least_mass_eigenvalue": report.least_mass_eigenvalue,
         "distance_to_nominal": report.distance_to_nominal.tolist(),
     }
+
+
+def _to_nearest(report: EstimateReport) -> float | None:
+    nearest = report.base_feasibility.nearest
+    return None if nearest is None else nearest.torque_change
 
 
 def _error_record(error: TorqueError) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from consistent_id.base import (
 from consistent_id.comparison import Comparison, compare
 from consistent_id.constraint_costs import ConstraintCost, constraint_costs
 from consistent_id.constraints import PhysicalConsistency
+from consistent_id.cross_validation import cross_validated
 from consistent_id.errors import ProblemError
 from consistent_id.estimate import Estimate
 from consistent_id.estimators.constrained import constrained_least_squares
@@ -30,6 +31,8 @@ from consistent_id.published import PublishedReport, check_published
 from consistent_id.published_estimate import published_least_squares
 from consistent_id.recording import Recording
 from consistent_id.regression import Regression, build_regression
+from consistent_id.segments import merged, segment_regressions
+from consistent_id.shadow_prices import ShadowPrice, shadow_prices
 from consistent_id.simulation import simulate_torque
 
 
@@ -68,6 +71,8 @@ class Study:
     comparison : Comparison
     costs : tuple of ConstraintCost
         What each constraint costs in fit, with equal weights for all joints.
+    prices : tuple of ShadowPrice
+        What each single row or body costs, likewise.
     published : PublishedReport, optional
         If the problem has a paper.
     """
@@ -79,6 +84,7 @@ class Study:
     excitation: Excitation
     comparison: Comparison
     costs: tuple[ConstraintCost, ...]
+    prices: tuple[ShadowPrice, ...]
     published: PublishedReport | None
 
     @property
@@ -99,7 +105,8 @@ def identify(
     and both again weighted by each joint's noise, so that each constrained estimate has
     a twin without constraints.  Besides come robust least squares, and ``"bounded"``:
     the quadratic programme with every constraint but physical consistency, which shows
-    what masses, bounds and signs buy by themselves.
+    what masses, bounds and signs buy by themselves, and ``"cross-validated"``: the
+    constrained estimate with a `Penalty` whose weight is chosen from the training data.
 
     Parameters
     ----------
@@ -111,9 +118,17 @@ def identify(
     model = problem.model
     training = problem.training if training is None else training
     base = base_parameters(model) if base is None else base
-    regression = build_regression(model, training)
+    segments = segment_regressions(model, training)
+    regression = merged(segments)
     weighted = regression.weighted(joint_noise(model, regression, base=base))
     constraints, prior = problem.constraints, problem.prior
+    path = cross_validated(
+        model,
+        segments,
+        constraints=constraints,
+        distance=prior.distance,
+        base=base,
+    )
     without_bodies = [c for c in constraints if not isinstance(c, PhysicalConsistency)]
     return (
         least_squares(model, regression, base=base),
@@ -137,6 +152,14 @@ def identify(
             prior=prior,
             base=base,
             method="weighted constrained",
+        ),
+        constrained_least_squares(
+            model,
+            regression,
+            constraints=constraints,
+            prior=path.penalty,
+            base=base,
+            method="cross-validated",
         ),
     )
 
@@ -169,6 +192,7 @@ def run_study(problem: Problem) -> Study:
         costs=constraint_costs(
             problem.model, regression, problem.constraints, base=base
         ),
+        prices=shadow_prices(problem.model, regression, problem.constraints, base=base),
         published=published,
     )
 

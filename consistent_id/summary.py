@@ -5,13 +5,15 @@ from typing import Any
 
 import numpy as np
 
-from consistent_id._arrays import Array
-from consistent_id.base_feasibility import in_words
 from consistent_id.comparison import Comparison, EstimateReport
 from consistent_id.constraint_costs import ConstraintCost
-from consistent_id.published import PublishedReport
+from consistent_id.published_summary import published_tables
+from consistent_id.shadow_prices import ShadowPrice
 from consistent_id.study import Excitation, Study
 from consistent_id.tables import Table
+from consistent_id.uncertainty import Uncertainty
+
+_DEAREST = 12  # single constraints shown
 
 
 def study_tables(study: Study) -> list[Table]:
@@ -21,7 +23,9 @@ def study_tables(study: Study) -> list[Table]:
         tables += published_tables(study.published, study.problem.table.published)
     tables.append(excitation_table(study.excitation, study.training))
     tables += comparison_tables(study.comparison)
+    tables.append(link_table(study.comparison))
     tables.append(cost_table(study.costs, study.problem.model.torque_joints))
+    tables.append(price_table(study.prices))
     return tables
 
 
@@ -64,6 +68,40 @@ def cost_table(costs: Sequence[ConstraintCost], joints: Sequence[str]) -> Table:
     )
 
 
+def price_table(prices: Sequence[ShadowPrice]) -> Table:
+    """Return what single constraints cost in fit, the dearest first."""
+    shown = prices[:_DEAREST]
+    return Table(
+        "What single constraints cost in fit (training data, the others held)",
+        ("constraint", "without it [N m]", "one percent more [N m]", "verdict"),
+        tuple(
+            (p.label, f"{-p.cost + 0.0:.4f}", f"{p.price:+.2e}", p.verdict)
+            for p in shown
+        ),
+        (
+            "change of the RMS residual over all joints; one percent of a typical "
+            "mass, length or torque",
+            f"the {len(shown)} dearest of {len(prices)}; all others cost nothing",
+        ),
+    )
+
+
+def link_table(comparison: Comparison) -> Table:
+    """Return which edge of the possible each link of each estimate touches."""
+    reports = [r for r in comparison.reports if all(r.consistent_links)]
+    return Table(
+        "Links at the edge of what a body can be",
+        ("link", *(report.estimate.method for report in reports)),
+        tuple(
+            (name, *(report.links[k].edge or "inside" for report in reports))
+            for k, name in enumerate(comparison.model.layout.links)
+        )
+        if reports
+        else (),
+        ("an edge means that data and constraints disagree, or that data are few",),
+    )
+
+
 def comparison_tables(comparison: Comparison) -> list[Table]:
     """Return held-out errors, consistency and certificates of all estimates."""
     joints = comparison.model.torque_joints
@@ -81,6 +119,7 @@ def comparison_tables(comparison: Comparison) -> list[Table]:
                 "verdict",
                 "links that are bodies",
                 "any body with its base parameters",
+                "torque change to the nearest robot",
                 "least eigenvalue of M(q)",
                 "median distance to nominal",
             ),
@@ -90,6 +129,7 @@ def comparison_tables(comparison: Comparison) -> list[Table]:
                     report.verdict,
                     f"{sum(report.consistent_links)} of {len(report.consistent_links)}",
                     report.base_feasibility.answer,
+                    _to_nearest(report),
                     f"{report.least_mass_eigenvalue:.4g}",
                     f"{np.median(report.distance_to_nominal):.3g}",
                 )
@@ -98,6 +138,8 @@ def comparison_tables(comparison: Comparison) -> list[Table]:
             (
                 "links: of the standard parameters as they stand (for least squares "
                 "the smallest of many)",
+                "nearest robot that can exist: relative RMS change of the torque along "
+                "random motions",
                 "least eigenvalue over 10 000 random poses; distance: "
                 "||J0^-1/2 (J - J0) J0^-1/2|| per link",
             ),
@@ -115,6 +157,11 @@ def comparison_tables(comparison: Comparison) -> list[Table]:
         )
     )
     return tables
+
+
+def _to_nearest(report: EstimateReport) -> str:
+    nearest = report.base_feasibility.nearest
+    return "-" if nearest is None else f"{nearest.torque_change:.2%}"
 
 
 def _reason(report: EstimateReport) -> str:
@@ -161,103 +208,42 @@ def _mse_table(
     )
 
 
-def published_tables(report: PublishedReport, table: Any) -> list[Table]:
-    """Return what was found of a paper's parametrisation and estimates."""
-    mine = report.parametrisation
-    digits = table.decimals
-    parameters = Table(
-        "Parameters of the paper, their meaning, and the mean of its experiments",
-        ("parameter", "meaning", "unit", "mean", "standard deviation"),
-        tuple(
-            (c.name, c.meaning, c.unit, f"{m:.{digits}f}", f"{s:.{digits}f}")
-            for c, m, s in zip(
-                mine.combinations, report.mean, report.standard_deviation, strict=True
-            )
-        ),
-        tuple(
-            f"{name}: differs from the printed table by at most {value:.1e}"
-            for name, value in report.largest_differences.items()
-        ),
-    )
-    inertia = Table(
-        "Inertia about the centre of mass, from the mean",
-        ("link", "A", "B", "C", "D", "E", "F"),
-        tuple(
-            # Adding zero turns a rounded -0.0 into 0.0.
-            (link, *(f"{np.round(value, digits) + 0.0:.{digits}f}" for value in values))
-            for link, values in report.central_inertia.items()
-        ),
-        tuple(
-            f"as printed, {link}: {in_words(x)}"
-            for link, x in report.mean_links.items()
-            if x[0] > 0.0
-        ),
-    )
-    return [parameters, inertia, _rank_table(report), *_vector_tables(report, table)]
-
-
-def _rank_table(report: PublishedReport) -> Table:
-    ranks = (report.all_columns, report.free_columns)
+def uncertainty_table(found: Uncertainty) -> Table:
+    """Return how sure the constrained estimate is of each parameter."""
+    resampled = found.bootstrap
     return Table(
-        "Rank of the paper's regressor along its verification motion",
-        ("columns", "rank", "least non-zero singular value", "next"),
+        "How sure the constrained estimate is",
+        (
+            "parameter",
+            "value",
+            "standard error",
+            "bootstrap 95 %",
+            "any consistent robot",
+            "unit",
+            "verdict",
+        ),
         tuple(
             (
-                f"{len(rank.columns)} parameters",
-                f"{rank.rank}",
-                f"{rank.singular_values[rank.rank - 1]:.2e}",
-                _next(rank.singular_values, rank.rank),
+                p.name,
+                f"{p.value:.4g}",
+                f"{p.standard_error:.2g}",
+                _interval(p.resampled),
+                _interval(p.consistent),
+                p.unit,
+                p.verdict,
             )
-            for rank in ranks
+            for p in found.parameters
         ),
         (
-            "Y^T Y is singular: the paper's eq. (6) has no unique solution. No torque "
-            "changes along",
-            *(f"  {direction}" for direction in report.free_columns.null_directions),
-            "singular values of the regressor with unit columns, relative to the "
-            "largest",
+            f"bootstrap: {len(resampled.estimates)} estimates from segments drawn "
+            f"anew, {resampled.certified} certified, {resampled.failed} failed",
+            "any consistent robot: proven bounds on what satisfies the constraints and "
+            f"fits within {found.intervals.slack:.2%} of the best",
+            "standard error and bootstrap tell how far the estimate would scatter; of "
+            "what a prior settles, the interval tells what is known",
         ),
     )
 
 
-def _next(singular_values: Array, rank: int) -> str:
-    return f"{singular_values[rank]:.0e}" if rank < len(singular_values) else "-"
-
-
-def _vector_tables(report: PublishedReport, table: Any) -> list[Table]:
-    joints = report.parametrisation.model.robot.joint_names
-    bodies = Table(
-        "Bodies with the datasheet's masses and the published parameters",
-        ("vector", "answer", "depth", "proven bound", "nearest body"),
-        tuple(
-            (
-                v.name,
-                v.feasibility.answer,
-                f"{v.feasibility.proof.depth:.4f}",
-                f"{v.feasibility.proof.bound:.4f}",
-                v.nearest.certificate.verdict,
-            )
-            for v in report.vectors
-        ),
-        (
-            "depth: largest least eigenvalue of J per typical mass and length; a "
-            "negative bound proves that there is no body",
-            *(f"{v.name}: {v.feasibility.summary}" for v in report.vectors),
-        ),
-    )
-    printed = table.mean_squared_errors
-    rows = [
-        (v.name, *(f"{c:.4f} ({c**2:.4f})" for c in v.torque_change))
-        for v in report.vectors
-    ]
-    rows += [
-        (f"printed error {i}", *(f"{np.sqrt(e):.4f} ({e:.4f})" for e in row))
-        for i, row in enumerate(printed, start=1)
-    ]
-    change = Table(
-        "Torque change to the nearest consistent robot, beside the printed errors",
-        ("vector", *joints),
-        tuple(rows),
-        ("RMS in N m along the verification motion; mean square in brackets",),
-    )
-    return [bodies, change]
+def _interval(ends: tuple[float, float]) -> str:
+    return f"{ends[0]:.4g} to {ends[1]:.4g}"

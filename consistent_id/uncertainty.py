@@ -6,7 +6,8 @@ consistent robot can have that fits nearly best.  From the last follows the verd
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 
@@ -69,6 +70,19 @@ class Uncertainty:
     parameters: tuple[ParameterUncertainty, ...]
     bootstrap: Bootstrap
     intervals: ConsistentIntervals
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return everything as plain numbers and text; None for what is not finite."""
+        resampled = self.bootstrap
+        return {
+            "parameters": [_plain(asdict(p)) for p in self.parameters],
+            "bootstrap": {
+                "estimates": len(resampled.estimates),
+                "certified": resampled.certified,
+                "failed": resampled.failed,
+            },
+            "slack": self.intervals.slack,
+        }
 
 
 @single_threaded
@@ -174,3 +188,12 @@ def _verdicts(
         else:
             verdicts.append(origin)
     return verdicts
+
+
+def _plain(record: dict[str, Any]) -> dict[str, Any]:
+    def finite(value: Any) -> Any:
+        if isinstance(value, tuple):
+            return [finite(v) for v in value]
+        return None if isinstance(value, float) and not np.isfinite(value) else value
+
+    return {key: finite(value) for key, value in record.items()}

@@ -10,11 +10,11 @@ from consistent_id._threads import single_threaded
 from consistent_id.base import BaseParameters
 from consistent_id.certificate import Optimality, solve_certified
 from consistent_id.cone_program import ConeSolution, LeastNorm
+from consistent_id.conflict import irreducible_conflict
 from consistent_id.constraints import Constraint
 from consistent_id.distances import nominal_distance
 from consistent_id.errors import InfeasibleError, SolverError
 from consistent_id.estimators.scaled_fit import REFERENCE, ScaledFit, scaled_fit
-from consistent_id.feasibility import find_interior
 from consistent_id.regression import Regression
 from consistent_id.regressor import TorqueModel
 
@@ -78,12 +78,12 @@ def solved(problem: LeastNorm, centre: Vector) -> tuple[ConeSolution, Optimality
         if optimality.violation <= _USABLE:
             return solution, optimality
         reason = f"the best point violates constraints by {optimality.violation:.1e}"
-    interior = find_interior(problem.domain)
-    if interior.proves_empty:
+    members = irreducible_conflict(problem.domain)
+    if members:
+        labels = "; ".join(problem.domain.labels[m] for m in members)
         raise InfeasibleError(
-            "no parameters satisfy these constraints together. To blame: "
-            f"{'; '.join(interior.to_blame)}. Loosen one of them, or check the "
-            "datasheet values and the margin"
+            f"no parameters satisfy these together: {labels}. Loosen one of them, or "
+            "check the datasheet values and the margin"
         )
     raise SolverError(
         "no usable optimum, though no contradiction in the constraints was proven: "

@@ -9,7 +9,9 @@ from consistent_id._arrays import Vector
 from consistent_id.base import BaseParameters
 from consistent_id.constraints import Constraint
 from consistent_id.distances import NominalDistance, nominal_distance
+from consistent_id.errors import InfeasibleError
 from consistent_id.estimators.best_fit import BestFit, best_fit
+from consistent_id.estimators.contradiction import contradiction
 from consistent_id.estimators.nearest import nearest_within
 from consistent_id.estimators.penalised import PenalisedFit, penalised_fit
 from consistent_id.priors import Penalty, PointToSet, Prior
@@ -93,7 +95,13 @@ def settle(
         See `constrained_least_squares`.
     """
     prior = PointToSet() if prior is None else prior
-    best = best_fit(model, regression, constraints, base=base)
+    try:
+        best = best_fit(model, regression, constraints, base=base)
+    except InfeasibleError:
+        found = contradiction(model, regression, constraints, base=base)
+        if found is None:
+            raise
+        raise InfeasibleError(found.sentence) from None
     distance = nominal_distance(model, prior.distance, best.scaled.unit)
     if isinstance(prior, Penalty):
         return _compromise(best, distance, prior)
