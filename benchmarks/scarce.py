@@ -40,10 +40,12 @@ class Cell:
 
     @property
     def median(self) -> float:
+        """The middle of the errors."""
         return statistics.median(self.errors)
 
     @property
     def text(self) -> str:
+        """The median, and the worst."""
         return f"{self.median:.1%} ({max(self.errors):.1%})"
 
 
@@ -143,8 +145,8 @@ def page(names: tuple[str, ...], picture: Path | None) -> str:
         "Measured by `python benchmarks/scarce.py`. Of each robot's training motion a",
         "part is all there is; the validation recordings of its problem folder judge.",
         "Stacked torque error, mean over these recordings; median (worst) over up to",
-        f"{STARTS} parts, spread evenly. Settings are those of the problem folders, the",
-        f"same for all shares; no part has fewer than {FEWEST} samples. The whole has",
+        f"{STARTS} parts, spread evenly; none has fewer than {FEWEST} samples.",
+        "Settings are those of the problem folders, for all shares. The whole has",
         ", ".join(f"{n} samples ({name})" for name, (_, n) in lengths.items()) + ".",
         verdict_line(tables),
         "",

@@ -6,6 +6,7 @@ arrow is a function, each noun a frozen value.
 
 from consistent_id.base import BaseParameters, base_parameters, condition_number
 from consistent_id.base_feasibility import base_feasibility
+from consistent_id.bootstrap import Bootstrap, bootstrap
 from consistent_id.comparison import Comparison, compare
 from consistent_id.constraint_costs import constraint_costs
 from consistent_id.constraints import (
@@ -26,8 +27,10 @@ from consistent_id.constraints import (
     SharedMotors,
     SymmetricLink,
     TotalMass,
+    mesh_vertices,
 )
 from consistent_id.cross_check import CrossCheck, cross_check
+from consistent_id.cross_validation import RegularisationPath, cross_validated
 from consistent_id.errors import (
     ConsistentIdError,
     InfeasibleError,
@@ -39,6 +42,7 @@ from consistent_id.errors import (
 )
 from consistent_id.estimate import Certificate, Estimate
 from consistent_id.estimators.constrained import constrained_least_squares
+from consistent_id.estimators.contradiction import Contradiction, contradiction
 from consistent_id.estimators.least_squares import (
     joint_noise,
     least_squares,
@@ -48,6 +52,8 @@ from consistent_id.estimators.robust import huber
 from consistent_id.estimators.smooth import smooth_least_squares
 from consistent_id.friction import DriveTerms, GearCoupling
 from consistent_id.inertia import InertialParameters
+from consistent_id.intervals import ConsistentIntervals, consistent_intervals
+from consistent_id.link_condition import LinkCondition, link_conditions
 from consistent_id.loaders import DHRow, from_modified_dh, load_urdf
 from consistent_id.log_cholesky import (
     body_from_log_cholesky,
@@ -65,6 +71,8 @@ from consistent_id.regressor import (
     casadi_regressor,
     joint_torque_regressor,
 )
+from consistent_id.segments import segment_regressions
+from consistent_id.shadow_prices import ShadowPrice, shadow_prices
 from consistent_id.signals import (
     decimated,
     differentiated,
@@ -74,17 +82,21 @@ from consistent_id.signals import (
 )
 from consistent_id.simulation import simulate_torque
 from consistent_id.study import Study, identify, run_study
+from consistent_id.uncertainty import Uncertainty, uncertainty
 
 __version__ = "0.1.0"
 
 __all__ = [
     "BaseParameters",
+    "Bootstrap",
     "CentreOfMassBoxes",
     "CentreOfMassIn",
     "Certificate",
     "Columns",
     "Comparison",
     "ConsistentIdError",
+    "ConsistentIntervals",
+    "Contradiction",
     "CrossCheck",
     "DHRow",
     "Datasheet",
@@ -103,6 +115,7 @@ __all__ = [
     "JointLimits",
     "LinearRelation",
     "Link",
+    "LinkCondition",
     "MassBounds",
     "ModelError",
     "NonNegativeDrive",
@@ -117,23 +130,30 @@ __all__ = [
     "Recording",
     "RecordingError",
     "Regression",
+    "RegularisationPath",
     "RobotModel",
+    "ShadowPrice",
     "SharedMotors",
     "SolverError",
     "Study",
     "SymmetricLink",
     "TorqueModel",
     "TotalMass",
+    "Uncertainty",
     "base_feasibility",
     "base_parameters",
     "body_from_log_cholesky",
+    "bootstrap",
     "build_regression",
     "casadi_regressor",
     "compare",
     "condition_number",
+    "consistent_intervals",
     "constrained_least_squares",
     "constraint_costs",
+    "contradiction",
     "cross_check",
+    "cross_validated",
     "decimated",
     "differentiated",
     "from_modified_dh",
@@ -142,16 +162,21 @@ __all__ = [
     "joint_noise",
     "joint_torque_regressor",
     "least_squares",
+    "link_conditions",
     "load_problem",
     "load_urdf",
     "log_cholesky_from_body",
     "log_cholesky_jacobian",
     "low_passed",
+    "mesh_vertices",
     "read_recording",
     "resampled",
     "run_study",
+    "segment_regressions",
+    "shadow_prices",
     "simulate_torque",
     "smooth_least_squares",
     "trimmed",
+    "uncertainty",
     "weighted_least_squares",
 ]

@@ -134,7 +134,7 @@ def load_problem(path: str | Path) -> Problem:
     couplings = tuple(_coupling(coupling) for coupling in table.couplings)
     measured = () if table.data is None else tuple(table.data.torque_joints)
     model = TorqueModel(robot, drive, couplings, measured)
-    constraints = constraints_of(table.constraints)
+    constraints = constraints_of(table.constraints, file.parent)
     lowered(constraints, model)  # a name that is wrong is found here, not after hours
     return Problem(
         folder=file.parent,

@@ -1,5 +1,7 @@
 """The ``[constraints]`` table of a problem file, turned into constraints."""
 
+from pathlib import Path
+
 import numpy as np
 
 from consistent_id.constraints import (
@@ -21,13 +23,14 @@ from consistent_id.constraints import (
     SharedMotors,
     SymmetricLink,
     TotalMass,
+    mesh_vertices,
 )
 from consistent_id.errors import ProblemError
 from consistent_id.problem_file import ConstraintsTable, RelationTable, ShapeTable
 
 
-def constraints_of(table: ConstraintsTable) -> tuple[Constraint, ...]:
-    """Return the constraints that a table asks for.
+def constraints_of(table: ConstraintsTable, folder: Path) -> tuple[Constraint, ...]:
+    """Return the constraints that a table asks for; meshes are files in a folder.
 
     Raises
     ------
@@ -60,8 +63,10 @@ def constraints_of(table: ConstraintsTable) -> tuple[Constraint, ...]:
     chosen += [_relation(relation) for relation in table.relations]
     chosen += [EqualLinks(e.first, e.second, e.mirror) for e in table.equal_links]
     chosen += [SymmetricLink(link, planes) for link, planes in table.symmetric.items()]
-    chosen += [CentreOfMassIn(s.link, _shape(s)) for s in table.centre_of_mass_in]
-    chosen += [DensityOn(s.link, _shape(s)) for s in table.density_on]
+    chosen += [
+        CentreOfMassIn(s.link, _shape(s, folder)) for s in table.centre_of_mass_in
+    ]
+    chosen += [DensityOn(s.link, _shape(s, folder)) for s in table.density_on]
     return tuple(chosen)
 
 
@@ -71,12 +76,13 @@ def _relation(table: RelationTable) -> LinearRelation:
     return LinearRelation(table.terms, low, high)
 
 
-def _shape(table: ShapeTable) -> Ellipsoid | Polytope:
-    given = [s for s in (table.ellipsoid, table.box, table.hull) if s is not None]
+def _shape(table: ShapeTable, folder: Path) -> Ellipsoid | Polytope:
+    shapes = (table.ellipsoid, table.box, table.hull, table.mesh)
+    given = [s for s in shapes if s is not None]
     if len(given) != 1:
         raise ProblemError(
             f"shape of link {table.link!r}: {len(given)} shapes, expected one of "
-            "ellipsoid, box and hull"
+            "ellipsoid, box, hull and mesh"
         )
     if table.ellipsoid is not None:
         return Ellipsoid(
@@ -84,4 +90,9 @@ def _shape(table: ShapeTable) -> Ellipsoid | Polytope:
         )
     if table.box is not None:
         return Polytope.box(*table.box)
-    return Polytope.hull(np.array(table.hull))
+    if table.mesh is None:
+        return Polytope.hull(np.array(table.hull))
+    vertices = mesh_vertices(folder / table.mesh, scale=table.mesh_scale)
+    if table.mesh_shape == "ellipsoid":
+        return Ellipsoid.around(vertices)
+    return Polytope.hull(vertices)

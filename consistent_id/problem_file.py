@@ -101,12 +101,19 @@ class EllipsoidTable(Table, frozen=True, kw_only=True):
 
 
 class ShapeTable(Table, frozen=True, kw_only=True):
-    """Where a link's centre of mass or material lies: one of three shapes [m]."""
+    """Where a link's centre of mass or material lies: one of four shapes [m].
+
+    A mesh is a file in the problem's folder, in the link's frame; its hull counts, or
+    the smallest ellipsoid around it.
+    """
 
     link: str
     ellipsoid: EllipsoidTable | None = None
     box: Annotated[list[Three], Meta(min_length=2, max_length=2)] | None = None
     hull: Annotated[list[Three], Meta(min_length=4)] | None = None
+    mesh: str | None = None
+    mesh_scale: Positive = 1.0
+    mesh_shape: Literal["hull", "ellipsoid"] = "hull"
 
 
 class ConstraintsTable(Table, frozen=True, kw_only=True):

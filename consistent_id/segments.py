@@ -72,6 +72,6 @@ def merged(segments: Sequence[Regression]) -> Regression:
 
 
 def _cuts(samples: int, length: float) -> list[tuple[int, int]]:
-    number = max(round(samples / length), 1)
+    number = max(int(samples / length), 1)
     ends = np.linspace(0, samples, number + 1).round().astype(int).tolist()
     return list(pairwise(ends))

@@ -78,12 +78,13 @@ def shadow_prices(
     base = base_parameters(model) if base is None else base
     best = best_fit(model, regression, constraints, base=base)
     scaled = best.scaled
-    rms = best.misfit / np.sqrt(sum(regression.counts))
-    prices = _prices(best) * rms
+    unit = scaled.size / np.sqrt(sum(regression.counts))
+    rms = unit * np.sqrt(_total(best, best.solution.u))
+    prices = unit * _prices(best)
     centre = nominal_distance(model, "pullback", scaled.unit).nominal
     found = []
     for member, price in enumerate(prices):
-        if abs(price) <= _FREE * rms:
+        if abs(price) <= _FREE * max(rms, unit):
             continue
         problem = LeastNorm(scaled.M, scaled.z, scaled.domain.without(member))
         cost = np.nan
@@ -93,8 +94,7 @@ def shadow_prices(
         except SolverError:
             pass  # the cost stays unknown, and says so
         else:
-            share = _total(best, solution.u) / _total(best, best.solution.u)
-            cost = max(rms * (1.0 - np.sqrt(share)), 0.0)
+            cost = max(rms - unit * np.sqrt(_total(best, solution.u)), 0.0)
             verdicts = {best.optimality.verdict, optimality.verdict}
             verdict = "certified" if verdicts == {"certified"} else "uncertified"
         label = scaled.domain.labels[member]
@@ -107,7 +107,7 @@ def _total(best: BestFit, u: Vector) -> float:
 
 
 def _prices(best: BestFit) -> Vector:
-    """Return relative changes of the misfit by `STEP`, in the order of labels."""
+    """Return changes of the scaled misfit by `STEP`, in the order of labels."""
     multipliers = best.solution.multipliers
     slopes = np.concatenate(
         [
@@ -116,4 +116,5 @@ def _prices(best: BestFit) -> Vector:
             [float(np.trace(Z)) for Z in multipliers.blocks],
         ]
     )
-    return np.asarray(slopes * STEP / _total(best, best.solution.u))
+    # An exact fit has no slope; a millionth of the torque stands in for it.
+    return np.asarray(slopes * STEP / np.sqrt(max(_total(best, best.solution.u), 1.0)))

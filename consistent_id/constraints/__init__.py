@@ -22,9 +22,8 @@ from consistent_id.constraints.parameters import (
 from consistent_id.constraints.shape import (
     CentreOfMassIn,
     DensityOn,
-    Ellipsoid,
-    Polytope,
 )
+from consistent_id.constraints.solids import Ellipsoid, Polytope, mesh_vertices
 from consistent_id.constraints.symmetry import EqualLinks, SymmetricLink, TotalMass
 
 __all__ = [
@@ -47,4 +46,5 @@ __all__ = [
     "SymmetricLink",
     "TotalMass",
     "lowered",
+    "mesh_vertices",
 ]

@@ -1,0 +1,127 @@
+"""Ellipsoids, polytopes and hulls of meshes."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from robots import random_robot
+
+from consistent_id import (
+    DensityOn,
+    Ellipsoid,
+    Polytope,
+    ProblemError,
+    TorqueModel,
+    mesh_vertices,
+)
+
+CUBE = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
+
+
+def _stl(path, points):
+    from scipy.spatial import ConvexHull
+
+    facets = [
+        "facet normal 0 0 0\nouter loop\n"
+        + "".join(f"vertex {x} {y} {z}\n" for x, y, z in points[corners])
+        + "endloop\nendfacet\n"
+        for corners in ConvexHull(points).simplices
+    ]
+    path.write_text("solid part\n" + "".join(facets) + "endsolid part\n")
+    return path
+
+
+def test_the_ellipsoid_around_a_cube_is_the_ball_through_its_corners():
+    ball = Ellipsoid.around(CUBE)
+    assert ball.centre == pytest.approx([0.5] * 3, abs=1e-4)
+    assert ball.semi_axes == pytest.approx([np.sqrt(0.75)] * 3, rel=1e-4)
+
+
+def test_the_ellipsoid_around_a_stretched_cube_stretches_with_it():
+    # The smallest ellipsoid is affinely invariant.
+    stretch = np.array([1.0, 3.0, 0.2])
+    ball = Ellipsoid.around(CUBE * stretch)
+    assert np.sort(ball.semi_axes) == pytest.approx(
+        np.sort(np.sqrt(0.75) * stretch), rel=1e-4
+    )
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 2**31))
+def test_the_ellipsoid_contains_every_point_and_touches_some(seed):
+    points = np.random.default_rng(seed).normal(size=(30, 3)) * [1.0, 2.0, 0.3]
+    ellipsoid = Ellipsoid.around(points)
+    inside = np.column_stack([points, np.ones(30)])
+    left = np.einsum("ia,ab,ib->i", inside, ellipsoid.quadratic, inside)
+    assert left.min() == pytest.approx(0.0, abs=1e-9)
+    assert (left <= 1e-3).sum() >= 4
+
+
+def test_a_mesh_is_read_in_metres(tmp_path):
+    file = _stl(tmp_path / "cube.stl", 1000.0 * CUBE)
+    vertices = mesh_vertices(file, scale=0.001)
+    assert vertices.min(axis=0) == pytest.approx([0.0] * 3, abs=1e-9)
+    assert vertices.max(axis=0) == pytest.approx([1.0] * 3)
+    assert len(Polytope.hull(vertices).normals) == 6
+
+
+@pytest.mark.parametrize("content", [None, "garbage", ""])
+def test_what_is_no_mesh_is_refused_with_its_file(tmp_path, content):
+    file = tmp_path / "part.stl"
+    if content is not None:
+        file.write_text(content)
+    with pytest.raises(ProblemError, match=r"part\.stl: no mesh could be read"):
+        mesh_vertices(file)
+
+
+def test_a_scale_that_is_none_is_refused(tmp_path):
+    with pytest.raises(ProblemError, match="scale is 0"):
+        mesh_vertices(tmp_path / "part.stl", scale=0.0)
+
+
+def test_a_polytope_without_inside_is_refused():
+    normals = np.vstack([np.eye(3), -np.eye(3)])
+    with pytest.raises(ProblemError, match="no room"):
+        Polytope(normals, [1, 1, 1, 0, 0, -2])
+
+
+def test_a_polytope_without_end_is_refused():
+    normals = np.vstack([np.eye(3), -np.eye(3)[:2]])
+    with pytest.raises(ProblemError, match="do not close it"):
+        Polytope(normals, [1, 1, 1, 0, 0])
+
+
+def test_a_hull_of_too_many_facets_is_refused_for_densities_with_the_way_out():
+    points = np.random.default_rng(0).normal(size=(200, 3))
+    ball = Polytope.hull(points / np.linalg.norm(points, axis=1)[:, None])
+    model = TorqueModel(random_robot(np.random.default_rng(0), 1)[1])
+    with pytest.raises(ProblemError, match=r"Ellipsoid\.around"):
+        DensityOn(model.layout.links[0], ball).lower(model)
+
+
+def test_a_problem_file_may_name_a_mesh(tmp_path):
+    from consistent_id import CentreOfMassIn, load_problem
+
+    _stl(tmp_path / "part.stl", CUBE)
+    (tmp_path / "problem.toml").write_text(
+        """
+name = "arm"
+[[model.modified_dh]]
+alpha_deg = 0.0
+a = 0.0
+[links.link1]
+mass = 1.0
+[[constraints.centre_of_mass_in]]
+link = "link1"
+mesh = "part.stl"
+[[constraints.density_on]]
+link = "link1"
+mesh = "part.stl"
+mesh_shape = "ellipsoid"
+"""
+    )
+    problem = load_problem(tmp_path)
+    shapes = [c.shape for c in problem.constraints if hasattr(c, "shape")]
+    assert isinstance(shapes[0], Polytope)
+    assert isinstance(shapes[1], Ellipsoid)
+    assert any(isinstance(c, CentreOfMassIn) for c in problem.constraints)
