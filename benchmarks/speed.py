@@ -19,7 +19,14 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 import consistent_id as ci
+from consistent_id import certificate
+from consistent_id.cone_program import solve_least_norm
+from consistent_id.distances import nominal_distance
 from consistent_id.estimators import best_fit
+from consistent_id.estimators.constrained import DEFAULT_CONSTRAINTS
+from consistent_id.estimators.scaled_fit import REFERENCE
+from consistent_id.second_opinion import solve_anew
+from consistent_id.segments import merged
 
 DRIVE = ci.DriveTerms(viscous=True, coulomb="sign", offset=True, rotor_inertia=True)
 
@@ -171,42 +178,60 @@ def compression_table(sizes: list[int], stacked_sizes: list[int], runs: int) -> 
 
 
 def solve_table(repeats: int) -> str:
-    """Constrained estimate from a regression, and its parts."""
+    """Constrained estimate from a regression, its parts, and what repeats them."""
     model = arm()
-    regression = ci.build_regression(model, log(model, 20_000))
+    recording = log(model, 20_000)
+    segments = ci.segment_regressions(model, recording)
+    regression = merged(segments)
     base = ci.base_parameters(model)
-    weighted = regression.weighted(ci.joint_noise(model, regression, base=base))
-    solutions = []
-    original = best_fit.solve_certified
+    scaled = best_fit.best_fit(model, regression, DEFAULT_CONSTRAINTS, base=base).scaled
+    centre = nominal_distance(model, "pullback", scaled.unit).nominal
 
-    def recorded(*args: object, **options: object) -> object:
-        result = original(*args, **options)  # type: ignore[arg-type]
-        solutions.append(result[0])
-        return result
+    def again() -> None:
+        certificate.solve_certified(scaled.problem, centre, reference=REFERENCE)
 
-    best_fit.solve_certified = recorded  # type: ignore[assignment]
-    times = []
-    for _ in range(repeats + 1):
-        started = perf_counter()
-        estimate = ci.constrained_least_squares(model, weighted, base=base)
-        times.append(perf_counter() - started)
-    best_fit.solve_certified = original
-    build = statistics.median(s.build_seconds for s in solutions[1:])
-    solve = statistics.median(s.solve_seconds for s in solutions[1:])
-    programmes = len(solutions) / (repeats + 1)
+    calls: dict[str, tuple[Callable[[], object], float | None]] = {
+        "one cone programme, Clarabel with its matrices": (
+            lambda: solve_least_norm(scaled.problem),
+            20.0,
+        ),
+        "the same through CVXPY": (
+            lambda: solve_anew(scaled.problem, "quadratic in Clarabel"),
+            None,
+        ),
+        "re-solve with its certificate": (again, 20.0),
+        "whole estimate": (
+            lambda: ci.constrained_least_squares(model, regression, base=base),
+            300.0,
+        ),
+        "bootstrap of 200 constrained estimates": (
+            lambda: ci.bootstrap(model, segments, base=base),
+            5000.0,
+        ),
+        "consistent intervals of all parameters": (
+            lambda: ci.consistent_intervals(model, regression, base=base),
+            None,
+        ),
+    }
+    lines = ["| what | ms | target |", "|---|---:|---:|"]
+    for name, (call, target) in calls.items():
+        call()
+        times = []
+        for _ in range(repeats):
+            started = perf_counter()
+            call()
+            times.append(1e3 * (perf_counter() - started))
+        wanted = "" if target is None else f"{target:.0f}"
+        lines.append(f"| {name} | {statistics.median(times):.1f} | {wanted} |")
+    resampled = ci.bootstrap(model, segments, base=base)
+    estimate = ci.constrained_least_squares(model, regression, base=base)
     return "\n".join(
         [
-            "| what | ms | target |",
-            "|---|---:|---:|",
-            f"| one cone programme, CVXPY's model building | {1e3 * build:.1f} | |",
-            f"| one cone programme, Clarabel | {1e3 * solve:.1f} | 20 |",
-            f"| whole estimate, median of {repeats} | "
-            f"{1e3 * statistics.median(times[1:]):.0f} | 300 |",
-            f"| whole estimate, first call (imports CVXPY) | {1e3 * times[0]:.0f} | |",
+            *lines,
             "",
-            f"7 joints, 98 parameters, {len(base)} base parameters; an estimate solves "
-            f"{programmes:.0f} programmes (best fit, then the prior's weight).",
-            f"Verdict: {estimate.certificate.verdict}.",
+            f"7 joints, {len(model.layout)} parameters, {len(base)} base parameters;",
+            f"medians of {repeats}. Estimate: {estimate.certificate.verdict}; of the",
+            f"bootstrap's {len(resampled.estimates)}, {resampled.certified} certified.",
         ]
     )
 

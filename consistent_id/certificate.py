@@ -81,6 +81,7 @@ def certify(
     centre: Vector,
     *,
     reference: float = 0.0,
+    reach: float = 0.0,
     objective: float | None = None,
     curvature: Matrix | None = None,
 ) -> Optimality:
@@ -94,6 +95,8 @@ def certify(
         Centre of the ball in which the proof holds.
     reference : float
         What the gap is measured against, if larger than the objective.
+    reach : float
+        Least radius of the ball in which the proof holds; see `ball_about`.
     objective : float, optional
         Value of a convex function whose gradient at the solution is the problem's; by
         default the problem's own objective.
@@ -114,7 +117,8 @@ def certify(
     violation = domain.violation(u)
     stationarity = float(np.linalg.norm(rest))
     E = null_space(domain.A_eq)
-    gap = slack + _cost_of_rest(curvature @ E, E.T @ rest, E.T @ (centre - u), centre)
+    radius = ball_about(centre, reach).radius
+    gap = slack + _cost_of_rest(curvature @ E, E.T @ rest, E.T @ (centre - u), radius)
     gap = min(gap, objective)  # the optimum is not below 0
     scale = max(objective, reference)
     return Optimality(
@@ -125,13 +129,13 @@ def certify(
     )
 
 
-def ball_about(centre: Vector) -> Ball:
-    """Return the ball in which proofs hold."""
-    return Ball(centre, RADIUS * (1.0 + float(np.linalg.norm(centre))))
+def ball_about(centre: Vector, reach: float = 0.0) -> Ball:
+    """Return the ball in which proofs hold, with a radius of `reach` at the least."""
+    return Ball(centre, max(RADIUS * (1.0 + float(np.linalg.norm(centre))), reach))
 
 
 def solve_certified(
-    problem: LeastNorm, centre: Vector, *, reference: float = 0.0
+    problem: LeastNorm, centre: Vector, *, reference: float = 0.0, reach: float = 0.0
 ) -> tuple[ConeSolution, Optimality]:
     """Try one way after another until a solution is certified; else return the best.
 
@@ -144,7 +148,7 @@ def solve_certified(
     SolverError
         If no way gives a point.
     """
-    within = ball_about(centre)
+    within = ball_about(centre, reach)
     solve = partial(solve_least_norm, problem)
     found: list[tuple[ConeSolution, Optimality]] = []
     failures: list[str] = []
@@ -170,7 +174,9 @@ def solve_certified(
         except SolverError as failure:
             failures.append(str(failure))
             continue
-        optimality = certify(problem, solution, centre, reference=reference)
+        optimality = certify(
+            problem, solution, centre, reference=reference, reach=reach
+        )
         found.append((solution, optimality))
         if optimality.verdict == "certified":
             break
@@ -185,7 +191,7 @@ def _quality(pair: tuple[ConeSolution, Optimality]) -> tuple[bool, float]:
 
 
 def _cost_of_rest(
-    curvature: Matrix, rest: Vector, to_centre: Vector, centre: Vector
+    curvature: Matrix, rest: Vector, to_centre: Vector, radius: float
 ) -> float:
     """Bound ``-rest.d - 1/2 ||curvature d||^2`` for steps ``d`` that end in the ball.
 
@@ -202,7 +208,7 @@ def _cost_of_rest(
     parabolas = np.append(np.cumsum(turns[order][::-1])[::-1], 0.0)
     sizes = np.sqrt(np.append(0.0, np.cumsum(along**2)))
     gains = np.append(0.0, np.cumsum(along * to_centre))
-    ends = np.maximum(ball_about(centre).radius * sizes - gains, 0.0)
+    ends = np.maximum(radius * sizes - gains, 0.0)
     return float((parabolas + ends).min())
 
 

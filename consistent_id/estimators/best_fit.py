@@ -68,10 +68,14 @@ def best_fit(
     return BestFit(scaled, *solved(scaled.problem, centre))
 
 
-def solved(problem: LeastNorm, centre: Vector) -> tuple[ConeSolution, Optimality]:
+def solved(
+    problem: LeastNorm, centre: Vector, *, reach: float = 0.0
+) -> tuple[ConeSolution, Optimality]:
     """Solve and certify; when nothing comes of it, ask if a solution can exist."""
     try:
-        solution, optimality = solve_certified(problem, centre, reference=REFERENCE)
+        solution, optimality = solve_certified(
+            problem, centre, reference=REFERENCE, reach=reach
+        )
     except SolverError as failure:
         reason = str(failure)
     else:

@@ -24,7 +24,7 @@ class Nearest:
     fit : PenalisedFit
     share : float
         Bound on the relative excess of its squared distance (or of 0.01, where it is
-        less) over the least for its misfit.
+        less) over the least for its misfit; infinite if its misfit exceeds the slack.
     """
 
     fit: PenalisedFit
@@ -39,10 +39,8 @@ def nearest_within(best: BestFit, distance: NominalDistance, slack: float) -> Ne
     weight is the nearest point for its own misfit, and, unlike a bound on the misfit,
     it is a well-conditioned problem.
 
-    Raises
-    ------
-    SolverError
-        If no weight keeps the misfit within the slack.
+    Where no weight keeps the misfit within the slack, which data of next to no noise
+    can do to a solver, the point of the least misfit is returned, and says so.
     """
     scaled = best.scaled
     least = scaled.excess(best.solution.u)
@@ -51,10 +49,17 @@ def nearest_within(best: BestFit, distance: NominalDistance, slack: float) -> Ne
     low, high = -np.inf, np.inf
     log_weight = np.log(allowed)
     kept: PenalisedFit | None = None
+    closest: PenalisedFit | None = None
+    # The proof's ball is to contain the best fit, wherever that is.
+    reach = 2.0 * float(np.linalg.norm(best.solution.u - distance.nominal))
     for _ in range(_WEIGHTS):
         start = None if kept is None else kept.solution.u
-        found = penalised_fit(scaled, distance, float(np.exp(log_weight)), start=start)
+        found = penalised_fit(
+            scaled, distance, float(np.exp(log_weight)), start=start, reach=reach
+        )
         excess = found.excess - least
+        if closest is None or found.excess < closest.excess:
+            closest = found
         if excess <= allowed:
             moved = np.inf
             if kept is not None:
@@ -72,6 +77,8 @@ def nearest_within(best: BestFit, distance: NominalDistance, slack: float) -> Ne
             log_weight += _STEP if np.isinf(high) else -_STEP
         else:
             log_weight = (low + high) / 2
-    if kept is None:
-        raise SolverError("no weight of the prior keeps the misfit within its slack")
-    return Nearest(kept, kept.distance_gap / max(kept.squared_distance, _STILL))
+    if kept is not None:
+        return Nearest(kept, kept.distance_gap / max(kept.squared_distance, _STILL))
+    if closest is None:
+        raise SolverError("no weight of the prior was tried")
+    return Nearest(closest, np.inf)

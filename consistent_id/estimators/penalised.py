@@ -65,6 +65,7 @@ def penalised_fit(
     weight: float,
     *,
     start: Vector | None = None,
+    reach: float = 0.0,
 ) -> PenalisedFit:
     """Minimise squared misfit plus `weight` times squared distance.
 
@@ -75,6 +76,8 @@ def penalised_fit(
     weight : float
     start : ndarray, optional
         Where Newton's method starts, a robot of bodies; by default the nominal one.
+    reach : float
+        See `ball_about`.
 
     Raises
     ------
@@ -84,7 +87,7 @@ def penalised_fit(
     centre = distance.nominal
     if distance.exact:
         solution, optimality = solved(
-            _stacked(fit, distance.local(centre), weight), centre
+            _stacked(fit, distance.local(centre), weight), centre, reach=reach
         )
     else:
         solution = _newton(fit, distance, weight, centre if start is None else start)
