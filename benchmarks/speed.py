@@ -177,10 +177,10 @@ def compression_table(sizes: list[int], stacked_sizes: list[int], runs: int) -> 
     return "\n".join(lines)
 
 
-def solve_table(repeats: int) -> str:
+def solve_table(repeats: int, samples: int = 20_000, replicates: int = 200) -> str:
     """Constrained estimate from a regression, its parts, and what repeats them."""
     model = arm()
-    recording = log(model, 20_000)
+    recording = log(model, samples)
     segments = ci.segment_regressions(model, recording)
     regression = merged(segments)
     base = ci.base_parameters(model)
@@ -204,8 +204,8 @@ def solve_table(repeats: int) -> str:
             lambda: ci.constrained_least_squares(model, regression, base=base),
             300.0,
         ),
-        "bootstrap of 200 constrained estimates": (
-            lambda: ci.bootstrap(model, segments, base=base),
+        f"bootstrap of {replicates} constrained estimates": (
+            lambda: ci.bootstrap(model, segments, base=base, replicates=replicates),
             5000.0,
         ),
         "consistent intervals of all parameters": (
@@ -223,7 +223,7 @@ def solve_table(repeats: int) -> str:
             times.append(1e3 * (perf_counter() - started))
         wanted = "" if target is None else f"{target:.0f}"
         lines.append(f"| {name} | {statistics.median(times):.1f} | {wanted} |")
-    resampled = ci.bootstrap(model, segments, base=base)
+    resampled = ci.bootstrap(model, segments, base=base, replicates=replicates)
     estimate = ci.constrained_least_squares(model, regression, base=base)
     return "\n".join(
         [

@@ -112,6 +112,7 @@ def base_feasibility(
     base_values: Vector,
     *,
     constraints: Sequence[Constraint] = (PhysicalConsistency(margin=0.0),),
+    witness: Vector | None = None,
 ) -> BaseFeasibility:
     """Ask whether any parameters with these base parameters satisfy the constraints.
 
@@ -122,6 +123,8 @@ def base_feasibility(
     base_values : ndarray, shape (base,)
     constraints : sequence of Constraint
         By default physical consistency of all links.
+    witness : ndarray, shape (parameters,), optional
+        Parameters that may be the answer, such as an estimate's own; tried first.
     """
     layout = model.layout
     inertial_units = link_scales(model.robot).units
@@ -131,6 +134,10 @@ def base_feasibility(
         raise ProblemError("the base parameters are of another torque model")
     same_torque = ConicSet.equal(base.projection, base_values, base.groupings)
     domain = (same_torque & lowered(constraints, model)).normalised(unit)
+    if witness is not None:
+        known = _witnessed(domain, frozen(witness, (len(layout),), "witness") / unit)
+        if known is not None:
+            return BaseFeasibility("consistent", known, known.u * unit, ())
     try:
         proof = find_interior(domain)
     except SolverError:
@@ -145,8 +152,8 @@ def base_feasibility(
     else:
         # A witness must be a body and have these very base parameters.
         missed = _relative_miss(domain, proof.u)
-        witness = proof.depth >= -_UNDECIDED and missed <= _UNDECIDED
-        answer = "consistent" if witness else "undecided"
+        is_one = proof.depth >= -_UNDECIDED and missed <= _UNDECIDED
+        answer = "consistent" if is_one else "undecided"
     return BaseFeasibility(answer, proof, proof.u * unit, tuple(violations), nearest)
 
 
@@ -174,6 +181,17 @@ def _nearest(
         return None
     change = float(np.linalg.norm(problem.G @ solution.u - problem.g))
     return NearestRobot(solution.u * unit, change, optimality.verdict)
+
+
+def _witnessed(domain: ConicSet, u: Vector) -> Interior | None:
+    """Return a point as the answer if it satisfies everything, up to rounding."""
+    if _relative_miss(domain, u) > _UNDECIDED or domain.violation(u) > _UNDECIDED:
+        return None
+    depth = min(
+        (float(np.linalg.eigvalsh(block.scaled(u))[0]) for block in domain.blocks),
+        default=1.0,
+    )
+    return Interior(depth, np.inf, u, (), ())
 
 
 def _relative_miss(domain: ConicSet, u: Vector) -> float:

@@ -137,7 +137,10 @@ def compare(
             validation=tuple(torque_error(estimate, r) for r in validation),
             links=link_conditions(model, estimate.parameters),
             base_feasibility=base_feasibility(
-                model, estimate.base, estimate.base_values
+                model,
+                estimate.base,
+                estimate.base_values,
+                witness=estimate.parameters,
             ),
             least_mass_eigenvalue=least_mass_eigenvalue(
                 model, estimate.parameters, poses

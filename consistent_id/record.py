@@ -38,6 +38,14 @@ def study_record(study: Study) -> dict[str, Any]:
             }
             for cost in study.costs
         ],
+        "regularisation_path": {
+            "distance": study.path.distance,
+            "weights": study.path.weights.tolist(),
+            "errors": study.path.errors.tolist(),
+            "misfits": study.path.misfits.tolist(),
+            "distances": [_number(d) for d in study.path.distances],
+            "chosen": float(study.path.weights[study.path.best]),
+        },
         "shadow_prices": [
             {
                 "constraint": price.label,

@@ -15,7 +15,7 @@ from consistent_id.base import (
 from consistent_id.comparison import Comparison, compare
 from consistent_id.constraint_costs import ConstraintCost, constraint_costs
 from consistent_id.constraints import PhysicalConsistency
-from consistent_id.cross_validation import cross_validated
+from consistent_id.cross_validation import RegularisationPath, cross_validated
 from consistent_id.errors import ProblemError
 from consistent_id.estimate import Estimate
 from consistent_id.estimators.constrained import constrained_least_squares
@@ -31,7 +31,7 @@ from consistent_id.published import PublishedReport, check_published
 from consistent_id.published_estimate import published_least_squares
 from consistent_id.recording import Recording
 from consistent_id.regression import Regression, build_regression
-from consistent_id.segments import merged, segment_regressions
+from consistent_id.segments import segment_regressions
 from consistent_id.shadow_prices import ShadowPrice, shadow_prices
 from consistent_id.simulation import simulate_torque
 
@@ -71,6 +71,8 @@ class Study:
     comparison : Comparison
     costs : tuple of ConstraintCost
         What each constraint costs in fit, with equal weights for all joints.
+    path : RegularisationPath
+        By which the weight of the cross-validated estimate's prior was chosen.
     prices : tuple of ShadowPrice
         What each single row or body costs, likewise.
     published : PublishedReport, optional
@@ -85,6 +87,7 @@ class Study:
     comparison: Comparison
     costs: tuple[ConstraintCost, ...]
     prices: tuple[ShadowPrice, ...]
+    path: RegularisationPath
     published: PublishedReport | None
 
     @property
@@ -98,6 +101,7 @@ def identify(
     training: Sequence[Recording] | None = None,
     *,
     base: BaseParameters | None = None,
+    path: RegularisationPath | None = None,
 ) -> tuple[Estimate, ...]:
     """Estimate a problem's parameters by every method there is.
 
@@ -114,21 +118,17 @@ def identify(
     training : sequence of Recording, optional
         By default the problem's own.
     base : BaseParameters, optional
+    path : RegularisationPath, optional
+        By default `regularisation_path` of the problem.
     """
     model = problem.model
     training = problem.training if training is None else training
     base = base_parameters(model) if base is None else base
-    segments = segment_regressions(model, training)
-    regression = merged(segments)
+    regression = build_regression(model, training)
     weighted = regression.weighted(joint_noise(model, regression, base=base))
     constraints, prior = problem.constraints, problem.prior
-    path = cross_validated(
-        model,
-        segments,
-        constraints=constraints,
-        distance=prior.distance,
-        base=base,
-    )
+    if path is None:
+        path = regularisation_path(problem, training, base=base)
     without_bodies = [c for c in constraints if not isinstance(c, PhysicalConsistency)]
     return (
         least_squares(model, regression, base=base),
@@ -164,6 +164,22 @@ def identify(
     )
 
 
+def regularisation_path(
+    problem: Problem,
+    training: Sequence[Recording],
+    *,
+    base: BaseParameters | None = None,
+) -> RegularisationPath:
+    """Cross-validate the weight of the problem's distance on its training data."""
+    return cross_validated(
+        problem.model,
+        segment_regressions(problem.model, training),
+        constraints=problem.constraints,
+        distance=problem.prior.distance,
+        base=base,
+    )
+
+
 def run_study(problem: Problem) -> Study:
     """Work a problem through: its paper if it has one, estimates, comparison.
 
@@ -175,7 +191,8 @@ def run_study(problem: Problem) -> Study:
     published = None if problem.table.published is None else check_published(problem)
     training, validation = recordings_of(problem, published)
     base = base_parameters(problem.model)
-    estimates = identify(problem, training, base=base)
+    path = regularisation_path(problem, training, base=base)
+    estimates = identify(problem, training, base=base, path=path)
     if published is not None:
         estimates = (
             published_least_squares(problem, training[0], base=base),
@@ -193,6 +210,7 @@ def run_study(problem: Problem) -> Study:
             problem.model, regression, problem.constraints, base=base
         ),
         prices=shadow_prices(problem.model, regression, problem.constraints, base=base),
+        path=path,
         published=published,
     )
 

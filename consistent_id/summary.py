@@ -7,6 +7,7 @@ import numpy as np
 
 from consistent_id.comparison import Comparison, EstimateReport
 from consistent_id.constraint_costs import ConstraintCost
+from consistent_id.cross_validation import RegularisationPath
 from consistent_id.published_summary import published_tables
 from consistent_id.shadow_prices import ShadowPrice
 from consistent_id.study import Excitation, Study
@@ -26,6 +27,7 @@ def study_tables(study: Study) -> list[Table]:
     tables.append(link_table(study.comparison))
     tables.append(cost_table(study.costs, study.problem.model.torque_joints))
     tables.append(price_table(study.prices))
+    tables.append(path_table(study.path))
     return tables
 
 
@@ -82,6 +84,30 @@ def price_table(prices: Sequence[ShadowPrice]) -> Table:
             "change of the RMS residual over all joints; one percent of a typical "
             "mass, length or torque",
             f"the {len(shown)} dearest of {len(prices)}; all others cost nothing",
+        ),
+    )
+
+
+def path_table(path: RegularisationPath) -> Table:
+    """Return how the weight of the prior was chosen."""
+    shown = sorted({*range(0, len(path.weights), 2), path.best})
+    return Table(
+        f"Weight of the prior ({path.distance} distance), by cross-validation",
+        ("weight", "left-out error", "misfit", "distance", "chosen"),
+        tuple(
+            (
+                f"{path.weights[i]:.1e}",
+                f"{path.error[i]:.4f}",
+                f"{path.misfits[i]:.4f}",
+                f"{path.distances[i]:.3g}",
+                "<" if i == path.best else "",
+            )
+            for i in shown
+        ),
+        (
+            f"errors: RMS torque in N m (N if it slides); left out: "
+            f"{path.errors.shape[1]} runs of the training data, one at a time",
+            "misfit and distance to nominal: with all training data fitted",
         ),
     )
 

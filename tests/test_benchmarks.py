@@ -27,14 +27,14 @@ def test_our_way_and_the_stacked_way_leave_the_same_residual():
 
 
 def test_the_table_of_the_constrained_solve_can_be_made():
-    table = _benchmark("speed").solve_table(1)
+    table = _benchmark("speed").solve_table(1, samples=2000, replicates=4)
     assert "Clarabel" in table
     assert "certified" in table
 
 
 def test_random_problems_are_certified_or_rightly_refused():
     robustness = _benchmark("robustness")
-    for seed in (20, 21, 22, 23, 24, 25, 26, 28, 29, 30):
+    for seed in (20, 21, 22):
         result = robustness.run(robustness.case(seed))
         assert not result.wrong
         assert result.verdict == ("refused" if seed % 20 == 0 else "certified")

@@ -71,7 +71,9 @@ def test_the_kukas_counterbalance_is_a_spring_that_bodies_make_use_of():
     # A load of 218 kg at a point: the nominal body is flat, the estimated one is not.
     inertia = report.estimate.model.robot.links[5].nominal.central_inertia
     assert abs(inertia).max() < 1e-9
-    assert report.validation[0].stacked < 0.06
+    # 10.4 % without constraints: a quarter less, at the least.
+    plain = _study("kuka_kr300").comparison["least squares"]
+    assert report.validation[0].stacked < 0.75 * plain.validation[0].stacked
 
 
 def test_the_tx40s_wrist_needs_its_coupled_gears():

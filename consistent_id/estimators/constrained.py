@@ -101,7 +101,7 @@ def constrained_least_squares(
         ),
         undetermined=(),
         sigma=residual_sigma(regression, x, len(base)),
-        certificate=_certificate(model, links, settled),
+        certificate=_certificate(model, regression, constraints, links, settled),
         notes=(
             settled.words,
             *(
@@ -115,12 +115,17 @@ def constrained_least_squares(
 
 
 def _certificate(
-    model: TorqueModel, links: tuple[LinkCondition, ...], settled: Settled
+    model: TorqueModel,
+    regression: Regression,
+    constraints: Sequence[Constraint],
+    links: tuple[LinkCondition, ...],
+    settled: Settled,
 ) -> Certificate:
     fit, final = settled.best.optimality, settled.fit.optimality
     poses = random_poses(model, POSES, _SEED)
-    mass = least_mass_eigenvalue(model, settled.parameters, poses)
+    x = settled.parameters
     figures = {
+        "violation in original units": lowered(constraints, model).violation(x),
         "fit: relative gap": fit.gap,
         "fit: violation": fit.violation,
         "prior: relative gap": final.gap,
@@ -128,7 +133,15 @@ def _certificate(
         "prior: violation": final.violation,
         "slack": settled.slack,
         "weight of the prior": settled.fit.weight,
-        f"least eigenvalue of M(q) over {POSES} poses": mass,
+        f"least eigenvalue of M(q) over {POSES} poses": least_mass_eigenvalue(
+            model, x, poses
+        ),
+    }
+    figures |= {
+        f"RMS residual of {joint}": float(rms)
+        for joint, rms in zip(
+            regression.joints, regression.residual_rms(x), strict=True
+        )
     }
     figures |= {
         f"least eigenvalue of J of {link.link}, per typical link": link.least_eigenvalue
