@@ -5,6 +5,7 @@ or another solver may; and the two can be held against each other.
 """
 
 import warnings
+from threading import Lock
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -20,6 +21,7 @@ FORMULATIONS: tuple[Formulation, ...] = get_args(Formulation)
 """From the more to the less exact."""
 
 _CLARABEL = {"tol_gap_abs": 1e-11, "tol_gap_rel": 1e-11, "tol_feas": 1e-10}
+_ONE_AT_A_TIME = Lock()  # what catches warnings is not made for threads
 _SCS = {"eps_abs": 1e-9, "eps_rel": 1e-9, "max_iters": 20_000}
 
 
@@ -46,7 +48,7 @@ def solve_anew(problem: LeastNorm, formulation: Formulation) -> ConeSolution:
     program = cp.Problem(cp.Minimize(objective), [residual, *constraints])
     solver, options = (cp.SCS, _SCS) if norm else (cp.CLARABEL, _CLARABEL)
     try:
-        with warnings.catch_warnings():
+        with _ONE_AT_A_TIME, warnings.catch_warnings():
             # "Solution may be inaccurate": certificates say so, with figures.
             warnings.simplefilter("ignore", UserWarning)
             program.solve(solver=solver, **options)
