@@ -46,7 +46,11 @@ class Cell:
     @property
     def text(self) -> str:
         """The median, and the worst."""
-        return f"{self.median:.1%} ({max(self.errors):.1%})"
+        return f"{_percent(self.median)} ({_percent(max(self.errors))})"
+
+
+def _percent(share: float) -> str:
+    return f"{share:.1%}" if share < 10.0 else f"{100 * share:.0e}%"
 
 
 def parts(log: ci.Recording, share: float) -> list[ci.Recording]:
