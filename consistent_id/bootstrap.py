@@ -108,7 +108,7 @@ def bootstrap(
     Returns
     -------
     Bootstrap
-        Of the replicates done so far, if interrupted from the keyboard.
+        Of the replicates done so far, if interrupted from the keyboard after two.
 
     Raises
     ------
@@ -165,7 +165,7 @@ def _collected(
     draws: Iterator[Array],
     total: int | None,
 ) -> list[_Replicate | None]:
-    """Return the results in order; those so far, if interrupted from the keyboard."""
+    """Return the results in order; those so far, if interrupted after two or more."""
     from tqdm import tqdm
 
     found: list[_Replicate | None] = []
@@ -176,4 +176,6 @@ def _collected(
                 found.append(result)
         except KeyboardInterrupt:
             pool.shutdown(cancel_futures=True)
+            if len(found) < 2:
+                raise
     return found
