@@ -15,6 +15,7 @@ from consistent_id import (
     InfeasibleError,
     MassBounds,
     NonNegativeDrive,
+    Penalty,
     PhysicalConsistency,
     PointToSet,
     ProblemError,
@@ -27,7 +28,6 @@ from consistent_id import (
     simulate_torque,
 )
 from consistent_id.constraint_costs import constraint_costs
-from consistent_id.priors import Penalty
 
 
 @pytest.mark.parametrize("seed", range(4))
