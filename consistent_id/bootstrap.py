@@ -41,12 +41,13 @@ class Bootstrap:
     ----------
     layout : ParameterLayout
     estimates : array_like, shape (replicates, parameters)
-        Without those that failed.
+        In the layout's units, without those that failed.
     certified : int
-        How many of the optima are certified.
+        How many of these optima are certified.
     failed : int
         How many replicates gave no estimate.
     seconds : float
+        Wall time, [s].
     """
 
     layout: ParameterLayout

@@ -1,8 +1,9 @@
 """How a constrained estimate follows the data: covariance on active constraints.
 
 At the optimum ``u`` of ``1/2 ||M u - z||^2 + weight/2 distance(u)^2`` the active
-constraints leave a tangent space ``T``: steps that keep equalities and inequalities
-that hold with multipliers, and keep each pseudo-inertia's null space where it is.
+constraints leave a tangent space ``T``: steps that keep equalities, inequalities that
+hold as such, and the rank of each pseudo-inertia, to first order.  It is all of the
+answer unless a constraint is only just active, with a multiplier of zero.
 Along it, with the Hessian ``H`` of the Lagrangian,
 
 ``du = T (T^T H T)^-1 T^T ds``  for a change ``ds`` of the scores ``M^T z``
