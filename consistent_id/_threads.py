@@ -22,6 +22,7 @@ def single_threaded(function: Callable[_P, _R]) -> Callable[_P, _R]:
 @lru_cache(maxsize=1)
 def _controller() -> Any:
     # SciPy brings a BLAS of its own, which must be there to be found.
+    import scipy.linalg  # noqa: F401
     from threadpoolctl import ThreadpoolController
 
     return ThreadpoolController()

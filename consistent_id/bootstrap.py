@@ -41,12 +41,13 @@ class Bootstrap:
     ----------
     layout : ParameterLayout
     estimates : array_like, shape (replicates, parameters)
-        Without those that failed.
+        In the layout's units, without those that failed.
     certified : int
-        How many of the optima are certified.
+        How many of these optima are certified.
     failed : int
         How many replicates gave no estimate.
     seconds : float
+        Wall time, [s].
     """
 
     layout: ParameterLayout
@@ -108,7 +109,7 @@ def bootstrap(
     Returns
     -------
     Bootstrap
-        Of the replicates done so far, if interrupted from the keyboard.
+        Of the replicates done so far, if interrupted from the keyboard after two.
 
     Raises
     ------
@@ -165,7 +166,7 @@ def _collected(
     draws: Iterator[Array],
     total: int | None,
 ) -> list[_Replicate | None]:
-    """Return the results in order; those so far, if interrupted from the keyboard."""
+    """Return the results in order; those so far, if interrupted after two or more."""
     from tqdm import tqdm
 
     found: list[_Replicate | None] = []
@@ -176,4 +177,6 @@ def _collected(
                 found.append(result)
         except KeyboardInterrupt:
             pool.shutdown(cancel_futures=True)
+            if len(found) < 2:
+                raise
     return found

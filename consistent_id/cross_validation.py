@@ -74,7 +74,7 @@ class RegularisationPath:
 
     @property
     def error(self) -> Vector:
-        """Root-mean-square error over all folds, for each weight."""
+        """Root-mean-square error over all folds, which count alike, for each weight."""
         return np.asarray(np.sqrt(np.mean(self.errors**2, axis=1)))
 
     @property
@@ -108,11 +108,17 @@ def cross_validated(
         See `segment_regressions`; their `sigma` are the weights of joints.
     constraints : sequence of Constraint
     distance : {"pullback", "euclidean", "entropic"}
-    weights : array_like
-        See `Penalty`.
+    weights : array_like, shape (weights,)
+        In any order; see `Penalty`.  Folds are given the same ones, in units of the
+        residual of all data.
     folds : int
         Of consecutive segments; at most as many as there are segments.
     base : BaseParameters, optional
+
+    Returns
+    -------
+    RegularisationPath
+        Its `penalty` has the weight that predicts best.
 
     Raises
     ------

@@ -44,8 +44,8 @@ class ConsistentIntervals:
     ----------
     layout : ParameterLayout
     bounds : array_like, shape (parameters, 2)
-        Least and largest values; infinite where only that size stops them, or no bound
-        was proven.
+        Least and largest values, in the layout's units; infinite where only that size
+        stops them, or no bound was proven.
     slack : float
         Relative misfit above the best constrained fit that counts as fitting.
     """

@@ -80,4 +80,5 @@ def _edge(body: InertialParameters, mass: float, moment: float) -> str:
 
 def _axis(axis: Array) -> str:
     axis = axis * np.sign(axis[np.argmax(abs(axis))])
-    return "[" + " ".join(f"{value + 0.0:.2f}" for value in axis) + "]"
+    rounded = np.round(axis, 2) + 0.0  # and no minus zero
+    return "[" + " ".join(f"{value:.2f}" for value in rounded) + "]"

@@ -67,11 +67,19 @@ def segment_regressions(
 
 
 def merged(segments: Sequence[Regression]) -> Regression:
-    """Return the regression of several segments together."""
+    """Return the regression of several segments together.
+
+    Raises
+    ------
+    ProblemError
+        If there is none, or their models or weights differ.
+    """
+    if not segments:
+        raise ProblemError("there are no segments to merge")
     return reduce(add, segments)
 
 
 def _cuts(samples: int, length: float) -> list[tuple[int, int]]:
-    number = max(int(samples / length), 1)
+    number = max(min(round(samples / length), samples // 2), 1)
     ends = np.linspace(0, samples, number + 1).round().astype(int).tolist()
     return list(pairwise(ends))

@@ -1,14 +1,18 @@
 """How a constrained estimate follows the data: covariance on active constraints.
 
 At the optimum ``u`` of ``1/2 ||M u - z||^2 + weight/2 distance(u)^2`` the active
-constraints leave a tangent space ``T``: steps that keep equalities and inequalities
-that hold with multipliers, and keep each pseudo-inertia's null space where it is.
+constraints leave a tangent space ``T``: steps that keep equalities, inequalities that
+hold as such, and the rank of each pseudo-inertia, to first order.  It is all of the
+answer unless a constraint is only just active, with a multiplier of zero.
 Along it, with the Hessian ``H`` of the Lagrangian,
 
 ``du = T (T^T H T)^-1 T^T ds``  for a change ``ds`` of the scores ``M^T z``
 
 so a covariance ``S`` of the scores becomes one of the parameters [Shapiro1997]_.  ``H``
 contains what bends a semidefinite block's surface, ``2 tr(Z dF F^+ dF)``.
+
+All of these are Gram matrices, ``H = A^T A`` and ``S = g^T g``, of which only the
+factors are formed: a faint prior leaves nothing of ``H`` itself but rounding.
 """
 
 from collections.abc import Sequence
@@ -20,6 +24,7 @@ from consistent_id.base import BaseParameters
 from consistent_id.certificate import null_space
 from consistent_id.cones import svec
 from consistent_id.conic import SemidefiniteBlock
+from consistent_id.errors import ProblemError
 from consistent_id.estimators.scaled_fit import base_factor
 from consistent_id.estimators.settled import Settled
 from consistent_id.regression import Regression
@@ -33,8 +38,9 @@ def covariance(settled: Settled, scores: Matrix) -> Matrix:
     Parameters
     ----------
     settled : Settled
-    scores : ndarray, shape (parameters, parameters)
-        Covariance of the scores; see `white_scores` and `segment_scores`.
+    scores : ndarray, shape (rows, parameters)
+        Factor ``g`` of the scores' covariance ``g^T g``; see `white_scores` and
+        `segment_scores`.
 
     Returns
     -------
@@ -42,14 +48,15 @@ def covariance(settled: Settled, scores: Matrix) -> Matrix:
         In original units.  Of what the prior settles it is the estimate's scatter,
         not its error: a firm belief hardly moves.
     """
-    response = _response(settled) * settled.best.scaled.unit[:, None]
-    return np.asarray(response @ scores @ response.T)
+    root = _response_root(settled)
+    moves = (root @ (root.T @ scores.T)) * settled.best.scaled.unit[:, None]
+    return np.asarray(moves @ moves.T)
 
 
 def white_scores(
     settled: Settled, regression: Regression, base: BaseParameters, sigma: Vector
 ) -> Matrix:
-    """Return the scores' covariance for white noise of each joint.
+    """Return a factor of the scores' covariance for white noise of each joint.
 
     Parameters
     ----------
@@ -58,67 +65,76 @@ def white_scores(
     base : BaseParameters
     sigma : ndarray, shape (joints,), [N m or N]
         Standard deviation of each joint's noise.
+
+    Returns
+    -------
+    ndarray, shape (rows, parameters)
     """
     scaled, columns = settled.best.scaled, list(base.independent)
-    total = np.zeros((len(scaled.unit),) * 2)
-    for factor, weight, noise in zip(
-        regression.factors, regression.sigma, sigma, strict=True
-    ):
-        rows = factor[:, columns] @ scaled.projection
-        rows = rows * (noise / weight**2 / scaled.size**2)
-        total += rows.T @ rows
-    return total
+    rows = [
+        factor[:, columns] * (noise / weight**2 / scaled.size**2)
+        for factor, weight, noise in zip(
+            regression.factors, regression.sigma, sigma, strict=True
+        )
+    ]
+    return np.asarray(np.vstack(rows) @ scaled.projection)
 
 
 def segment_scores(
     settled: Settled, segments: Sequence[Regression], base: BaseParameters
 ) -> Matrix:
-    """Return the scores' covariance from their scatter between segments.
+    """Return a factor of the scores' covariance, from their scatter between segments.
 
-    ``k / (k - 1) sum_s g_s g_s^T`` with ``g_s`` the gradient of segment ``s`` of ``k``:
-    robust to correlation within segments and to noise that is not alike.
+    The covariance is ``k / (k - 1) sum_s g_s g_s^T`` with ``g_s`` the gradient of
+    segment ``s`` of ``k``, less their mean: robust to correlation within segments and
+    to noise that is not alike.
+
+    Returns
+    -------
+    ndarray, shape (segments, parameters)
+
+    Raises
+    ------
+    ProblemError
+        If there are fewer than two segments.
     """
+    if len(segments) < 2:
+        raise ProblemError(f"{len(segments)} segments, expected 2 or more")
     scaled, u = settled.best.scaled, settled.fit.solution.u
     gradients = []
     for segment in segments:
         part = scaled.with_factor(base_factor(segment, base))
         gradients.append(part.M.T @ (part.M @ u - part.z))
     g = np.array(gradients)
-    g = g - g.mean(axis=0)
-    return np.asarray(g.T @ g * len(g) / (len(g) - 1))
+    return np.asarray((g - g.mean(axis=0)) * np.sqrt(len(g) / (len(g) - 1)))
 
 
-def _response(settled: Settled) -> Matrix:
-    """Return ``T (T^T H T)^-1 T^T``."""
+def _response_root(settled: Settled) -> Matrix:
+    """Return ``B`` with ``B B^T = T (T^T H T)^-1 T^T``."""
     scaled, fit = settled.best.scaled, settled.fit
     u, multipliers = fit.solution.u, fit.solution.multipliers
-    rows = np.sqrt(fit.weight) * settled.distance.local(u).G
-    H = scaled.M.T @ scaled.M + rows.T @ rows
+    rows = [scaled.M, np.sqrt(fit.weight) * settled.distance.local(u).G]
     domain = scaled.domain
     slack = domain.b_in - domain.A_in @ u
     held = [domain.A_eq, domain.A_in[slack <= _ACTIVE]]
     for block, Z in zip(domain.blocks, multipliers.blocks, strict=True):
         kept, bent = _surface(block, Z, u)
         held.append(kept)
-        H = H + bent
+        rows.append(bent)
     T = null_space(np.vstack(held))
-    return np.asarray(T @ np.linalg.solve(T.T @ H @ T, T.T))
+    _, R = np.linalg.qr(np.vstack(rows) @ T)
+    return np.asarray(np.linalg.solve(R.T, T.T).T)
 
 
 def _surface(block: SemidefiniteBlock, Z: Matrix, u: Vector) -> tuple[Matrix, Matrix]:
-    """Return rows that keep a block's rank, and the curvature of its surface."""
+    """Return rows that keep a block's rank, and rows of its surface's curvature."""
     values, vectors = np.linalg.eigh(block.value(u))
-    null, rest = vectors[:, values <= _ACTIVE], vectors[:, values > _ACTIVE]
+    touching = values <= _ACTIVE
+    null, rest = vectors[:, touching], vectors[:, ~touching]
     kept = svec(null.T @ block.coefficients @ null).T
-    inverse = (rest / values[values > _ACTIVE]) @ rest.T
-    # 2 tr(Z A_i F^+ A_j) with Z = N N^T.
-    root = null @ np.linalg.cholesky(_definite(null.T @ Z @ null))
-    across = block.coefficients @ root
-    bent = 2.0 * np.einsum("iab,ac,jcb->ij", across, inverse, across)
-    return kept, bent
-
-
-def _definite(Z: Matrix) -> Matrix:
-    """Return a symmetric matrix with eigenvalues raised above rounding."""
-    values, vectors = np.linalg.eigh((Z + Z.T) / 2)
-    return np.asarray((vectors * np.maximum(values, 1e-300)) @ vectors.T)
+    # 2 tr(Z A_i F^+ A_j) with Z = N N^T and F^+ = V V^T: rows sqrt(2) (V^T A_i N).
+    weights, turned = np.linalg.eigh(null.T @ Z @ null)
+    N = null @ turned * np.sqrt(np.maximum(weights, 0.0))
+    V = rest / np.sqrt(values[~touching])
+    bent = np.sqrt(2.0) * (V.T @ block.coefficients @ N)
+    return kept, bent.reshape(len(bent), -1).T

@@ -112,6 +112,11 @@ def uncertainty(
     replicates, seed, progress
         See `bootstrap`.
 
+    Returns
+    -------
+    Uncertainty
+        One answer for each parameter, in the layout's order.
+
     Raises
     ------
     ProblemError, InfeasibleError, NotExcitedError, SolverError

@@ -2,13 +2,21 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from consistent_id import SolverError
 from consistent_id.certificate import certify, solve_certified
 from consistent_id.cone_program import LeastNorm, solve_least_norm
-from consistent_id.cones import Ball, ConeRows, smat, solve_cones, svec
+from consistent_id.cones import (
+    Ball,
+    ConeRows,
+    lower_bound,
+    set_rows,
+    smat,
+    solve_cones,
+    svec,
+)
 from consistent_id.conic import ConicSet, SemidefiniteBlock
 from consistent_id.second_opinion import FORMULATIONS, solve_anew
 
@@ -132,3 +140,34 @@ def test_rows_on_one_parameter_hold_to_the_last_digit():
     domain = ConicSet.equal(A, np.array([3.0, 4.0]), ["2 y = 3", "sum"]) & low
     assert domain.snapped(np.array([-1e-12, 1.5 + 1e-12])).tolist() == [0.0, 1.5]
     assert domain.snapped(np.array([0.3, 1.5])).tolist() == [0.3, 1.5]
+
+
+@settings(deadline=None)  # the first solve imports the solver
+@given(st.integers(0, 2**31), st.sampled_from([0.0, 1e-6, 0.1, 10.0]))
+def test_a_lower_bound_is_below_every_feasible_point_whatever_the_multipliers(
+    seed, disturbance
+):
+    rng = np.random.default_rng(seed)
+    domain = _projection(seed % 5).domain
+    ball = Ball(0.3 * rng.normal(size=10), 5.0)
+    rows = [*set_rows(domain), ball.rows()]
+    cost = rng.normal(size=10)
+    point = solve_cones(cost, rows)
+    duals = [z + disturbance * rng.normal(size=len(z)) for z in point.duals]
+    bound = lower_bound(cost, rows, duals, ball)
+    if disturbance == 0.0:
+        assert bound == pytest.approx(cost @ point.x, abs=1e-5)
+    for _ in range(20):
+        # Of trace one and X_00 at most 0.1, as the set demands.
+        root = rng.normal(size=(4, 4)) * [0.01, 1, 1, 1]
+        X = root.T @ root / np.sum(root**2)
+        assert domain.violation(svec(X)) < 1e-12
+        assert np.linalg.norm(svec(X) - ball.centre) < ball.radius
+        assert bound <= cost @ svec(X) + 1e-12
+
+
+def test_equalities_take_up_what_other_multipliers_leave():
+    # On x + y = 1 alone, x + y is 1; the ball has no say in it.
+    rows = [ConeRows("zero", np.array([[1.0, 1.0]]), np.ones(1))]
+    bound = lower_bound(np.ones(2), rows, [np.array([7.0])], Ball(np.zeros(2), 1e6))
+    assert bound == pytest.approx(1.0, abs=1e-8)

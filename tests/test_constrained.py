@@ -15,6 +15,7 @@ from consistent_id import (
     InfeasibleError,
     MassBounds,
     NonNegativeDrive,
+    Penalty,
     PhysicalConsistency,
     PointToSet,
     ProblemError,
@@ -122,6 +123,15 @@ def test_what_the_data_leave_open_is_nominal(distance):
     # The truth is the nominal robot, so all of it is.
     size = np.maximum(abs(truth), 1.0)
     assert (abs(estimate.parameters - truth) <= 1e-3 * size).all()
+
+
+def test_where_nothing_is_left_to_explain_a_prior_costs_no_fit():
+    # Misfits here are far below a millionth of the torque, and so are their ratios.
+    model, _, log = experiment(0, joints=3, samples=300)
+    regression = build_regression(model, log)
+    estimate = constrained_least_squares(model, regression, prior=Penalty(1.0))
+    assert estimate.certificate.figures["slack"] == 0.0
+    assert "0.00% above" in estimate.notes[0]
 
 
 def test_constraints_hold_to_the_letter():

@@ -29,6 +29,7 @@ _STEPS = 60
 _FULL = 0.25  # local length up to which a Newton step is taken in full
 _STILL = 1e-7  # local length at which Newton's method has arrived
 _CLOSE = 1e-4  # local length from which no more than two further steps are tried
+_FINE = (1e-11, 1e-12)  # tolerances at which multipliers are asked for once more
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,7 +92,7 @@ def penalised_fit(
         )
     else:
         solution = _newton(fit, distance, weight, centre if start is None else start)
-        optimality = _certified(fit, distance, weight, solution)
+        solution, optimality = _proven(fit, distance, weight, solution)
     u = solution.u
     return PenalisedFit(
         solution, optimality, fit.excess(u), distance.squared(u), weight
@@ -123,6 +124,25 @@ def _newton(
             break
         u = u + (step if length <= _FULL else step / (1.0 + length))
     return solution
+
+
+def _proven(
+    fit: ScaledFit, distance: NominalDistance, weight: float, solution: ConeSolution
+) -> tuple[ConeSolution, Optimality]:
+    """Certify; where the multipliers are too coarse for that, ask for finer ones."""
+    best = solution, _certified(fit, distance, weight, solution)
+    for tolerance in _FINE:
+        u, optimality = best[0].u, best[1]
+        if optimality.verdict == "certified" or not np.isfinite(distance.squared(u)):
+            break
+        problem = _stacked(fit, distance.local(u), weight)
+        try:
+            finer = solve_least_norm(problem, tolerance=tolerance, origin=u)
+        except SolverError:
+            continue
+        again = finer, _certified(fit, distance, weight, finer)
+        best = min(best, again, key=lambda pair: pair[1].gap)
+    return best
 
 
 def _certified(

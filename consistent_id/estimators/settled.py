@@ -118,7 +118,8 @@ def _compromise(best: BestFit, distance: NominalDistance, prior: Penalty) -> Set
     fit = penalised_fit(best.scaled, distance, prior.weight)
     least = best.scaled.excess(best.solution.u) + best.scaled.residual**2
     total = fit.excess + best.scaled.residual**2
-    given = float(np.sqrt(total / max(least, 1e-300)) - 1.0)
+    # Misfits below one, a millionth of the torque, count as none: see `ScaledFit`.
+    given = max(float(np.sqrt(max(total, 1.0) / max(least, 1.0))) - 1.0, 0.0)
     words = (
         f"compromise of misfit and {prior.distance} distance to nominal, weight "
         f"{prior.weight:.3g}; its misfit is {given:.2%} above the best constrained fit"
