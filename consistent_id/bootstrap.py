@@ -1,8 +1,8 @@
 """How far the constrained estimate would move, had other data been recorded.
 
 Segments of the data are drawn with replacement, as many as there are, and the estimate
-is solved for anew each time [Kunsch1989]_: correlation within segments is kept, and so
-is every constraint.  The prior keeps the weight that it had for the data themselves.
+is solved for anew each time [Carlstein1986]_: correlation within segments is kept, and
+so is every constraint.  The prior keeps the weight that it had for the data themselves.
 """
 
 from collections.abc import Callable, Iterator, Sequence

@@ -26,7 +26,9 @@ from consistent_id.regressor import TorqueModel
 from consistent_id.segments import merged
 
 WEIGHTS = 10.0 ** np.arange(2.0, -8.5, -0.5)
-"""Weights tried, from the strongest on."""
+"""Weights tried, from the strongest on; of the entropic distance as far as 1e-6."""
+
+_LEAST_ENTROPIC = 1e-6  # below, Newton's method takes dozens of steps
 
 _WORKERS = 2  # Clarabel frees the interpreter's lock
 
@@ -95,7 +97,7 @@ def cross_validated(
     *,
     constraints: Sequence[Constraint] = DEFAULT_CONSTRAINTS,
     distance: Distance = "pullback",
-    weights: ArrayLike = WEIGHTS,
+    weights: ArrayLike | None = None,
     folds: int = 6,
     base: BaseParameters | None = None,
 ) -> RegularisationPath:
@@ -130,6 +132,9 @@ def cross_validated(
     folds = min(folds, len(segments))
     if folds < 2:
         raise ProblemError(f"{folds} folds of {len(segments)} segments, expected 2")
+    if weights is None:
+        entropic = distance == "entropic"
+        weights = WEIGHTS[WEIGHTS >= _LEAST_ENTROPIC] if entropic else WEIGHTS
     weights = np.sort(frozen(weights, (None,), "weights"))[::-1]
     if len(weights) == 0 or weights[-1] <= 0.0:
         raise ProblemError("weights are to be positive numbers, one or more")

@@ -103,7 +103,7 @@ def consistent_intervals(
     centre = nominal_distance(model, "pullback", unit).nominal
     ball = Ball(centre, _RADIUS * (1.0 + float(np.linalg.norm(centre))))
     programme = _programme(best, slack, ball)
-    low, high = best.scaled.domain.box
+    low, high = _box(model, best)
 
     def bounds(i: int) -> tuple[float, float]:
         if low[i] == high[i]:
@@ -115,6 +115,21 @@ def consistent_intervals(
     with ThreadPoolExecutor(_WORKERS) as pool:
         found = list(pool.map(bounds, range(len(unit))))
     return ConsistentIntervals(model.layout, np.array(found) * unit[:, None], slack)
+
+
+def _box(model: TorqueModel, best: BestFit) -> tuple[Vector, Vector]:
+    """Return what single rows say of parameters, and what every body has.
+
+    Mass and moments of inertia of a body are not negative: where they can vanish, the
+    programmes alone would not find their least value.
+    """
+    low, high = best.scaled.domain.box
+    bodies = {block.label for block in best.scaled.domain.blocks}
+    for k, link in enumerate(model.layout.links):
+        if link in bodies:
+            places = [10 * k + entry for entry in (0, 4, 6, 9)]
+            low[places] = np.maximum(low[places], 0.0)
+    return low, high
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -10,6 +10,7 @@ from itertools import pairwise
 from operator import add
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from consistent_id.errors import NotExcitedError, ProblemError
 from consistent_id.recording import Recording
@@ -25,6 +26,7 @@ def segment_regressions(
     recordings: Recording | Sequence[Recording],
     *,
     count: int = SEGMENTS,
+    sigma: ArrayLike | None = None,
 ) -> tuple[Regression, ...]:
     """Cut recordings into about `count` segments of like length; compress each.
 
@@ -36,6 +38,8 @@ def segment_regressions(
     count : int
         Of segments in all; each recording is at least one, each segment at least two
         samples.
+    sigma : array_like, shape (joints,), optional, [N m or N]
+        Noise levels by which joints are weighted; see `joint_noise`.
 
     Returns
     -------
@@ -63,7 +67,8 @@ def segment_regressions(
             f"{sum(len(r) for r in recordings)} samples are too few to be cut into "
             "segments"
         )
-    return tuple(build_regression(model, piece) for piece in pieces)
+    segments = tuple(build_regression(model, piece) for piece in pieces)
+    return segments if sigma is None else tuple(s.weighted(sigma) for s in segments)
 
 
 def merged(segments: Sequence[Regression]) -> Regression:

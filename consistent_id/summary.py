@@ -267,6 +267,8 @@ def uncertainty_table(found: Uncertainty) -> Table:
             f"fits within {found.intervals.slack:.2%} of the best",
             "standard error and bootstrap tell how far the estimate would scatter; of "
             "what a prior settles, the interval tells what is known",
+            "where a link is at an edge that is hardly pressed, the standard error is "
+            "too small; the bootstrap is not",
         ),
     )
 

@@ -16,10 +16,12 @@ from consistent_id._threads import single_threaded
 from consistent_id.base import BaseParameters, base_parameters, parameter_origins
 from consistent_id.bootstrap import Bootstrap, bootstrap
 from consistent_id.constraints import Constraint, lowered
+from consistent_id.errors import ProblemError
 from consistent_id.estimators.constrained import DEFAULT_CONSTRAINTS
 from consistent_id.estimators.least_squares import solve_linear
-from consistent_id.estimators.settled import settle
+from consistent_id.estimators.settled import Settled, settle
 from consistent_id.intervals import ConsistentIntervals, consistent_intervals
+from consistent_id.parameters import did_you_mean
 from consistent_id.priors import Prior
 from consistent_id.regression import Regression
 from consistent_id.regressor import TorqueModel
@@ -70,6 +72,13 @@ class Uncertainty:
     parameters: tuple[ParameterUncertainty, ...]
     bootstrap: Bootstrap
     intervals: ConsistentIntervals
+
+    def __getitem__(self, name: str) -> ParameterUncertainty:
+        for parameter in self.parameters:
+            if parameter.name == name:
+                return parameter
+        near = did_you_mean(name, [p.name for p in self.parameters])
+        raise ProblemError(f"no parameter {name!r}; {near}")
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything as plain numbers and text; None for what is not finite."""
@@ -142,7 +151,7 @@ def uncertainty(
     )
     verdicts = _verdicts(
         intervals,
-        settled.best.scaled.unit,
+        _typical_sizes(model, whole, settled, intervals.bounds[:, 1]),
         _linear_origins(model, whole, constraints, base),
     )
     layout = model.layout
@@ -163,6 +172,27 @@ def uncertainty(
         bootstrap=resampled,
         intervals=intervals,
     )
+
+
+def _typical_sizes(
+    model: TorqueModel, regression: Regression, settled: Settled, most: Vector
+) -> Vector:
+    """Return what widths are compared with.
+
+    Of inertial parameters the link's typical size, or the value where that is larger;
+    of drive terms the value that would explain all torque of their own joints, or the
+    largest possible where they cannot be negative.
+    """
+    unit, n = settled.best.scaled.unit.copy(), model.layout.inertial_size
+    unit[:n] = np.maximum(unit[:n], abs(settled.parameters[:n]))
+    for i in range(n, len(unit)):
+        own = [F for F in regression.factors if F[:, i].any()]
+        if own:
+            torque = np.sqrt(sum(float(np.sum(F[:, -1] ** 2)) for F in own))
+            unit[i] = torque / np.sqrt(sum(float(np.sum(F[:, i] ** 2)) for F in own))
+    low, _ = settled.best.scaled.domain.box
+    signed = (low == 0.0) & (np.arange(len(unit)) >= n)
+    return np.where(signed, np.minimum(unit, most), unit)
 
 
 def _linear_origins(

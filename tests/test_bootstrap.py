@@ -1,12 +1,12 @@
 """The bootstrap: reproducible, honest about failures, and right about white noise."""
 
+import importlib
 from functools import lru_cache
 
 import numpy as np
 import pytest
 from experiments import experiment
 
-import consistent_id.bootstrap
 from consistent_id import (
     InertialParameters,
     ProblemError,
@@ -23,6 +23,9 @@ from consistent_id.segments import merged, segment_regressions
 from consistent_id.sensitivity import covariance, segment_scores, white_scores
 
 PRIOR = Penalty(0.1)
+
+# The package has a function of the same name.
+MODULE = importlib.import_module("consistent_id.bootstrap")
 
 
 @lru_cache
@@ -42,7 +45,7 @@ def test_the_same_seed_gives_the_same_result_whatever_the_number_of_workers(
     model, segments, _ = simulated()
     first = bootstrap(model, segments, replicates=20, seed=3)
     for workers in (1, 3):
-        monkeypatch.setattr("consistent_id.bootstrap._WORKERS", workers)
+        monkeypatch.setattr(MODULE, "_WORKERS", workers)
         again = bootstrap(model, segments, replicates=20, seed=3)
         assert np.array_equal(again.estimates, first.estimates)
     other = bootstrap(model, segments, replicates=20, seed=4)
@@ -94,15 +97,15 @@ def test_its_scatter_is_the_covariance_from_segments_and_that_of_white_noise():
 def failing(monkeypatch, fails, error):
     """Let the fits of the draws with these numbers fail."""
     calls = iter(range(10**6))
-    solve = consistent_id.bootstrap.penalised_fit
+    solve = MODULE.penalised_fit
 
     def sometimes(*args, **options):
         if next(calls) in fails:
             raise error
         return solve(*args, **options)
 
-    monkeypatch.setattr("consistent_id.bootstrap._WORKERS", 1)
-    monkeypatch.setattr("consistent_id.bootstrap.penalised_fit", sometimes)
+    monkeypatch.setattr(MODULE, "_WORKERS", 1)
+    monkeypatch.setattr(MODULE, "penalised_fit", sometimes)
 
 
 def test_an_interruption_keeps_the_replicates_so_far(monkeypatch):
