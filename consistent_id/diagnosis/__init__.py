@@ -1,0 +1,6 @@
+"""The data detective: what is wrong with a log, before anything is learnt from it."""
+
+from consistent_id.diagnosis.diagnose import diagnose
+from consistent_id.diagnosis.findings import Diagnosis, Finding
+
+__all__ = ["Diagnosis", "Finding", "diagnose"]
