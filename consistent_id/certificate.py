@@ -11,7 +11,8 @@ allow, its part along a singular vector of ``G`` with value ``s`` costs at most
 ``r_s^2 / (2 s^2)``; along any others together, where ``G`` is flat, at most what the
 linear function gains in a ball, ``radius ||r|| - r.(centre - u)``.  The least such sum
 is the gap.  It holds whatever the solver did, against all ``v`` in a ball about a
-centre (the nominal robot) that is `RADIUS` times as large as the centre itself.
+centre (the nominal robot) that is `RADIUS` times as large as the centre itself, and
+reaches `RADIUS` times as far as ``u`` is from it.
 """
 
 from collections.abc import Callable
@@ -29,6 +30,7 @@ from consistent_id.cone_program import (
     solve_least_norm,
 )
 from consistent_id.cones import Ball, Multipliers
+from consistent_id.conic import ConicSet
 from consistent_id.errors import SolverError
 from consistent_id.second_opinion import FORMULATIONS, solve_anew
 
@@ -61,12 +63,15 @@ class Optimality:
         Largest violation of a constraint, in units of typical parameters.
     stationarity : float
         Norm of the gradient that the multipliers leave unexplained.
+    radius : float
+        Of the ball about the centre in which the proof holds.
     """
 
     objective: float
     gap: float
     violation: float
     stationarity: float
+    radius: float = np.inf
 
     @property
     def verdict(self) -> Verdict:
@@ -104,29 +109,50 @@ def certify(
         ``C`` such that the function has a curvature of ``C^T C`` or more; by default
         the problem's ``G``.
     """
-    u, domain = solution.u, problem.domain
-    misfit = problem.G @ u - problem.g
-    objective = float(misfit @ misfit) / 2 if objective is None else objective
+    domain = problem.domain
+    # What is proven is proven of the nearest point on the equalities; how much that
+    # changes the objective is part of the gap.
+    u = _onto_equalities(domain, solution.u)
+    moved = abs(_half_square(problem, solution.u) - _half_square(problem, u))
+    objective = _half_square(problem, u) if objective is None else objective
     curvature = problem.G if curvature is None else curvature
     rest, duals = unexplained(problem, u, solution.multipliers)
-    slack = 0.0
-    slack += float(abs(duals.equal @ (domain.b_eq - domain.A_eq @ u)))
-    slack += float(duals.at_most @ np.maximum(domain.b_in - domain.A_in @ u, 0.0))
-    for block, Z in zip(domain.blocks, duals.blocks, strict=True):
-        slack += max(0.0, float(np.sum(Z * block.scaled(u))))
-    violation = domain.violation(u)
-    stationarity = float(np.linalg.norm(rest))
     E = null_space(domain.A_eq)
-    radius = ball_about(centre, reach).radius
-    gap = slack + _cost_of_rest(curvature @ E, E.T @ rest, E.T @ (centre - u), radius)
+    away = float(np.linalg.norm(u - centre))
+    radius = max(ball_about(centre, reach).radius, RADIUS * away)
+    gap = moved + _complementarity(domain, u, duals)
+    gap += _cost_of_rest(curvature @ E, E.T @ rest, E.T @ (centre - u), radius)
     gap = min(gap, objective)  # the optimum is not below 0
     scale = max(objective, reference)
-    return Optimality(
+    figures = (
         objective,
-        float(gap / scale) if scale > 0.0 else 0.0,
-        violation,
-        stationarity,
+        gap / scale if scale > 0.0 else 0.0,
+        domain.violation(solution.u),
+        float(np.linalg.norm(rest)),
     )
+    if not np.isfinite(figures).all():
+        return Optimality(np.inf, np.inf, np.inf, np.inf, radius)
+    return Optimality(*figures, radius)
+
+
+def _half_square(problem: LeastNorm, u: Vector) -> float:
+    return float(np.sum((problem.G @ u - problem.g) ** 2)) / 2
+
+
+def _onto_equalities(domain: ConicSet, u: Vector) -> Vector:
+    if len(domain.b_eq) == 0:
+        return u
+    missed = domain.b_eq - domain.A_eq @ u
+    return u + np.asarray(np.linalg.lstsq(domain.A_eq, missed, rcond=None)[0])
+
+
+def _complementarity(domain: ConicSet, u: Vector, duals: Multipliers) -> float:
+    """Return what multipliers pay for slack: at the optimum, nothing."""
+    paid = float(abs(duals.equal @ (domain.b_eq - domain.A_eq @ u)))
+    paid += float(duals.at_most @ np.maximum(domain.b_in - domain.A_in @ u, 0.0))
+    for block, Z in zip(domain.blocks, duals.blocks, strict=True):
+        paid += max(0.0, float(np.sum(Z * block.scaled(u))))
+    return paid
 
 
 def ball_about(centre: Vector, reach: float = 0.0) -> Ball:
@@ -160,9 +186,11 @@ def solve_certified(
         origin = best()[0].u if found else None
         return solve(tolerance=tolerance, within=within, origin=origin)
 
+    wide = Ball(centre, RADIUS * within.radius)
     ways: list[Callable[[], ConeSolution]] = [
         *(partial(solve, tolerance=t) for t in TOLERANCES),
         *(partial(solve, tolerance=t, within=within) for t in _FINE),
+        *(partial(solve, tolerance=t, within=wide) for t in _FINE),
         *(partial(about_the_best, t) for t in 2 * _FINE),
         *(partial(solve_anew, problem, name) for name in FORMULATIONS),
     ]

@@ -219,7 +219,7 @@ class ConicSet:
             worst.append(float((self.A_in @ x - self.b_in).max()))
         for block in self.blocks:
             worst.append(-float(np.linalg.eigvalsh(block.scaled(x))[0]))
-        return max(worst)
+        return float(np.max(worst)) if np.isfinite(worst).all() else np.inf
 
 
 def intersection(sets: Iterable[ConicSet], size: int) -> ConicSet:

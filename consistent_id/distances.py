@@ -53,6 +53,39 @@ class QuadraticDistance:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Along:
+    """The entropic distance along a step: eigenvalues are ``1 + t rates`` of before.
+
+    Parameters
+    ----------
+    rates : ndarray, shape (links, 4)
+    trace : float
+        What the step adds to the whitened pseudo-inertias' traces.
+    drive, moves : ndarray
+        Drive terms, and what the step adds to them.
+    """
+
+    rates: Array
+    trace: float
+    drive: Vector
+    moves: Vector
+
+    def slope(self, t: float) -> float:
+        """Return the derivative of the squared distance, up to where a body ends."""
+        bodies = self.trace - float(np.sum(self.rates / (1.0 + t * self.rates)))
+        drive = float(self.moves @ (self.drive + t * self.moves))
+        return 2.0 * (bodies + drive)
+
+    def furthest(self, kept: float) -> float:
+        """Return the share of the step, at most all, that keeps eigenvalues so large.
+
+        None falls below `kept` times what it was.
+        """
+        fastest = float(self.rates.min())
+        return min(1.0, (1.0 - kept) / -fastest) if fastest < 0.0 else 1.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class EntropicDistance:
     """Twice the log-det divergence of all links, and drive terms squared.
 
@@ -91,6 +124,19 @@ class EntropicDistance:
             g[own] = svec(2.0 * np.eye(4) - body)
         g[10 * n :] = 0.0
         return Rows(G, g)
+
+    def along(self, u: Vector, step: Vector) -> "Along":
+        """Return how the distance changes from `u` along a step."""
+        n = 10 * len(self.whitened)
+        S, change = self._bodies(u), self._bodies(step)
+        values, vectors = np.linalg.eigh(S)
+        root = (vectors / np.sqrt(values)[:, None]) @ np.swapaxes(vectors, 1, 2)
+        return Along(
+            rates=np.linalg.eigvalsh(root @ change @ root),
+            trace=float(np.trace(change, axis1=1, axis2=2).sum()),
+            drive=u[n:],
+            moves=step[n:],
+        )
 
     def _bodies(self, u: Vector) -> Array:
         n = len(self.whitened)

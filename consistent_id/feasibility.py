@@ -4,7 +4,8 @@
 
 For ``t < 0`` the multipliers ``Z_k >= 0`` are a proof of emptiness in the manner of
 Farkas: ``sum_k <Z_k, F_k(u)>`` is the same negative number for every candidate ``u``,
-while any body would make it zero or more.
+while any body would make it zero or more.  Up to rounding, that is: what is left of its
+slope is paid for in a ball of a thousand units, or ten times as far as the best point.
 """
 
 from dataclasses import dataclass
@@ -12,12 +13,23 @@ from dataclasses import dataclass
 import numpy as np
 
 from consistent_id._arrays import Matrix, Vector
-from consistent_id.certificate import RADIUS
-from consistent_id.cones import ConeRows, set_multipliers, set_rows, solve_cones
+from consistent_id.cones import (
+    ConePoint,
+    ConeRows,
+    set_multipliers,
+    set_rows,
+    solve_cones,
+)
 from consistent_id.conic import ConicSet
+from consistent_id.errors import SolverError
 
+_REACH = 1e3  # radius of the ball of proofs, at the least
+_FARTHER = 10.0  # how far it reaches, in units of the best point
+_TOLERANCES = (1e-11, 1e-8)
 _EQUAL = 1e-9  # residual beyond which equalities contradict each other
-_SMALL = 1e-7  # of several deepest points, prefer a small one
+# Of several deepest points, prefer a small one; but that much slope is left to a proof,
+# so that one of little depth needs another solution without.
+_SMALL = (1e-7, 1e-12)
 _ROUNDING = 1e-9  # bound nearer to zero than this proves nothing
 _VALUES = 3  # equalities named in a proof, at the most
 _SHARE = 0.01  # least share of the blame, of the largest, that is worth naming
@@ -32,7 +44,7 @@ class Interior:
     depth : float
         The least eigenvalue or slack at the best point; negative if there is none.
     bound : float
-        Proven upper bound on the depth of any point within the certificate's radius.
+        Proven upper bound on the depth of any point of the ball.
     u : ndarray
         The best point.
     to_blame : tuple of str
@@ -49,7 +61,7 @@ class Interior:
 
     @property
     def proves_empty(self) -> bool:
-        """True iff the multipliers prove that no point exists."""
+        """True iff the multipliers prove that no point of the ball is in the set."""
         return self.bound < -_ROUNDING
 
 
@@ -64,6 +76,23 @@ def find_interior(domain: ConicSet) -> Interior:
     contradiction, size = _contradiction(domain)
     if contradiction is not None:
         return contradiction
+    found = None
+    for small in _SMALL:
+        try:
+            found = _deepest(domain, size, small)
+        except SolverError:
+            if small == _SMALL[-1] and found is None:
+                raise
+            continue
+        if found.proves_empty or found.depth >= -_ROUNDING:
+            break
+    if found is None:
+        raise SolverError("no point was found, nor a proof that there is none")
+    return found
+
+
+def _deepest(domain: ConicSet, size: float, small: float) -> Interior:
+    """Solve once; of several deepest points a `small` share of size decides."""
     # The solver sees a problem of unit size, however wild the equalities' values are.
     original, domain = domain, domain.shrunk(size)
     width = domain.A_eq.shape[1]
@@ -71,13 +100,13 @@ def find_interior(domain: ConicSet) -> Interior:
     norm = np.zeros((1 + width, 2 + width))
     norm[0, 1], norm[1:, 2:] = -1.0, -np.eye(width)
     cost, capped = np.zeros(2 + width), np.zeros((1, 2 + width))
-    cost[:2], capped[0, 0] = (-1.0, _SMALL), 1.0
+    cost[:2], capped[0, 0] = (-1.0, small), 1.0
     rows = [
         *set_rows(domain, depth=True, others=2),
         ConeRows("nonnegative", capped, np.ones(1)),
         ConeRows("second order", norm, np.zeros(1 + width)),
     ]
-    solved = solve_cones(cost, rows)
+    solved = _solved(cost, rows)
     duals = set_multipliers(domain, solved.duals[:-2])
     Z, y = duals.blocks, duals.at_most
     point, domain = size * solved.x[2:], original
@@ -89,6 +118,16 @@ def find_interior(domain: ConicSet) -> Interior:
         to_blame=_blame(domain, Z, y, taken),
         multipliers=Z,
     )
+
+
+def _solved(cost: Vector, rows: list[ConeRows]) -> ConePoint:
+    """Solve as tightly as the solver can: slopes are paid for in a large ball."""
+    for tolerance in _TOLERANCES[:-1]:
+        try:
+            return solve_cones(cost, rows, tolerance=tolerance)
+        except SolverError:
+            continue
+    return solve_cones(cost, rows, tolerance=_TOLERANCES[-1])
 
 
 def _contradiction(domain: ConicSet) -> tuple[Interior | None, float]:
@@ -112,7 +151,12 @@ def _contradiction(domain: ConicSet) -> tuple[Interior | None, float]:
         domain.eq_labels[i] for i in heavy if abs(residual[i]) > _SHARE * largest
     )
     nothing = tuple(np.zeros_like(block.constant) for block in domain.blocks)
-    return Interior(-missed, -missed, u, blame, nothing), 1.0
+    reach = max(_REACH, _FARTHER * float(np.linalg.norm(u)))
+    slope = float(np.linalg.norm(domain.A_eq.T @ residual))
+    bound = (slope * reach - float(residual @ domain.b_eq)) / missed
+    if bound >= -_ROUNDING:
+        return None, max(1.0, float(np.linalg.norm(u)))
+    return Interior(-missed, bound, u, blame, nothing), 1.0
 
 
 def _depth(domain: ConicSet, u: Vector) -> float:
@@ -144,7 +188,7 @@ def _bound(
         taken = np.asarray(solved[0], dtype=np.float64)
         slope = slope - domain.A_eq.T @ taken
         value += float(taken @ (domain.b_eq - domain.A_eq @ u))
-    reach = RADIUS * (1.0 + float(np.linalg.norm(u)))
+    reach = max(_REACH, _FARTHER * float(np.linalg.norm(u)))
     return float((value + np.linalg.norm(slope) * reach) / weight), taken / weight
 
 

@@ -21,8 +21,10 @@ estimators.settled estimators.constrained estimators.body_variables
 estimators.constraint_variables estimators.smooth_fit estimators.smooth estimators
 cross_check segments cross_validation bootstrap intervals sensitivity uncertainty
 constraint_costs shadow_prices comparison parametrisation problem_file
-problem_constraints problem published published_estimate study tables published_summary
-summary record figures commands
+problem_constraints problem published published_estimate study diagnosis.findings
+diagnosis.clock diagnosis.corrections diagnosis.coverage diagnosis.explain
+diagnosis.small_shifts diagnosis.diagnose diagnosis tables published_summary summary
+record figures commands
 """.split()
 
 HEAVY = {

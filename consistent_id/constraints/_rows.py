@@ -30,7 +30,7 @@ def fixed_values(values: Mapping[str, float], layout: ParameterLayout) -> ConicS
     """Return the set in which the named parameters have the given values."""
     rows = [unit_row(layout, name) for name in values]
     labels = [
-        f"{name} = {value:g} {layout.units[layout.index(name)]}"
+        f"{name} = {value:.10g} {layout.units[layout.index(name)]}"
         for name, value in values.items()
     ]
     return ConicSet.equal(

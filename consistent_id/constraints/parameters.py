@@ -43,12 +43,12 @@ class NonNegativeDrive:
 class SharedMotors:
     """Couplings that come of one motor, which turns with the sum of two joints' rates.
 
-    What such a motor adds to both joints is not negative, and is part of the viscous
-    friction and of the inertia that each joint has by itself.
+    What such motors add to a joint is not negative, and together is part of the viscous
+    friction and of the inertia that the joint has by itself.
     """
 
     def lower(self, model: TorqueModel) -> ConicSet:
-        """Return ``0 <= coupling``, and ``coupling <= own term`` where it has a twin.
+        """Return ``0 <= coupling``, and ``sum of couplings <= own term`` of a joint.
 
         Raises
         ------
@@ -62,6 +62,7 @@ class SharedMotors:
                 "this constraint out"
             )
         rows, labels = [], []
+        parts: dict[str, list[str]] = {}
         for coupling in model.couplings:
             for term in coupling.names:
                 name = f"{coupling.label}.{term}"
@@ -71,8 +72,11 @@ class SharedMotors:
                     continue  # it has a motion of its own, the sum of both rates
                 for joint in (coupling.first, coupling.second):
                     own = f"{joint}.{term.removeprefix('coupling_')}"
-                    rows.append(unit_row(layout, name) - unit_row(layout, own))
-                    labels.append(f"{name} <= {own}")
+                    parts.setdefault(own, []).append(name)
+        for own, names in parts.items():
+            total = np.sum([unit_row(layout, name) for name in names], axis=0)
+            rows.append(total - unit_row(layout, own))
+            labels.append(f"{' + '.join(names)} <= {own}")
         return inequalities(rows, [0.0] * len(rows), labels, model)
 
 

@@ -8,7 +8,11 @@ import numpy as np
 from consistent_id._arrays import Vector
 from consistent_id._threads import single_threaded
 from consistent_id.base import BaseParameters
-from consistent_id.certificate import Optimality, solve_certified
+from consistent_id.certificate import (
+    FEASIBILITY_TOLERANCE,
+    Optimality,
+    solve_certified,
+)
 from consistent_id.cone_program import ConeSolution, LeastNorm
 from consistent_id.conflict import irreducible_conflict
 from consistent_id.constraints import Constraint
@@ -72,14 +76,15 @@ def solved(
     problem: LeastNorm, centre: Vector, *, reach: float = 0.0
 ) -> tuple[ConeSolution, Optimality]:
     """Solve and certify; when nothing comes of it, ask if a solution can exist."""
+    found = None
     try:
-        solution, optimality = solve_certified(
+        found = solution, optimality = solve_certified(
             problem, centre, reference=REFERENCE, reach=reach
         )
     except SolverError as failure:
         reason = str(failure)
     else:
-        if optimality.violation <= _USABLE:
+        if optimality.violation <= FEASIBILITY_TOLERANCE:
             return solution, optimality
         reason = f"the best point violates constraints by {optimality.violation:.1e}"
     members = irreducible_conflict(problem.domain)
@@ -89,6 +94,8 @@ def solved(
             f"no parameters satisfy these together: {labels}. Loosen one of them, or "
             "check the datasheet values and the margin"
         )
+    if found is not None and found[1].violation <= _USABLE:
+        return found
     raise SolverError(
         "no usable optimum, though no contradiction in the constraints was proven: "
         f"{reason}"

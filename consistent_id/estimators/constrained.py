@@ -25,7 +25,8 @@ from consistent_id.constraints import (
 )
 from consistent_id.estimate import Certificate, Estimate
 from consistent_id.estimators.least_squares import residual_sigma, solve_linear
-from consistent_id.estimators.settled import DISTANCE_GAP, Settled, settle
+from consistent_id.estimators.nearest import DISTANCE_GAP
+from consistent_id.estimators.settled import Settled, settle
 from consistent_id.link_condition import LinkCondition, link_conditions
 from consistent_id.mass_matrix import POSES, least_mass_eigenvalue, random_poses
 from consistent_id.priors import Prior
@@ -147,6 +148,14 @@ def _certificate(
         f"least eigenvalue of J of {link.link}, per typical link": link.least_eigenvalue
         for link in links
     }
+    least = figures[f"least eigenvalue of M(q) over {POSES} poses"]
+    bodies = any(isinstance(c, PhysicalConsistency) for c in constraints)
+    if bodies and least <= 0.0:
+        reason = (
+            f"{settled.proven}; but the mass matrix has an eigenvalue of {least:.3g}: "
+            "constrain rotor inertia with NonNegativeDrive"
+        )
+        return Certificate("uncertified", reason, figures)
     if settled.certified:
         return Certificate("certified", settled.proven, figures)
     reason = (

@@ -8,7 +8,7 @@ import numpy as np
 from consistent_id._arrays import Vector
 from consistent_id._threads import single_threaded
 from consistent_id.base import BaseParameters, base_parameters
-from consistent_id.certificate import solve_certified
+from consistent_id.certificate import FEASIBILITY_TOLERANCE, solve_certified
 from consistent_id.cone_program import LeastNorm
 from consistent_id.conflict import irreducible_conflict
 from consistent_id.constraints import Constraint
@@ -29,7 +29,7 @@ class Resolution:
         What is given up.
     rms : float, [N m or N], or in units of the joints' `sigma`
         Root-mean-square residual of the best fit without it; infinite where more would
-        have to be given up.
+        have to be given up, nan where it could not be computed.
     values : dict of str to float
         What the parameters that it ties would then be.
     """
@@ -41,7 +41,9 @@ class Resolution:
     @property
     def sentence(self) -> str:
         """The resolution in words."""
-        if not np.isfinite(self.rms):
+        if np.isnan(self.rms):
+            return f"The best fit without ({self.label}) could not be computed"
+        if np.isinf(self.rms):
             return f"Without ({self.label}) others still contradict each other"
         then = ", ".join(f"{name} = {value:.4g}" for name, value in self.values.items())
         return f"Without ({self.label}) the best fit leaves {self.rms:.4g} RMS" + (
@@ -105,7 +107,8 @@ def contradiction(
     centre = nominal_distance(model, "pullback", scaled.unit).nominal
     found = [_without(scaled, m, centre, to_rms, model.layout.names) for m in members]
     return Contradiction(
-        tuple(sorted(found, key=lambda r: r.rms)), scaled.residual * float(to_rms)
+        tuple(sorted(found, key=lambda r: np.nan_to_num(r.rms, nan=np.inf))),
+        scaled.residual * float(to_rms),
     )
 
 
@@ -116,15 +119,16 @@ def _without(
     to_rms: float,
     names: tuple[str, ...],
 ) -> Resolution:
-    label = scaled.domain.labels[member]
-    problem = LeastNorm(scaled.M, scaled.z, scaled.domain.without(member))
+    label, fewer = scaled.domain.labels[member], scaled.domain.without(member)
+    problem = LeastNorm(scaled.M, scaled.z, fewer)
     try:
-        solution, optimality = solve_certified(problem, centre, reference=REFERENCE)
+        u = solve_certified(problem, centre, reference=REFERENCE)[0].u
+        empty = fewer.violation(u) > FEASIBILITY_TOLERANCE
     except SolverError:
-        return Resolution(label, np.inf, {})
-    if optimality.verdict != "certified":
-        return Resolution(label, np.inf, {})
-    u = solution.u
+        empty = True
+    if empty:
+        others = irreducible_conflict(fewer)
+        return Resolution(label, np.inf if others else np.nan, {})
     rms = float(np.sqrt(scaled.excess(u) + scaled.residual**2) * to_rms)
     dropped = scaled.domain.only([member])
     tied = np.flatnonzero(np.vstack([dropped.A_eq, dropped.A_in]).any(axis=0))

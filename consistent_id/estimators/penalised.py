@@ -5,10 +5,10 @@
 A quadratic distance makes this one least-norm problem.  The entropic one is minimised
 by damped Newton steps, each of them a least-norm problem with the distance's second
 order: the divergence is self-concordant, so a step of local length ``d`` may be taken
-by ``1 / (1 + d)``, and in full once ``d`` is small.
+by ``1 / (1 + d)`` or more, as a search along it tells, and in full once ``d`` is small.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,12 +20,20 @@ from consistent_id.certificate import (
     unexplained,
 )
 from consistent_id.cone_program import ConeSolution, LeastNorm, solve_least_norm
-from consistent_id.distances import NominalDistance, Rows
+from consistent_id.distances import (
+    EntropicDistance,
+    NominalDistance,
+    QuadraticDistance,
+    Rows,
+)
 from consistent_id.errors import SolverError
 from consistent_id.estimators.best_fit import solved
 from consistent_id.estimators.scaled_fit import REFERENCE, ScaledFit
 
 _STEPS = 60
+_KEPT = 0.25  # of each eigenvalue of a body that a Newton step leaves, at the least
+_HALVINGS = 30  # of the share of a Newton step that is taken
+_USABLE = 1e-5  # violation beyond which a point is no answer at all
 _FULL = 0.25  # local length up to which a Newton step is taken in full
 _STILL = 1e-7  # local length at which Newton's method has arrived
 _CLOSE = 1e-4  # local length from which no more than two further steps are tried
@@ -86,13 +94,20 @@ def penalised_fit(
         See `constrained_least_squares`.
     """
     centre = distance.nominal
-    if distance.exact:
+    if isinstance(distance, QuadraticDistance):
         solution, optimality = solved(
             _stacked(fit, distance.local(centre), weight), centre, reach=reach
         )
     else:
         solution = _newton(fit, distance, weight, centre if start is None else start)
-        solution, optimality = _proven(fit, distance, weight, solution)
+        solution, optimality = _proven(fit, distance, weight, solution, reach)
+        if optimality.violation > _USABLE:
+            raise SolverError(
+                "the entropic distance needs links with mass and thickness, but none "
+                f"that satisfy the constraints were found (violation "
+                f"{optimality.violation:.1e}); take another distance, or check for "
+                "masses and moments of zero"
+            )
     u = solution.u
     return PenalisedFit(
         solution, optimality, fit.excess(u), distance.squared(u), weight
@@ -106,8 +121,9 @@ def _stacked(fit: ScaledFit, rows: Rows, weight: float) -> LeastNorm:
 
 
 def _newton(
-    fit: ScaledFit, distance: NominalDistance, weight: float, start: Vector
+    fit: ScaledFit, distance: EntropicDistance, weight: float, start: Vector
 ) -> ConeSolution:
+    """Return the last point reached that is a robot of bodies, with multipliers."""
     u, shortest, idle = start, np.inf, 0
     for _ in range(_STEPS):
         rows = distance.local(u)
@@ -122,15 +138,53 @@ def _newton(
         shortest = min(shortest, length)
         if length <= _STILL or idle == 2:
             break
-        u = u + (step if length <= _FULL else step / (1.0 + length))
-    return solution
+        u = u + _share(fit, distance, weight, u, step, length) * step
+    whole = np.isfinite(distance.squared(solution.u))
+    return solution if whole else replace(solution, u=u)
+
+
+def _share(
+    fit: ScaledFit,
+    distance: EntropicDistance,
+    weight: float,
+    u: Vector,
+    step: Vector,
+    length: float,
+) -> float:
+    """Return how much of a step to take: all, or what lowers the objective most.
+
+    At least ``1 / (1 + length)``, which self-concordance guarantees to lower it, and
+    no more than leaves every body a quarter of its thickness: what has become thin too
+    early takes many steps to grow again.
+    """
+    if length <= _FULL:
+        return 1.0
+    along = distance.along(u, step)
+    residual, change = fit.M @ u - fit.z, fit.M @ step
+
+    def slope(t: float) -> float:
+        misfit = 2.0 * float(change @ (residual + t * change))
+        return misfit + weight * along.slope(t)
+
+    low = 1.0 / (1.0 + length)
+    high = max(along.furthest(_KEPT), low)
+    if slope(high) <= 0.0:
+        return high
+    for _ in range(_HALVINGS):
+        middle = (low + high) / 2
+        low, high = (low, middle) if slope(middle) > 0.0 else (middle, high)
+    return low
 
 
 def _proven(
-    fit: ScaledFit, distance: NominalDistance, weight: float, solution: ConeSolution
+    fit: ScaledFit,
+    distance: EntropicDistance,
+    weight: float,
+    solution: ConeSolution,
+    reach: float = 0.0,
 ) -> tuple[ConeSolution, Optimality]:
     """Certify; where the multipliers are too coarse for that, ask for finer ones."""
-    best = solution, _certified(fit, distance, weight, solution)
+    best = solution, _certified(fit, distance, weight, solution, reach)
     for tolerance in _FINE:
         u, optimality = best[0].u, best[1]
         if optimality.verdict == "certified" or not np.isfinite(distance.squared(u)):
@@ -140,13 +194,17 @@ def _proven(
             finer = solve_least_norm(problem, tolerance=tolerance, origin=u)
         except SolverError:
             continue
-        again = finer, _certified(fit, distance, weight, finer)
+        again = finer, _certified(fit, distance, weight, finer, reach)
         best = min(best, again, key=lambda pair: pair[1].gap)
     return best
 
 
 def _certified(
-    fit: ScaledFit, distance: NominalDistance, weight: float, solution: ConeSolution
+    fit: ScaledFit,
+    distance: EntropicDistance,
+    weight: float,
+    solution: ConeSolution,
+    reach: float = 0.0,
 ) -> Optimality:
     """Certify with the gradient at the solution, and curvature that holds everywhere.
 
@@ -169,13 +227,14 @@ def _certified(
             solution,
             distance.nominal,
             reference=REFERENCE,
+            reach=reach,
             objective=objective,
             curvature=curvature,
         )
 
     rest, _ = unexplained(problem, u, solution.multipliers)
     E = null_space(fit.domain.A_eq)
-    steepness = np.linalg.norm(np.linalg.lstsq((rows.G @ E).T, E.T @ rest)[0])
-    if steepness > weight / 2:
+    steep = np.linalg.lstsq((rows.G @ E).T, E.T @ rest, rcond=0.0)[0]
+    if np.linalg.norm(steep) > weight / 2:
         return judged(fit.M)
     return judged(np.vstack([fit.M, np.sqrt(weight / 2) * rows.G]))

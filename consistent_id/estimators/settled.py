@@ -12,14 +12,11 @@ from consistent_id.distances import NominalDistance, nominal_distance
 from consistent_id.errors import InfeasibleError
 from consistent_id.estimators.best_fit import BestFit, best_fit
 from consistent_id.estimators.contradiction import contradiction
-from consistent_id.estimators.nearest import nearest_within
+from consistent_id.estimators.nearest import DISTANCE_GAP, nearest_within
 from consistent_id.estimators.penalised import PenalisedFit, penalised_fit
 from consistent_id.priors import Penalty, PointToSet, Prior
 from consistent_id.regression import Regression
 from consistent_id.regressor import TorqueModel
-
-DISTANCE_GAP = 0.01
-"""Relative gap of the squared distance (or of 0.01, if it is less) that is allowed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,9 +71,12 @@ class Settled:
             if self.share == 0.0
             else f"squared distance to nominal to {self.share:.1e}"
         )
+        size = 1.0 + float(np.linalg.norm(self.distance.nominal))
+        reach = min(fit.radius, final.radius) / size
         return (
             f"best fit proven to a relative {fit.gap:.1e}, {second}, constraints "
-            f"violated by at most {violation:.1e}"
+            f"violated by at most {violation:.1e}, among robots up to {reach:.0f} "
+            "times the nominal"
         )
 
 
