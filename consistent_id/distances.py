@@ -22,6 +22,8 @@ from consistent_id.priors import Distance
 from consistent_id.regressor import TorqueModel
 from consistent_id.scaling import link_scales, reference_bodies
 
+_THINNEST = 1e-13  # eigenvalues below which a body has no thickness but rounding
+
 
 class Rows(NamedTuple):
     """``||G v - g||^2``, the squared distance near a point up to a constant."""
@@ -104,7 +106,7 @@ class EntropicDistance:
         """Return the squared distance; infinite where a link is no body."""
         S = self._bodies(u)
         values = np.linalg.eigvalsh(S)
-        if values.min() <= 0.0:
+        if values.min() <= _THINNEST * max(values.max(), 1.0):
             return np.inf
         divergence = float(np.sum(values - np.log(values) - 1.0))
         return 2.0 * divergence + float(np.sum(u[10 * len(S) :] ** 2))

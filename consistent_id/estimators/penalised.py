@@ -124,7 +124,8 @@ def _newton(
     fit: ScaledFit, distance: EntropicDistance, weight: float, start: Vector
 ) -> ConeSolution:
     """Return the last point reached that is a robot of bodies, with multipliers."""
-    u, shortest, idle = start, np.inf, 0
+    u = start if np.isfinite(distance.squared(start)) else distance.nominal
+    shortest, idle = np.inf, 0
     for _ in range(_STEPS):
         rows = distance.local(u)
         problem = _stacked(fit, rows, weight)
@@ -138,7 +139,10 @@ def _newton(
         shortest = min(shortest, length)
         if length <= _STILL or idle == 2:
             break
-        u = u + _share(fit, distance, weight, u, step, length) * step
+        ahead = u + _share(fit, distance, weight, u, step, length) * step
+        if not np.isfinite(distance.squared(ahead)):
+            break  # the constraints lead out of all bodies
+        u = ahead
     whole = np.isfinite(distance.squared(solution.u))
     return solution if whole else replace(solution, u=u)
 
