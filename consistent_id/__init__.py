@@ -61,6 +61,7 @@ from consistent_id.loaders import (
     from_classical_dh,
     from_modified_dh,
     lint_urdf,
+    load_mjcf,
     load_urdf,
 )
 from consistent_id.log_cholesky import (
@@ -184,6 +185,7 @@ __all__ = [
     "least_squares",
     "link_conditions",
     "lint_urdf",
+    "load_mjcf",
     "load_problem",
     "load_urdf",
     "log_cholesky_from_body",

@@ -92,6 +92,14 @@ def held(robot: RobotModel, positions: Mapping[str, float]) -> RobotModel:
     ------
     ModelError
         If a position is not finite, or no joint is left.
+
+    Examples
+    --------
+    >>> from consistent_id import DHRow, from_modified_dh
+    >>> arm = from_modified_dh("arm", [DHRow(0, 0), DHRow(0, 1), DHRow(0, 1)])
+    >>> part = held(arm, {"joint2": 0.5})
+    >>> part.joint_names, part.links[0].merged[0].name
+    (('joint1', 'joint3'), 'link2')
     """
     if not positions:
         return robot
@@ -141,6 +149,13 @@ def chain(
     ------
     ModelError
         If a link is unknown, or no moving joint is between the two.
+
+    Examples
+    --------
+    >>> from consistent_id import DHRow, from_modified_dh
+    >>> arm = from_modified_dh("arm", [DHRow(0, 0), DHRow(0, 1), DHRow(0, 1)])
+    >>> chain(arm, base="link1", tip="link2").joint_names
+    ('joint2',)
     """
     start = -1 if base is None else robot.carrier(base)
     end = None if tip is None else robot.carrier(tip)

@@ -16,6 +16,7 @@ from consistent_id.loaders import (
     DHRow,
     from_classical_dh,
     from_modified_dh,
+    load_mjcf,
     load_urdf,
 )
 from consistent_id.model import STANDARD_GRAVITY, Datasheet, JointLimits, RobotModel
@@ -164,7 +165,7 @@ def _prior(table: PriorTable, file: Path) -> Prior:
 
 def _robot(table: ProblemTable, folder: Path) -> RobotModel:
     model = table.model
-    forms = ("urdf", "modified_dh", "classical_dh")
+    forms = ("urdf", "mjcf", "modified_dh", "classical_dh")
     given = [form for form in forms if getattr(model, form)]
     if len(given) != 1:
         seen = f"has {' and '.join(given)}" if given else "has none"
@@ -176,6 +177,9 @@ def _robot(table: ProblemTable, folder: Path) -> RobotModel:
     if model.urdf is not None:
         file = folder / _expanded(model.urdf, table.name)
         return load_urdf(file, gravity=gravity, **asdict(selection))
+    if model.mjcf is not None:
+        file = folder / _expanded(model.mjcf, table.name)
+        return load_mjcf(file, gravity=model.gravity, **asdict(selection))
     rows = [_dh_row(row) for row in model.modified_dh or model.classical_dh]
     build = from_modified_dh if model.modified_dh else from_classical_dh
     return selected(build(table.name, rows, gravity=gravity), selection)

@@ -36,9 +36,10 @@ class DHTable(Table, frozen=True, kw_only=True):
 
 
 class ModelTable(Table, frozen=True, kw_only=True):
-    """The robot: a URDF file, or a DH table, and the part of it that moves."""
+    """The robot: a URDF or MJCF file, or a DH table, and the part of it that moves."""
 
     urdf: str | None = None
+    mjcf: str | None = None
     modified_dh: list[DHTable] = []
     classical_dh: list[DHTable] = []
     gravity: tuple[float, float, float] | None = None
