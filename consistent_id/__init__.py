@@ -7,6 +7,7 @@ arrow is a function, each noun a frozen value.
 from consistent_id.base import BaseParameters, base_parameters, condition_number
 from consistent_id.base_feasibility import base_feasibility
 from consistent_id.bootstrap import Bootstrap, bootstrap
+from consistent_id.chains import chain, held
 from consistent_id.comparison import Comparison, compare
 from consistent_id.constraint_costs import constraint_costs
 from consistent_id.constraints import (
@@ -54,13 +55,28 @@ from consistent_id.friction import DriveTerms, GearCoupling
 from consistent_id.inertia import InertialParameters
 from consistent_id.intervals import ConsistentIntervals, consistent_intervals
 from consistent_id.link_condition import LinkCondition, link_conditions
-from consistent_id.loaders import DHRow, from_modified_dh, load_urdf
+from consistent_id.loaders import (
+    DHRow,
+    Finding,
+    from_classical_dh,
+    from_modified_dh,
+    lint_urdf,
+    load_mjcf,
+    load_urdf,
+)
 from consistent_id.log_cholesky import (
     body_from_log_cholesky,
     log_cholesky_from_body,
     log_cholesky_jacobian,
 )
-from consistent_id.model import Datasheet, Joint, JointLimits, Link, RobotModel
+from consistent_id.model import (
+    Datasheet,
+    FixedFrame,
+    Joint,
+    JointLimits,
+    Link,
+    RobotModel,
+)
 from consistent_id.priors import Penalty, PointToSet
 from consistent_id.problem import Problem, load_problem
 from consistent_id.readers import Columns, read_recording
@@ -105,7 +121,9 @@ __all__ = [
     "Ellipsoid",
     "EqualLinks",
     "Estimate",
+    "Finding",
     "FixedCentresOfMass",
+    "FixedFrame",
     "FixedMasses",
     "FixedParameters",
     "GearCoupling",
@@ -146,6 +164,7 @@ __all__ = [
     "bootstrap",
     "build_regression",
     "casadi_regressor",
+    "chain",
     "compare",
     "condition_number",
     "consistent_intervals",
@@ -156,13 +175,17 @@ __all__ = [
     "cross_validated",
     "decimated",
     "differentiated",
+    "from_classical_dh",
     "from_modified_dh",
+    "held",
     "huber",
     "identify",
     "joint_noise",
     "joint_torque_regressor",
     "least_squares",
     "link_conditions",
+    "lint_urdf",
+    "load_mjcf",
     "load_problem",
     "load_urdf",
     "log_cholesky_from_body",

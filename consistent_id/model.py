@@ -1,6 +1,6 @@
 """The robot: a tree of joints and links, with what the datasheet says of them."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal, Self, get_args
 
 import numpy as np
@@ -68,11 +68,7 @@ class Joint:
         if self.kind not in get_args(JointKind):
             known = ", ".join(get_args(JointKind))
             raise ModelError(f"{where}: kind {self.kind!r}, expected one of {known}")
-        rotation = frozen(self.rotation, (3, 3), f"{where}: rotation", ModelError)
-        if abs(rotation.T @ rotation - np.eye(3)).max() > _ORTHONORMAL:
-            raise ModelError(f"{where}: rotation is not orthonormal")
-        if np.linalg.det(rotation) < 0.0:
-            raise ModelError(f"{where}: rotation is a reflection (determinant -1)")
+        rotation = _rotation(self.rotation, where)
         axis = frozen(self.axis, (3,), f"{where}: axis", ModelError)
         length = np.linalg.norm(axis)
         if length == 0.0:
@@ -84,6 +80,15 @@ class Joint:
         object.__setattr__(self, "translation", translation)
         axis = frozen(axis / length, (3,), "axis")
         object.__setattr__(self, "axis", axis)
+
+
+def _rotation(matrix: Matrix, where: str) -> Matrix:
+    rotation = frozen(matrix, (3, 3), f"{where}: rotation", ModelError)
+    if abs(rotation.T @ rotation - np.eye(3)).max() > _ORTHONORMAL:
+        raise ModelError(f"{where}: rotation is not orthonormal")
+    if np.linalg.det(rotation) < 0.0:
+        raise ModelError(f"{where}: rotation is a reflection (determinant -1)")
+    return rotation
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -126,12 +131,38 @@ class Datasheet:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class FixedFrame:
+    """Where a link without a joint of its own, such as a tool, is fixed.
+
+    `rotation`, shape (3, 3), and `translation`, shape (3,) [m], place the frame in that
+    of the link it is fixed to.
+    """
+
+    name: str
+    rotation: Matrix
+    translation: Vector
+
+    def __post_init__(self) -> None:
+        where = f"frame {self.name!r}"
+        translation = frozen(
+            self.translation, (3,), f"{where}: translation", ModelError
+        )
+        object.__setattr__(self, "rotation", _rotation(self.rotation, where))
+        object.__setattr__(self, "translation", translation)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Link:
-    """A moving body: its name, nominal parameters if known, and datasheet."""
+    """A moving body: its name, nominal parameters if known, and datasheet.
+
+    `merged` names the links of the model's file that are fixed to this one, and are
+    part of it.
+    """
 
     name: str
     nominal: InertialParameters | None = None
     datasheet: Datasheet = field(default_factory=Datasheet)
+    merged: tuple[FixedFrame, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -148,6 +179,8 @@ class RobotModel:
     links : tuple of Link
     gravity : array_like, shape (3,), [m/s^2]
         Gravitational acceleration in the base frame.
+    ground : tuple of FixedFrame
+        Links of the model's file that do not move.
 
     Raises
     ------
@@ -159,6 +192,7 @@ class RobotModel:
     joints: tuple[Joint, ...]
     links: tuple[Link, ...]
     gravity: Vector = STANDARD_GRAVITY  # type: ignore[assignment]
+    ground: tuple[FixedFrame, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.joints:
@@ -213,29 +247,26 @@ class RobotModel:
                 near = did_you_mean(name, self.link_names)
                 raise ModelError(f"no moving link named {name!r}; {near}")
         links = tuple(
-            Link(link.name, link.nominal, datasheets.get(link.name, link.datasheet))
+            replace(link, datasheet=datasheets.get(link.name, link.datasheet))
             for link in self.links
         )
-        return type(self)(self.name, self.joints, links, self.gravity)
+        return replace(self, links=links)
 
-    def up_to(self, tip: str) -> Self:
-        """Return the model without the links beyond `tip`, which must be a link.
+    def carrier(self, name: str) -> int:
+        """Return the index of the moving link that `name` is, or is fixed to.
 
-        Only the chain from the base to `tip` is kept.
+        Of what does not move, it is -1.
+
+        Raises
+        ------
+        ModelError
+            If the model knows no such link.
         """
-        if tip not in self.link_names:
-            near = did_you_mean(tip, self.link_names)
-            raise ModelError(f"no moving link named {tip!r}; {near}")
-        chain = [self.link_names.index(tip)]
-        while (parent := self.joints[chain[0]].parent) >= 0:
-            chain.insert(0, parent)
-        place = {old: new for new, old in enumerate(chain)} | {-1: -1}
-        joints = tuple(_reparented(self.joints[k], place) for k in chain)
-        links = tuple(self.links[k] for k in chain)
-        return type(self)(self.name, joints, links, self.gravity)
-
-
-def _reparented(joint: Joint, place: dict[int, int]) -> Joint:
-    from dataclasses import replace
-
-    return replace(joint, parent=place[joint.parent])
+        carriers = {frame.name: -1 for frame in self.ground}
+        for k, link in enumerate(self.links):
+            carriers |= {frame.name: k for frame in link.merged}
+        carriers |= {link: k for k, link in enumerate(self.link_names)}
+        if name not in carriers:
+            near = did_you_mean(name, carriers)
+            raise ModelError(f"robot {self.name!r}: no link named {name!r}; {near}")
+        return carriers[name]

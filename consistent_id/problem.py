@@ -2,17 +2,24 @@
 
 import os
 import string
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
+from consistent_id.chains import Selection, selected
 from consistent_id.constraints import Constraint, lowered
 from consistent_id.errors import ProblemError
 from consistent_id.friction import DriveTerms, GearCoupling
-from consistent_id.loaders import DHRow, from_modified_dh, load_urdf
-from consistent_id.model import Datasheet, JointLimits, RobotModel
+from consistent_id.loaders import (
+    DHRow,
+    from_classical_dh,
+    from_modified_dh,
+    load_mjcf,
+    load_urdf,
+)
+from consistent_id.model import STANDARD_GRAVITY, Datasheet, JointLimits, RobotModel
 from consistent_id.parameters import did_you_mean
 from consistent_id.priors import Penalty, PointToSet, Prior
 from consistent_id.problem_constraints import constraints_of
@@ -158,27 +165,24 @@ def _prior(table: PriorTable, file: Path) -> Prior:
 
 def _robot(table: ProblemTable, folder: Path) -> RobotModel:
     model = table.model
-    if (model.urdf is None) == (not model.modified_dh):
+    forms = ("urdf", "mjcf", "modified_dh", "classical_dh")
+    given = [form for form in forms if getattr(model, form)]
+    if len(given) != 1:
+        seen = f"has {' and '.join(given)}" if given else "has none"
         raise ProblemError(
-            f"problem {table.name!r}: [model] needs either urdf or modified_dh"
+            f"problem {table.name!r}: [model] needs one of {', '.join(forms)}, {seen}"
         )
+    selection = Selection(model.base, model.tip, model.joints, model.locked)
+    gravity = STANDARD_GRAVITY if model.gravity is None else model.gravity
     if model.urdf is not None:
         file = folder / _expanded(model.urdf, table.name)
-        return load_urdf(
-            file,
-            gravity=model.gravity,
-            tip=model.tip,
-            joints=model.joints,
-            locked=model.locked,
-        )
-    if model.joints is not None or model.locked:
-        raise ProblemError(
-            f"problem {table.name!r}: joints of modified_dh rows cannot be locked; "
-            "leave [model] joints and locked out"
-        )
-    rows = [_dh_row(row) for row in model.modified_dh]
-    robot = from_modified_dh(table.name, rows, gravity=model.gravity)
-    return robot if model.tip is None else robot.up_to(model.tip)
+        return load_urdf(file, gravity=gravity, **asdict(selection))
+    if model.mjcf is not None:
+        file = folder / _expanded(model.mjcf, table.name)
+        return load_mjcf(file, gravity=model.gravity, **asdict(selection))
+    rows = [_dh_row(row) for row in model.modified_dh or model.classical_dh]
+    build = from_modified_dh if model.modified_dh else from_classical_dh
+    return selected(build(table.name, rows, gravity=gravity), selection)
 
 
 def _dh_row(row: DHTable) -> DHRow:

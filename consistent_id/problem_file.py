@@ -22,7 +22,7 @@ class Table(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=Tru
 
 
 class DHTable(Table, frozen=True, kw_only=True):
-    """One row of modified Denavit-Hartenberg parameters; angles in degrees."""
+    """One row of Denavit-Hartenberg parameters; angles in degrees."""
 
     alpha_deg: float
     a: float
@@ -36,11 +36,14 @@ class DHTable(Table, frozen=True, kw_only=True):
 
 
 class ModelTable(Table, frozen=True, kw_only=True):
-    """The robot: a URDF file or a DH table."""
+    """The robot: a URDF or MJCF file, or a DH table, and the part of it that moves."""
 
     urdf: str | None = None
+    mjcf: str | None = None
     modified_dh: list[DHTable] = []
-    gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
+    classical_dh: list[DHTable] = []
+    gravity: tuple[float, float, float] | None = None
+    base: str | None = None
     tip: str | None = None
     joints: Annotated[list[str], Meta(min_length=1)] | None = None
     locked: dict[str, float] = {}

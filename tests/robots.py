@@ -7,6 +7,43 @@ from consistent_id.inertia import InertialParameters
 from consistent_id.loaders.urdf import from_pinocchio
 from consistent_id.model import RobotModel
 
+_BODY = """
+    <inertial>
+      <origin xyz="0.1 0.02 0.3" rpy="0.1 0.2 0.3"/>
+      <mass value="{mass}"/>
+      <inertia ixx="0.02" ixy="0.001" ixz="0.002" iyy="0.03" iyz="0.003" izz="0.025"/>
+    </inertial>"""
+
+URDF = f"""<?xml version="1.0"?>
+<robot name="test">
+  <link name="base"/>
+  <joint name="turn" type="revolute">
+    <parent link="base"/> <child link="one"/>
+    <origin xyz="0 0 0.3" rpy="0.3 -0.2 0.1"/>
+    <axis xyz="0.6 0 0.8"/>
+    <limit lower="-2" upper="1.5" velocity="3" effort="50"/>
+  </joint>
+  <link name="one">{_BODY.format(mass=2.0)}</link>
+  <joint name="slide" type="prismatic">
+    <parent link="one"/> <child link="two"/>
+    <origin xyz="0.2 0 0" rpy="0 1.57079632679 0"/>
+    <axis xyz="0 -1 0"/>
+    <limit lower="0" upper="0.4" velocity="1" effort="20"/>
+  </joint>
+  <link name="two">{_BODY.format(mass=1.0)}</link>
+  <joint name="weld" type="fixed">
+    <parent link="two"/> <child link="tool"/>
+    <origin xyz="0 0.1 0.2" rpy="0.5 0 0"/>
+  </joint>
+  <link name="tool">{_BODY.format(mass=0.5)}</link>
+  <joint name="spin" type="continuous">
+    <parent link="two"/> <child link="three"/>
+    <axis xyz="0 1 0"/>
+  </joint>
+  <link name="three">{_BODY.format(mass=0.7)}</link>
+</robot>
+"""
+
 
 def random_robot(
     rng: np.random.Generator, joints: int, tree: bool = False

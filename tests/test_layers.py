@@ -10,7 +10,9 @@ PACKAGE = Path(consistent_id.__file__).parent
 # Each module may import only from those before it.
 ORDER = """
 errors _newton_euler _files _arrays _threads inertia log_cholesky parameters model
-loaders._urdf_lint loaders.urdf loaders.modified_dh loaders _joint_geometry friction
+chains loaders.findings loaders._xml loaders._urdf_tree loaders._urdf_parts
+loaders._urdf_lint loaders.urdf loaders._mjcf_checks loaders.mjcf loaders.dh loaders
+_joint_geometry friction
 regressor recording readers signals trajectory base regression simulation scaling conic
 constraints._rows constraints.datasheet constraints.parameters constraints.solids
 constraints.shape constraints.symmetry constraints priors cones distances cone_program
@@ -36,6 +38,7 @@ HEAVY = {
     "pyarrow",
     "clarabel",
     "coal",
+    "mujoco",
 }
 
 

@@ -1,7 +1,6 @@
 """Robot models, DH tables and parameter layouts."""
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 from consistent_id import (
@@ -15,6 +14,7 @@ from consistent_id import (
     ProblemError,
     RobotModel,
     TorqueModel,
+    chain,
     from_modified_dh,
     joint_torque_regressor,
 )
@@ -102,43 +102,18 @@ def test_a_chain_up_to_a_tip_drops_the_rest_and_keeps_its_torque():
         (_joint("a"), _joint("b", 0, translation=[1, 0, 0]), _joint("c", 0)),
         (Link("x"), Link("y"), Link("z")),
     )
-    assert tree.up_to("z").joint_names == ("a", "c")
-    with pytest.raises(ModelError, match="no moving link"):
-        tree.up_to("w")
+    assert chain(tree, tip="z").joint_names == ("a", "c")
+    with pytest.raises(ModelError, match="no link named 'w'"):
+        chain(tree, tip="w")
     state = np.random.default_rng(0).normal(size=(3, 4, 3))
     whole = joint_torque_regressor(ELBOW, *state)
-    short = joint_torque_regressor(ELBOW.up_to("link2"), *state[:, :, :2])
+    short = joint_torque_regressor(chain(ELBOW, tip="link2"), *state[:, :, :2])
     assert np.allclose(whole[:2, :20], short, atol=1e-13)
-
-
-def test_dh_rows_place_frames_as_the_product_of_their_four_motions():
-    rng = np.random.default_rng(1)
-    for kind in ("revolute", "prismatic"):
-        alpha, a, d, theta, q = rng.normal(size=5)
-        robot = from_modified_dh("r", [DHRow(alpha, a, d, theta, kind)])
-        joint = robot.joints[0]
-        turn, slide = (theta + q, d) if kind == "revolute" else (theta, d + q)
-        expected = (
-            pin.SE3(pin.utils.rotate("x", alpha), np.zeros(3))
-            * pin.SE3(np.eye(3), np.array([a, 0, 0]))
-            * pin.SE3(pin.utils.rotate("z", turn), np.zeros(3))
-            * pin.SE3(np.eye(3), np.array([0, 0, slide]))
-        )
-        place = pin.SE3(np.array(joint.rotation), np.array(joint.translation))
-        motion = pin.SE3(pin.utils.rotate("z", q), np.zeros(3))
-        if kind == "prismatic":
-            motion = pin.SE3(np.eye(3), np.array([0, 0, q]))
-        assert (place * motion).isApprox(expected, 1e-12)
 
 
 def test_right_angles_of_a_table_are_exact():
     joint = ELBOW.joints[1]
     assert set(abs(np.array(joint.rotation)).ravel()) == {0.0, 1.0}
-
-
-def test_bad_numbers_in_a_table_are_named_by_row():
-    with pytest.raises(ModelError, match="DH row 2"):
-        from_modified_dh("r", [DHRow(0, 0), DHRow(np.nan, 0)])
 
 
 def test_the_layout_names_parameters_and_suggests_near_ones():

@@ -45,7 +45,7 @@ def test_the_file_may_be_named_instead_of_its_folder():
         (ARM + FREE + "colour = 1\n", r"unknown field `colour`.*\$\.constraints"),
         ('name = 3\n[model]\nurdf = "a"\n', r"\$\.name"),
         ('name = "x"\n', "missing required field `model`"),
-        ('name = "x"\n[model]\n', "needs either urdf or modified_dh"),
+        ('name = "x"\n[model]\n', "needs one of urdf, mjcf, modified_dh, classical_dh"),
         (ARM + "[links.link7]\nmass = 1\n", "no moving link named 'link7'"),
         (ARM + "[joints.elbow]\nviscous = true\n", r"\[joints.elbow\].*joint1"),
         (ARM + FREE + '[drive]\ncoulomb = "tanh"\n', "velocity_scale"),
@@ -53,7 +53,8 @@ def test_the_file_may_be_named_instead_of_its_folder():
         (ARM, "no link's datasheet has a mass"),
         (ARM + '[constraints]\nmasses = "bounds"\n', "mass_bounds"),
         (ARM + FREE + "shared_motors = true\n", "no gear coupling"),
-        (ARM.replace("[model]", '[model]\njoints = ["joint1"]'), "cannot be locked"),
+        (ARM.replace("[model]", '[model]\njoints = ["elbow"]'), "no joint 'elbow'"),
+        (ARM.replace("[model]", '[model]\nurdf = "a"'), "has urdf and modified_dh"),
         (ARM + FREE + DATA, "torque_joints: no joint 'elbow'"),
         ("name = ", "not TOML"),
     ],
@@ -116,3 +117,16 @@ def test_rows_outside_the_file_and_missing_files_are_refused(tmp_path):
     (tmp_path / "log.csv").unlink()
     with pytest.raises(RecordingError, match=r"log\.csv: no such file"):
         _ = problem.training
+
+
+def test_a_classical_table_is_read_and_its_joints_can_be_locked(tmp_path):
+    rows = "[{ alpha_deg = 90, a = 0, d = 0.3 }, { alpha_deg = 0, a = 0.4 }]"
+    text = f'name = "arm"\n[model]\nclassical_dh = {rows}\n'
+    robot = _load(tmp_path, text + FREE).model.robot
+    assert np.allclose(robot.joints[1].rotation, [[1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    assert np.allclose(robot.joints[0].axis, [0, 1, 0])
+    locked = _load(tmp_path, text + "locked = { joint2 = 0.5 }\n" + FREE).model.robot
+    assert locked.joint_names == ("joint1",)
+    assert locked.carrier("link2") == locked.carrier("frame2") == 0
+    base = _load(tmp_path, text + 'base = "link1"\n' + FREE).model.robot
+    assert base.joint_names == ("joint2",)

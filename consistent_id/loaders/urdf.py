@@ -1,5 +1,6 @@
 """Robots from URDF: our own lint first, then Pinocchio as the loader."""
 
+import logging
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
@@ -7,27 +8,32 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
+from consistent_id.chains import Selection, selected, snapped
 from consistent_id.errors import ModelError
 from consistent_id.inertia import InertialParameters
-from consistent_id.loaders._urdf_lint import lint
+from consistent_id.loaders._urdf_lint import read_bytes, urdf_findings
+from consistent_id.loaders._urdf_tree import joints_between
+from consistent_id.loaders._xml import XmlFault, parse
+from consistent_id.loaders.findings import Finding
 from consistent_id.model import (
     STANDARD_GRAVITY,
     Datasheet,
+    FixedFrame,
     Joint,
     JointKind,
     JointLimits,
     Link,
     RobotModel,
 )
-from consistent_id.parameters import did_you_mean
 
-_SNAP = 1e-10  # entries of a rotation nearer than this to -1, 0 or 1 are taken as such
+_log = logging.getLogger(__name__)
 
 
 def load_urdf(
     path: str | Path,
     *,
     gravity: ArrayLike = STANDARD_GRAVITY,
+    base: str | None = None,
     tip: str | None = None,
     joints: Sequence[str] | None = None,
     locked: Mapping[str, float] | None = None,
@@ -35,14 +41,21 @@ def load_urdf(
     """Load a robot from a URDF file; fixed joints are merged into their parents.
 
     Masses and centres of mass of the file become nominal values and datasheet values.
+    Where a fixed link ended up, `Link.merged` and `RobotModel.carrier` tell.  What
+    `lint_urdf` warns of is logged.
 
     Parameters
     ----------
     path : str or Path
     gravity : array_like, shape (3,), [m/s^2]
-        In the base frame.
+        In the frame of the file's root link.
+    base : str, optional
+        Keep only what moves beyond this link.  It and all that carries it stand still,
+        their joints at zero unless `locked` says otherwise.
     tip : str, optional
-        Keep only the chain from the base to this moving link.
+        Keep only the links that carry this one, and itself.  What is fixed to them, or
+        hangs on a joint that is locked, stays part of them; other links that they carry
+        are dropped, so lock a gripper whose weight was there.
     joints : sequence of str, optional
         Keep only these joints; all others are locked, at zero unless `locked` says
         otherwise.
@@ -61,50 +74,53 @@ def load_urdf(
     """
     import pinocchio as pin
 
-    path, locked = Path(path), dict(locked or {})
-
-    def moves(joint: str) -> bool:
-        return joint not in locked and (joints is None or joint in joints)
-
+    path, selection = Path(path), Selection(base, tip, joints, locked)
+    text = read_bytes(path)
     try:
-        text = path.read_bytes()
-    except OSError as cause:
-        raise ModelError(f"{path}: cannot be read ({cause.strerror})") from None
-    lint(text, path, moves)
+        root = parse(text)
+    except XmlFault as fault:
+        raise ModelError(f"{path}, {fault}") from None
+    chosen = joints_between(root, base, tip)
+    moving = {name for name in chosen if selection.moves(name)}
+    _tell(path, urdf_findings(root, moving.__contains__))
     try:
-        model = pin.buildModelFromXML(text.decode())
+        model = pin.buildModelFromXML(_decoded(text, path))
     except (ValueError, RuntimeError) as cause:
         raise ModelError(f"{path}: Pinocchio refuses it: {cause}") from None
-    known = list(model.names)[1:]
-    for name in (*locked, *(joints or ())):
-        if name not in known:
-            near = did_you_mean(name, known)
-            raise ModelError(f"{path}: no joint {name!r} to keep or lock; {near}")
-    for name in joints or ():
-        if name in locked:
-            raise ModelError(f"{path}: joint {name!r} is to be kept and to be locked")
-    still = {name: locked.get(name, 0.0) for name in known if not moves(name)}
-    robot = from_pinocchio(_reduced(model, still, path), gravity=gravity)
-    return robot if tip is None else robot.up_to(tip)
+    return selected(from_pinocchio(_settled(model, moving), gravity=gravity), selection)
 
 
-def _reduced(model: Any, locked: Mapping[str, float], path: Path) -> Any:
-    """Return a ``pinocchio.Model`` in which the named joints stand still."""
+def _tell(path: Path, findings: tuple[Finding, ...]) -> None:
+    """Raise the first error, or log the first warning."""
+    more = f" ({len(findings) - 1} more: see lint_urdf)" if findings[1:] else ""
+    for finding in findings:
+        if finding.severity == "error":
+            raise ModelError(f"{path}, {finding}{more}")
+    if findings:
+        _log.warning("%s, %s%s", path, findings[0], more)
+
+
+def _decoded(text: bytes, path: Path) -> str:
+    try:
+        return text.decode("utf-8-sig")
+    except UnicodeDecodeError as cause:
+        raise ModelError(
+            f"{path}: byte {cause.start} is not UTF-8; save the file as UTF-8"
+        ) from None
+
+
+def _settled(model: Any, moving: set[str]) -> Any:
+    """Fix joints of several degrees of freedom that do not move at their origin."""
     import pinocchio as pin
 
-    if not locked:
+    loose = [
+        k
+        for k, (name, joint) in enumerate(zip(model.names, model.joints, strict=True))
+        if k > 0 and joint.nv > 1 and name not in moving
+    ]
+    if not loose:
         return model
-    if len(locked) == model.njoints - 1:
-        raise ModelError(f"{path}: every joint is locked, so nothing moves")
-    q = pin.neutral(model)
-    places = [model.getJointId(name) for name in locked]
-    for k, (name, position) in zip(places, locked.items(), strict=True):
-        if not np.isfinite(position):
-            raise ModelError(f"{path}: joint {name!r} is locked at {position}")
-        joint = model.joints[k]
-        turned = [np.cos(position), np.sin(position)]
-        q[joint.idx_q : joint.idx_q + joint.nq] = turned if joint.nq == 2 else position
-    return pin.buildReducedModel(model, places, q)
+    return pin.buildReducedModel(model, loose, pin.neutral(model))
 
 
 def from_pinocchio(model: Any, *, gravity: ArrayLike | None = None) -> RobotModel:
@@ -131,16 +147,19 @@ def from_pinocchio(model: Any, *, gravity: ArrayLike | None = None) -> RobotMode
                 name=model.names[k],
                 kind=kind,
                 parent=model.parents[k] - 1,
-                rotation=_snapped(placement.rotation),
+                rotation=snapped(placement.rotation),
                 translation=placement.translation,
-                axis=_snapped(twist[:3] if kind == "prismatic" else twist[3:]),
+                axis=snapped(twist[:3] if kind == "prismatic" else twist[3:]),
                 limits=_limits(model, k, kind),
             )
         )
         links.append(_link(model, k))
     if gravity is None:
         gravity = model.gravity.linear
-    return RobotModel(model.name, tuple(joints), tuple(links), np.asarray(gravity))
+    ground = tuple(_frame(frame) for frame in _bodies(model, 0))
+    return RobotModel(
+        model.name, tuple(joints), tuple(links), np.asarray(gravity), ground
+    )
 
 
 def _kind(model: Any, k: int) -> JointKind:
@@ -178,22 +197,26 @@ def _stated(limit: float) -> float:
 
 
 def _link(model: Any, k: int) -> Link:
+    frames = _bodies(model, k)
+    body = model.inertias[k]
+    nominal = InertialParameters.from_central(body.mass, body.lever, body.inertia)
+    name = cast(str, frames[0].name) if frames else f"link_of_{model.names[k]}"
+    com = body.lever if body.mass > 0.0 else None
+    sheet = Datasheet(mass=body.mass if body.mass > 0.0 else None, com=com)
+    return Link(name, nominal, sheet, tuple(_frame(frame) for frame in frames[1:]))
+
+
+def _bodies(model: Any, k: int) -> list[Any]:
+    """Frames of the links that joint ``k`` moves, its own one first."""
     import pinocchio as pin
 
-    bodies = [
-        frame.name
+    return [
+        frame
         for frame in model.frames
         if frame.parentJoint == k and frame.type == pin.FrameType.BODY
     ]
-    body = model.inertias[k]
-    nominal = InertialParameters.from_central(body.mass, body.lever, body.inertia)
-    name = cast(str, bodies[0]) if bodies else f"link_of_{model.names[k]}"
-    com = body.lever if body.mass > 0.0 else None
-    sheet = Datasheet(mass=body.mass if body.mass > 0.0 else None, com=com)
-    return Link(name, nominal, sheet)
 
 
-def _snapped(values: np.ndarray) -> np.ndarray:
-    """Restore exact zeros and ones, which speed up the regressor, after 1.5707963."""
-    nearest = np.round(values)
-    return np.where(abs(values - nearest) < _SNAP, nearest, values)
+def _frame(frame: Any) -> FixedFrame:
+    place = frame.placement
+    return FixedFrame(frame.name, snapped(place.rotation), place.translation)

@@ -1,0 +1,83 @@
+"""XML elements that know the line on which they start."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from xml.parsers import expat
+
+from consistent_id.errors import ModelError
+
+
+class XmlFault(ModelError):
+    """Text that is no XML, or XML of a kind that is refused."""
+
+    def __init__(self, line: int, sentence: str) -> None:
+        super().__init__(f"line {line}: {sentence}")
+        self.line, self.sentence = line, sentence
+
+
+@dataclass(slots=True)
+class Element:
+    """An XML element with the line on which it starts."""
+
+    tag: str
+    attributes: dict[str, str]
+    line: int
+    children: list["Element"] = field(default_factory=list)
+
+    @property
+    def name(self) -> str:
+        """The attribute ``name``, empty if there is none."""
+        return self.attributes.get("name", "")
+
+    def child(self, tag: str) -> "Element | None":
+        """Return the first child with a tag."""
+        return next((c for c in self.children if c.tag == tag), None)
+
+    def all(self, tag: str) -> Iterator["Element"]:
+        """Yield the children with a tag."""
+        return (c for c in self.children if c.tag == tag)
+
+    def below(self, without: tuple[str, ...] = ()) -> Iterator["Element"]:
+        """Yield all descendants but those in elements whose tag is in `without`."""
+        for child in self.children:
+            if child.tag not in without:
+                yield child
+                yield from child.below(without)
+
+
+def parse(text: bytes) -> Element:
+    """Return the root element.
+
+    Raises
+    ------
+    XmlFault
+        If the text is not well-formed, or has a document type declaration: entities can
+        grow without bound, or read other files.
+    """
+    parser = expat.ParserCreate()
+    top = Element("", {}, 0)
+    stack = [top]
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        element = Element(tag, attributes, parser.CurrentLineNumber)
+        stack[-1].children.append(element)
+        stack.append(element)
+
+    def refuse_dtd(*_: object) -> None:
+        raise XmlFault(
+            parser.CurrentLineNumber,
+            "a document type declaration stands here; entities are not expanded, "
+            "remove it",
+        )
+
+    parser.StartElementHandler = start
+    parser.EndElementHandler = lambda _: stack.pop()
+    parser.StartDoctypeDeclHandler = refuse_dtd
+    try:
+        parser.Parse(text, True)
+    except expat.ExpatError as cause:
+        sentence = f"not well-formed XML: {expat.errors.messages[cause.code]}"
+        raise XmlFault(cause.lineno, sentence) from None
+    except (LookupError, ValueError) as cause:  # an encoding that nobody knows
+        raise XmlFault(1, f"not readable as XML: {cause}") from None
+    return top.children[0]

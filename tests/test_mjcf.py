@@ -1,0 +1,290 @@
+"""MJCF: MuJoCo's inverse dynamics as the truth, and what is refused."""
+
+import sys
+
+import numpy as np
+import pytest
+
+from consistent_id import ModelError, TorqueModel, load_mjcf, load_problem
+
+mujoco = pytest.importorskip("mujoco")
+
+TREE = """
+<mujoco model="tree">
+  <compiler angle="degree" autolimits="true"/>
+  <option gravity="0.5 -0.3 -9.7"/>
+  <include file="defaults.xml"/>
+  <worldbody>
+    <body name="stand" pos="0 0 0.4" euler="10 20 30">
+      <geom size="0.1" mass="5"/>
+      <body name="upper" pos="0.1 0.2 0.3" quat="0.9 0.1 -0.3 0.2">
+        <joint name="turn" axis="0.6 0 0.8" pos="0.05 0 0.1" range="-120 90" ref="25"/>
+        <inertial pos="0.1 0.02 0.3" mass="2"
+          fullinertia="0.02 0.03 0.025 0.001 0.002 0.003"/>
+        <body name="plate" pos="0 0.1 0" euler="0 45 0">
+          <geom type="box" size="0.1 0.2 0.02" density="800" pos="0.02 0 0"/>
+        </body>
+        <body name="slider" pos="0.2 0 0" euler="0 90 0">
+          <joint name="slide" type="slide" axis="0 -1 0" ref="0.1" range="0 0.4"
+            actuatorfrcrange="-30 20"/>
+          <geom type="capsule" size="0.04" fromto="0 0 0 0.1 0.2 0.3" density="900"/>
+          <body name="tool" pos="0 0.1 0.2">
+            <geom type="ellipsoid" size="0.03 0.05 0.08"/>
+          </body>
+        </body>
+        <body name="wrist" pos="-0.2 0 0.1">
+          <joint name="roll" axis="1 0 0" pos="0 0.03 0"/>
+          <joint name="lift" type="slide" axis="0 0 1"/>
+          <joint name="pitch" axis="0 1 0" pos="0.02 0 0.01" ref="-40"/>
+          <geom type="cylinder" size="0.05 0.1" pos="0.1 0 0"/>
+        </body>
+      </body>
+    </body>
+  </worldbody>
+  <actuator><motor joint="turn" gear="50" forcerange="-2 3"/></actuator>
+</mujoco>
+"""
+DEFAULTS = '<mujocoinclude><default><geom density="1200"/></default></mujocoinclude>'
+
+
+@pytest.fixture
+def written(tmp_path):
+    """Write an MJCF text, changed, and return its path."""
+
+    def write(*changes, text=TREE):
+        for old, new in changes:
+            assert old in text
+            text = text.replace(old, new, 1)
+        (tmp_path / "defaults.xml").write_text(DEFAULTS)
+        path = tmp_path / "robot.xml"
+        path.write_text(text)
+        return path
+
+    return write
+
+
+def _inverse(path, names, states, locked=()):
+    """Joint torque by MuJoCo, without armature; other joints stand at their place."""
+    model = mujoco.MjModel.from_xml_path(str(path))
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+    data = mujoco.MjData(model)
+    places = [int(model.joint(name).dofadr[0]) for name in names]
+    torques = []
+    for q, dq, ddq in zip(*states, strict=True):
+        data.qpos[:], data.qvel[:], data.qacc[:] = 0.0, 0.0, 0.0
+        for name, position in dict(locked).items():
+            data.qpos[model.joint(name).qposadr[0]] = position
+        data.qpos[[int(model.joint(name).qposadr[0]) for name in names]] = q
+        data.qvel[places], data.qacc[places] = dq, ddq
+        mujoco.mj_inverse(model, data)
+        torques.append(data.qfrc_inverse[places] - model.dof_armature[places] * ddq)
+    return np.array(torques)
+
+
+def _assert_same_torque(robot, path, locked=()):
+    states = np.random.default_rng(0).uniform(-1.5, 1.5, (3, 20, len(robot)))
+    expected = _inverse(path, robot.joint_names, states, locked)
+    torque = TorqueModel(robot).predict(robot.nominal, *states)
+    assert np.allclose(torque, expected, rtol=0, atol=1e-8)
+
+
+def test_the_loaded_robots_torque_is_mujocos(written):
+    robot = load_mjcf(written())
+    assert robot.joint_names == ("turn", "slide", "roll", "lift", "pitch")
+    assert robot.name == "robot"
+    _assert_same_torque(robot, written())
+
+
+def test_armature_is_left_to_the_drive_terms(written):
+    path = written(('axis="0.6 0 0.8"', 'axis="0.6 0 0.8" armature="0.7"'))
+    _assert_same_torque(load_mjcf(path), path)
+
+
+def test_radians_local_frames_and_inferred_inertia_are_mujocos(written):
+    changes = [('angle="degree"', 'angle="radian" inertiafromgeom="true"')]
+    changes.append(
+        (
+            'fullinertia="0.02 0.03 0.025 0.001 0.002 0.003"/>',
+            'diaginertia="1 1 1"/>'
+            '<geom size="0.1 0.2 0.3" type="box" euler="0.1 0.2 0.3"/>',
+        )
+    )
+    changes += [('range="-120 90" ref="25"', 'range="-2 1" ref="0.3"')]
+    path = written(*changes)
+    robot = load_mjcf(path)
+    assert robot.joints[0].limits.lower == -2.0
+    _assert_same_torque(robot, path)
+
+
+def test_limits_are_the_files_in_radians(written):
+    limits = {joint.name: joint.limits for joint in load_mjcf(written()).joints}
+    turn, slide = limits["turn"], limits["slide"]
+    assert (turn.lower, turn.upper) == pytest.approx((-2 * np.pi / 3, np.pi / 2))
+    assert (turn.velocity, turn.effort) == (np.inf, 150.0)
+    assert (slide.lower, slide.upper, slide.effort) == (0.0, 0.4, 30.0)
+    assert (limits["roll"].lower, limits["roll"].effort) == (-np.inf, np.inf)
+    kinds = {joint.name: joint.kind for joint in load_mjcf(written()).joints}
+    assert kinds["turn"] == "revolute"
+    assert kinds["slide"] == "prismatic"
+    assert kinds["roll"] == "continuous"
+
+
+def test_fixed_bodies_are_merged_and_found(written):
+    robot = load_mjcf(written())
+    assert robot.link_names == ("upper", "slider", "wrist/roll", "wrist/lift", "wrist")
+    assert robot.carrier("plate") == 0
+    assert robot.carrier("tool") == 1
+    assert robot.carrier("stand") == robot.carrier("world") == -1
+    masses = [link.nominal.mass for link in robot.links]
+    assert masses[2:4] == [0.0, 0.0]
+    model = mujoco.MjModel.from_xml_path(str(written()))
+    moving = model.body("upper").subtreemass[0]
+    assert sum(masses) == pytest.approx(moving)
+
+
+def test_gravity_is_the_files_unless_it_is_given(written):
+    assert np.allclose(load_mjcf(written()).gravity, [0.5, -0.3, -9.7])
+    assert np.allclose(load_mjcf(written(), gravity=[0, 0, -1]).gravity, [0, 0, -1])
+
+
+def test_joints_are_locked_at_mujocos_positions(written):
+    locked = {"slide": 0.3, "lift": -0.2, "roll": 0.7}
+    robot = load_mjcf(written(), locked=locked)
+    assert robot.joint_names == ("turn", "pitch")
+    _assert_same_torque(robot, written(), locked)
+
+
+def test_the_chain_from_a_base_to_a_tip_can_be_loaded_alone(written):
+    assert load_mjcf(written(), tip="tool").joint_names == ("turn", "slide")
+    part = load_mjcf(written(), base="plate", tip="wrist")
+    assert part.joint_names == ("roll", "lift", "pitch")
+    _assert_same_torque(part, written())
+    with pytest.raises(ModelError, match=r"no body named 'tol'; known: .*tool"):
+        load_mjcf(written(), tip="tol")
+
+
+def test_a_free_body_beside_the_robot_is_no_part_of_it(written):
+    ball = '<body name="ball" pos="1 1 1"><freejoint/><geom size="0.1"/></body>'
+    path = written(('<body name="stand"', ball + '<body name="stand"'))
+    with pytest.raises(ModelError, match="body 'ball' hangs on a free joint"):
+        load_mjcf(path)
+    kept = ["turn", "slide", "roll", "lift", "pitch"]
+    assert load_mjcf(path, joints=kept).joint_names == tuple(kept)
+    assert len(load_mjcf(path, tip="wrist")) == 4
+
+
+def test_a_floating_robot_stands_still_from_its_base(written):
+    change = ('<geom size="0.1" mass="5"/>', '<freejoint/><geom size="0.1" mass="5"/>')
+    path = written(change)
+    with pytest.raises(ModelError, match="choose a base beyond it"):
+        load_mjcf(path)
+    rigid, robot = load_mjcf(written()), load_mjcf(path, base="stand")
+    assert np.allclose(robot.nominal, rigid.nominal)
+    states = np.random.default_rng(0).uniform(-1.5, 1.5, (3, 5, 5))
+    torques = [TorqueModel(r).predict(r.nominal, *states) for r in (rigid, robot)]
+    assert np.allclose(*torques, rtol=0, atol=1e-12)
+
+
+FIXED_TENDON = """<tendon><fixed name="rope" {0}>
+  <joint joint="roll" coef="1"/><joint joint="pitch" coef="2"/></fixed></tendon>"""
+SPATIAL = """<tendon><spatial name="cord" {0}>
+  <site site="a"/><site site="b"/></spatial></tendon>"""
+
+
+def _with(section):
+    return ("</mujoco>", section + "</mujoco>")
+
+
+@pytest.mark.parametrize(
+    ("section", "message"),
+    [
+        (
+            '<equality><joint name="mimic" joint1="roll" joint2="pitch"/></equality>',
+            "'mimic' binds joint 'roll'",
+        ),
+        ('<equality><joint joint1="lift"/></equality>', "binds joint 'lift'"),
+        (
+            '<equality><connect body1="tool" body2="wrist" anchor="0 0 0"/></equality>',
+            "ties bodies 'tool' and 'wrist'; closed loops",
+        ),
+        ('<equality><weld body1="tool"/></equality>', "'tool' and 'world'"),
+        (FIXED_TENDON.format('stiffness="3"'), "'rope' pulls at joint 'roll'"),
+        (
+            FIXED_TENDON.format("") + '<equality><tendon tendon1="rope"/></equality>',
+            "binds joint 'roll' by a tendon",
+        ),
+    ],
+)
+def test_joints_that_do_not_move_by_themselves_are_refused(written, section, message):
+    with pytest.raises(ModelError, match=message):
+        load_mjcf(written(_with(section)))
+
+
+@pytest.mark.parametrize(
+    "section",
+    [
+        FIXED_TENDON.format(""),
+        '<equality><connect body1="tool" body2="slider" anchor="0 0 0"/></equality>',
+        '<equality><joint joint1="roll" active="false"/></equality>',
+    ],
+)
+def test_what_has_no_force_is_let_through(written, section):
+    path = written(_with(section))
+    _assert_same_torque(load_mjcf(path), path)
+
+
+def test_coupled_joints_may_be_locked(written):
+    section = '<equality><joint joint1="roll" joint2="pitch"/></equality>'
+    path = written(_with(section))
+    robot = load_mjcf(path, joints=["turn", "slide"])
+    assert robot.joint_names == ("turn", "slide")
+    with pytest.raises(ModelError, match="'turn' is to be kept and to be locked"):
+        load_mjcf(written(), joints=["turn"], locked={"turn": 0.0})
+
+
+def test_a_spatial_tendon_binds_what_moves_between_its_ends(written):
+    sites = [('<body name="plate"', '<site name="a"/><body name="plate"')]
+    sites += [('<body name="tool"', '<site name="b"/><body name="tool"')]
+    sites.append(_with(SPATIAL.format('damping="1"')))
+    with pytest.raises(ModelError, match="'cord' pulls at joint 'slide'"):
+        load_mjcf(written(*sites))
+    assert len(load_mjcf(written(*sites), locked={"slide": 0.0})) == 4
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('mass="2"', 'mass="heavy"', "MuJoCo refuses it"),
+        ('mass="2"', 'mass="-2"', "body 'upper' has mass -2 kg"),
+        ("defaults.xml", "nowhere.xml", "MuJoCo refuses it: .*nowhere"),
+        (
+            'name="turn" axis="0.6 0 0.8" pos="0.05 0 0.1" range="-120 90" ref="25"',
+            'name="turn" type="ball"',
+            "a ball joint",
+        ),
+        ("</worldbody>", "", "MuJoCo refuses it"),
+    ],
+)
+def test_faults_are_refused_with_the_files_name(written, old, new, message):
+    with pytest.raises(ModelError, match=r"robot\.xml: (.|\n)*" + message):
+        load_mjcf(written((old, new)))
+
+
+def test_a_missing_file_is_refused(tmp_path):
+    with pytest.raises(ModelError, match=r"nowhere\.xml: MuJoCo refuses it"):
+        load_mjcf(tmp_path / "nowhere.xml")
+
+
+def test_without_mujoco_the_message_says_how_to_install_it(written, monkeypatch):
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    with pytest.raises(ModelError, match=r"pip install 'consistent-id\[mjcf\]'"):
+        load_mjcf(written())
+
+
+def test_a_problem_file_may_name_an_mjcf_file(written):
+    file = written().parent / "problem.toml"
+    content = '[model]\nmjcf = "robot.xml"\nbase = "plate"\ntip = "wrist"\n'
+    file.write_text('name = "x"\n' + content + '[constraints]\nmasses = "free"\n')
+    robot = load_problem(file).model.robot
+    assert robot.joint_names == ("roll", "lift", "pitch")
+    assert np.allclose(robot.gravity, [0.5, -0.3, -9.7])
