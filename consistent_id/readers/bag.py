@@ -1,6 +1,7 @@
 """Joint states from ROS bags: folders, and bare MCAP, SQLite and ROS 1 files."""
 
 import struct
+import sys
 import zlib
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -37,6 +38,13 @@ _UNREADABLE = (
     struct.error,
     zlib.error,
 )
+_STORAGE = {
+    "sqlite3": "Error",
+    "apsw": "Error",
+    "zstandard": "ZstdError",
+    "backports.zstd": "ZstdError",
+    "compression.zstd": "ZstdError",
+}
 
 
 def read_bag(
@@ -90,14 +98,12 @@ def _messages(path: Path, topic: str | None) -> list[JointMessage]:
 
 
 def _of_storage() -> tuple[type[Exception], ...]:
-    """Return the errors of the libraries that rosbags reads databases with."""
-    import sqlite3
-
-    try:
-        import apsw
-    except ImportError:
-        return (sqlite3.Error,)
-    return (sqlite3.Error, apsw.Error)
+    """Return the errors of the libraries with which rosbags reads what is stored."""
+    return tuple(
+        getattr(sys.modules[module], error)
+        for module, error in _STORAGE.items()
+        if module in sys.modules
+    )
 
 
 def _taken(

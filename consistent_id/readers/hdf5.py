@@ -19,6 +19,9 @@ _NUMBERS = (
     *(f"{u}int{n}" for u in ("", "u") for n in (8, 16, 32, 64)),
 )
 
+# What h5py lets through when a file is cut or overwritten.
+_UNREADABLE = (OSError, RuntimeError, KeyError, ValueError, TypeError, MemoryError)
+
 
 def read_hdf5(path: Path, names: Sequence[str]) -> Arrays:
     """Return the datasets at the named paths, such as ``run/q``.
@@ -50,7 +53,7 @@ def _datasets(path: Path, places: dict[str, str]) -> Arrays:
     try:
         with h5py.File(path, "r") as file:
             return {name: _array(path, file, name, at) for name, at in places.items()}
-    except (OSError, RuntimeError) as cause:
+    except _UNREADABLE as cause:
         raise RecordingError(f"{path}: not readable as HDF5: {cause}") from None
 
 

@@ -15,6 +15,7 @@ from consistent_id.readers.arrays import Arrays
 from consistent_id.readers.hdf5 import read_matlab_73
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
+# What SciPy lets through when a file is cut or overwritten.
 _UNREADABLE = (
     ValueError,
     TypeError,
@@ -51,6 +52,7 @@ def _loaded(path: Path, names: Sequence[str]) -> dict[str, Any]:
     import warnings
 
     from scipy.io import loadmat, whosmat
+    from scipy.io.matlab import MatReadError
 
     try:
         with warnings.catch_warnings():
@@ -61,7 +63,7 @@ def _loaded(path: Path, names: Sequence[str]) -> dict[str, Any]:
                     near = did_you_mean(name, known)
                     raise RecordingError(f"{path}: no variable {name!r}; {near}")
             return dict(loadmat(path, variable_names=list(names)))
-    except _UNREADABLE as cause:
+    except (MatReadError, *_UNREADABLE) as cause:
         raise RecordingError(f"{path}: not readable as MATLAB file: {cause}") from None
 
 

@@ -1,5 +1,6 @@
 """Arrays of an NPZ file; nothing in it is ever unpickled."""
 
+import struct
 import zipfile
 import zlib
 from collections.abc import Sequence
@@ -10,6 +11,21 @@ import numpy as np
 from consistent_id.errors import RecordingError
 from consistent_id.readers.arrays import Arrays
 from consistent_id.readers.columns import require
+
+# What zipfile and NumPy let through when a file is cut or overwritten.
+_UNREADABLE = (
+    zipfile.BadZipFile,
+    zlib.error,
+    OSError,
+    EOFError,
+    ValueError,
+    TypeError,
+    KeyError,
+    RuntimeError,
+    MemoryError,
+    OverflowError,
+    struct.error,
+)
 
 
 def read_npz(path: Path, names: Sequence[str]) -> Arrays:
@@ -26,7 +42,7 @@ def read_npz(path: Path, names: Sequence[str]) -> Arrays:
         require(str(path), names, known)
         with np.load(path, allow_pickle=False) as file:
             return {name: _array(path, file, name) for name in names}
-    except (zipfile.BadZipFile, zlib.error, OSError, EOFError) as cause:
+    except _UNREADABLE as cause:
         raise RecordingError(f"{path}: not readable as NPZ: {cause}") from None
 
 
