@@ -13,6 +13,7 @@ from rosbags import rosbag1, rosbag2
 from rosbags.typesys import Stores, get_typestore
 
 from consistent_id.errors import RecordingError
+from consistent_id.problem import load_problem
 from consistent_id.readers import JOINT_STATE, Columns, read_recording
 from consistent_id.readers.jointstate import JointMessage, recording_of_messages
 
@@ -385,3 +386,25 @@ def test_without_rosbags_the_message_says_how_to_install_it(tmp_path, monkeypatc
     monkeypatch.setitem(sys.modules, "rosbags.rosbag1", None)
     with pytest.raises(RecordingError, match=r"pip install 'consistent-id\[ros\]'"):
         read_recording(path, JOINTS)
+
+
+def test_a_problem_names_the_topic_and_its_fields(tmp_path):
+    write_bare_mcap(tmp_path, {"/arm": states(40, ("J1",)), "/hand": states(40, "x")})
+    (tmp_path / "problem.toml").write_text(
+        'name = "arm"\n[model]\nmodified_dh = [{alpha_deg = 0, a = 0}]\n'
+        '[data]\ntopic = "/arm"\n[data.columns]\ntime = "header.stamp"\n'
+        'position = "position"\ntorque = "effort"\nnames = {J1 = "joint1"}\n'
+        '[[data.recordings]]\nfile = "log.mcap"\nrole = "training"\n'
+    )
+    (log,) = load_problem(tmp_path).training
+    np.testing.assert_array_equal(log.torque, 50 * np.arange(40)[:, None])
+
+
+def test_a_problem_needs_no_columns_for_joint_states(tmp_path):
+    write_mcap(tmp_path, {"/arm": states(40, ("joint1",))})
+    (tmp_path / "problem.toml").write_text(
+        'name = "arm"\n[model]\nmodified_dh = [{alpha_deg = 0, a = 0}]\n'
+        '[data]\n[[data.recordings]]\nfile = "bag"\nrole = "training"\n'
+    )
+    (log,) = load_problem(tmp_path).training
+    np.testing.assert_array_equal(log.velocity, 5 * np.arange(40)[:, None])
