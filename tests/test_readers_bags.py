@@ -392,6 +392,7 @@ def test_a_problem_names_the_topic_and_its_fields(tmp_path):
     write_bare_mcap(tmp_path, {"/arm": states(40, ("J1",)), "/hand": states(40, "x")})
     (tmp_path / "problem.toml").write_text(
         'name = "arm"\n[model]\nmodified_dh = [{alpha_deg = 0, a = 0}]\n'
+        '[constraints]\nmasses = "free"\n'
         '[data]\ntopic = "/arm"\n[data.columns]\ntime = "header.stamp"\n'
         'position = "position"\ntorque = "effort"\nnames = {J1 = "joint1"}\n'
         '[[data.recordings]]\nfile = "log.mcap"\nrole = "training"\n'
@@ -404,6 +405,7 @@ def test_a_problem_needs_no_columns_for_joint_states(tmp_path):
     write_mcap(tmp_path, {"/arm": states(40, ("joint1",))})
     (tmp_path / "problem.toml").write_text(
         'name = "arm"\n[model]\nmodified_dh = [{alpha_deg = 0, a = 0}]\n'
+        '[constraints]\nmasses = "free"\n'
         '[data]\n[[data.recordings]]\nfile = "bag"\nrole = "training"\n'
     )
     (log,) = load_problem(tmp_path).training
