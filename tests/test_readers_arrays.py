@@ -326,8 +326,7 @@ def test_cut_files_are_refused(save_any, cut):
         read_recording(path, ["elbow"])
 
 
-# Not MATLAB 5: SciPy itself crashes on some files whose bytes were overwritten.
-@pytest.mark.parametrize("save_any", [save_npz, save_hdf5, save_mat_73], indirect=True)
+# Without a look at their elements, SciPy crashes on some MATLAB 5 files.
 def test_damaged_files_are_refused_or_read(save_any):
     path = save_any({"time": TIME, "q_elbow": TIME})
     whole, rng = path.read_bytes(), np.random.default_rng(0)

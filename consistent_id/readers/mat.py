@@ -13,6 +13,7 @@ from consistent_id.errors import RecordingError
 from consistent_id.parameters import did_you_mean
 from consistent_id.readers.arrays import Arrays
 from consistent_id.readers.hdf5 import read_matlab_73
+from consistent_id.readers.mat_lint import damage
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 # What SciPy lets through when a file is cut or overwritten.
@@ -44,6 +45,8 @@ def read_mat(path: Path, names: Sequence[str]) -> Arrays:
         start = file.read(520)
     if _HDF5 in (start[:8], start[512:]):
         return read_matlab_73(path, names)
+    if fault := damage(path.read_bytes()):
+        raise RecordingError(f"{path}: not readable as MATLAB file: {fault}")
     variables = _loaded(path, [name.replace("/", ".").split(".")[0] for name in names])
     return {name: _field(path, variables, name) for name in names}
 
