@@ -1,7 +1,7 @@
 """Whether the elements of a MATLAB 5 file hold together.
 
-SciPy trusts the type and the length that an element says it has: on a damaged file it may
-read outside of memory, which ends the interpreter.
+SciPy trusts the type and the length that an element says it has: on a damaged file it
+may read outside of memory, which ends the interpreter.
 """
 
 import math
