@@ -79,7 +79,12 @@ from consistent_id.model import (
 )
 from consistent_id.priors import Penalty, PointToSet
 from consistent_id.problem import Problem, load_problem
-from consistent_id.readers import Columns, read_recording
+from consistent_id.readers import (
+    JOINT_STATE,
+    Columns,
+    read_recording,
+    recording_from,
+)
 from consistent_id.recording import Recording
 from consistent_id.regression import Regression, build_regression
 from consistent_id.regressor import (
@@ -103,6 +108,7 @@ from consistent_id.uncertainty import Uncertainty, uncertainty
 __version__ = "0.1.0"
 
 __all__ = [
+    "JOINT_STATE",
     "BaseParameters",
     "Bootstrap",
     "CentreOfMassBoxes",
@@ -193,6 +199,7 @@ __all__ = [
     "low_passed",
     "mesh_vertices",
     "read_recording",
+    "recording_from",
     "resampled",
     "run_study",
     "segment_regressions",

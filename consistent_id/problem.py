@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
 
+import msgspec
 import numpy as np
 
 from consistent_id.chains import Selection, selected
@@ -248,13 +249,14 @@ def _prepared(
     folder: Path, entry: RecordingTable, data: DataTable, robot: RobotModel
 ) -> Recording:
     """Read one recording and prepare it: resample, filter, differentiate, trim."""
-    names = data.columns
-    columns = Columns(
-        names.time, names.position, names.velocity, names.acceleration, names.torque
-    )
-    gain = data.torque_gain
     raw = read_recording(
-        folder / entry.file, robot.joint_names, columns, torque_gain=gain
+        folder / entry.file,
+        robot.joint_names,
+        None
+        if data.columns is None
+        else Columns(**msgspec.structs.asdict(data.columns)),
+        torque_gain=data.torque_gain,
+        topic=data.topic,
     )
     start, stop = -np.inf, np.inf
     if entry.rows is not None:

@@ -153,6 +153,8 @@ class ColumnsTable(Table, frozen=True, kw_only=True):
     velocity: str | None = None
     acceleration: str | None = None
     torque: str | None = None
+    names: dict[str, str] = {}
+    array_joints: list[str] = []
 
 
 class PreparationTable(Table, frozen=True, kw_only=True):
@@ -177,7 +179,8 @@ class DataTable(Table, frozen=True, kw_only=True):
 
     recordings: Annotated[list[RecordingTable], Meta(min_length=1)]
     folder: str = "."
-    columns: ColumnsTable = ColumnsTable()
+    columns: ColumnsTable | None = None
+    topic: str | None = None
     torque_gain: float | list[float] = 1.0
     torque_joints: list[str] = []
     preparation: PreparationTable = PreparationTable()
