@@ -75,6 +75,8 @@ from consistent_id.regressor import (
 )
 from consistent_id.segments import segment_regressions
 from consistent_id.shadow_prices import ShadowPrice, shadow_prices
+from consistent_id.shape_fit import ShapeFit, fit_shapes
+from consistent_id.shapes import shapes_of, with_shapes
 from consistent_id.signals import (
     decimated,
     differentiated,
@@ -137,6 +139,7 @@ __all__ = [
     "RobotModel",
     "RotorInertias",
     "ShadowPrice",
+    "ShapeFit",
     "SharedMotors",
     "SolverError",
     "Study",
@@ -160,6 +163,7 @@ __all__ = [
     "cross_validated",
     "decimated",
     "differentiated",
+    "fit_shapes",
     "from_modified_dh",
     "huber",
     "identify",
@@ -178,9 +182,11 @@ __all__ = [
     "run_study",
     "segment_regressions",
     "shadow_prices",
+    "shapes_of",
     "simulate_torque",
     "smooth_least_squares",
     "trimmed",
     "uncertainty",
     "weighted_least_squares",
+    "with_shapes",
 ]
