@@ -45,11 +45,13 @@ from consistent_id.errors import (
 from consistent_id.estimate import Certificate, Estimate
 from consistent_id.estimators.constrained import constrained_least_squares
 from consistent_id.estimators.contradiction import Contradiction, contradiction
+from consistent_id.estimators.gains import DriveGains, identify_gains
 from consistent_id.estimators.least_squares import (
     joint_noise,
     least_squares,
     weighted_least_squares,
 )
+from consistent_id.estimators.payload import Payload, identify_payload
 from consistent_id.estimators.robust import huber
 from consistent_id.estimators.smooth import smooth_least_squares
 from consistent_id.friction import DriveTerms, GearCoupling
@@ -105,6 +107,7 @@ __all__ = [
     "DHRow",
     "Datasheet",
     "DensityOn",
+    "DriveGains",
     "DriveTerms",
     "Ellipsoid",
     "EqualLinks",
@@ -126,6 +129,7 @@ __all__ = [
     "NonNegativeDrive",
     "NotExcitedError",
     "ParameterBounds",
+    "Payload",
     "Penalty",
     "PhysicalConsistency",
     "PointToSet",
@@ -167,6 +171,8 @@ __all__ = [
     "from_modified_dh",
     "huber",
     "identify",
+    "identify_gains",
+    "identify_payload",
     "joint_noise",
     "joint_torque_regressor",
     "least_squares",

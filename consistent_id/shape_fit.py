@@ -10,12 +10,13 @@ import numpy as np
 from consistent_id._arrays import Array, Vector
 from consistent_id._threads import single_threaded
 from consistent_id.base import BaseParameters, base_parameters
+from consistent_id.correlation import correlation_length
 from consistent_id.errors import ProblemError
 from consistent_id.estimators.least_squares import joint_noise
 from consistent_id.recording import Recording
 from consistent_id.regressor import TorqueModel
 from consistent_id.shape_misfit import ShapeGroup, ShapeMisfit
-from consistent_id.shape_profile import ShapeProfile, correlation_length, profile
+from consistent_id.shape_profile import ShapeProfile, profile
 from consistent_id.shaped_regression import shaped_regression
 from consistent_id.shapes import SHAPE_NAMES, shapes_of
 

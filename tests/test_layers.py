@@ -12,13 +12,14 @@ ORDER = """
 errors _newton_euler _files _arrays _threads inertia log_cholesky parameters model
 loaders._urdf_lint loaders.urdf loaders.modified_dh loaders _joint_geometry drive_terms
 friction regressor shapes recording readers signals trajectory base regression
-shaped_regression shape_misfit shape_profile simulation scaling conic constraints._rows
-constraints.datasheet constraints.parameters constraints.motors constraints.solids
-constraints.shape constraints.symmetry constraints priors cones distances cone_program
-second_opinion certificate feasibility conflict estimate base_feasibility link_condition
-mass_matrix estimators.least_squares estimators.robust estimators.scaled_fit
-estimators.best_fit estimators.penalised estimators.nearest estimators.contradiction
-estimators.settled estimators.constrained estimators.body_variables
+shaped_regression shape_misfit shape_profile correlation simulation scaling conic
+constraints._rows constraints.datasheet constraints.parameters constraints.motors
+constraints.solids constraints.shape constraints.symmetry constraints priors cones
+distances cone_program second_opinion certificate feasibility conflict estimate
+base_feasibility link_condition mass_matrix estimators.least_squares estimators.robust
+estimators.scaled_fit estimators.best_fit estimators.penalised estimators.nearest
+estimators.contradiction estimators.settled estimators.constrained loaded_robot
+estimators.payload estimators.gain_search estimators.gains estimators.body_variables
 estimators.constraint_variables estimators.smooth_fit estimators.smooth estimators
 shape_fit cross_check segments cross_validation bootstrap intervals sensitivity
 uncertainty constraint_costs shadow_prices comparison parametrisation problem_file

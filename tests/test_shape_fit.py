@@ -24,9 +24,9 @@ from consistent_id import (
     simulate_torque,
     with_shapes,
 )
+from consistent_id.correlation import correlation_length
 from consistent_id.scaling import reference_bodies
 from consistent_id.shape_misfit import ShapeGroup, ShapeMisfit
-from consistent_id.shape_profile import correlation_length
 from consistent_id.shaped_regression import shaped_regression
 from consistent_id.trajectory import Sinusoid, SinusoidalMotion
 
