@@ -5,6 +5,7 @@ carries it; along one of the bare robot they are zero.  Regressions of both kind
 motion are therefore those of the bare model, with ten columns more, and add.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,13 +14,21 @@ from consistent_id._arrays import Array, IntArray, Matrix, Vector
 from consistent_id.base import BaseParameters, independent_columns, random_regressor
 from consistent_id.conic import ConicSet, SemidefiniteBlock
 from consistent_id.constraints import Constraint
-from consistent_id.errors import ModelError, ProblemError
+from consistent_id.errors import ModelError, NotExcitedError, ProblemError
 from consistent_id.friction import DriveTerms
-from consistent_id.inertia import InertialParameters
+from consistent_id.inertia import (
+    InertialParameters,
+    inertial_vector,
+    pseudo_inertia,
+)
 from consistent_id.model import Joint, Link
 from consistent_id.parameters import did_you_mean
-from consistent_id.regression import Regression
+from consistent_id.recording import Recording
+from consistent_id.regression import Regression, build_regression
 from consistent_id.regressor import TorqueModel
+from consistent_id.segments import merged
+
+_THIN = 1e-2  # least eigenvalue of a likely load's pseudo-inertia, over the largest
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,30 +68,41 @@ class LoadedRobot:
         """Where the load's ten parameters stand."""
         return self.model.layout.link_slice(len(self.model.robot) - 1)
 
+    def torque_model(self, *, loaded: bool) -> TorqueModel:
+        """Return the bare model; where friction depends on it, gears feel the load.
+
+        As far as the load's nominal parameters are known.
+        """
+        reference, load = self.bare.load_reference, self.model.robot.links[-1].nominal
+        if not loaded or reference is None or load is None:
+            return self.bare
+        both = reference.copy()
+        both[self.bare.layout.link_slice(self.carrier)] += load.vector
+        return replace(self.bare, load_reference=both)
+
     def regression(
-        self, unloaded: Regression | None, loaded: Regression | None
+        self, unloaded: Sequence[Recording], loaded: Sequence[Recording]
     ) -> Regression:
         """Return one regression of motions without and with the load.
 
-        Both are of the bare model; either may be missing.
+        Either may be none.
 
         Raises
         ------
-        ProblemError
-            If both are missing, or of another model.
+        NotExcitedError
+            If there is no motion at all.
         """
-        given = [(r, k) for k, r in enumerate((unloaded, loaded)) if r is not None]
-        if not given:
-            raise ProblemError("there is no motion, neither with a load nor without")
-        first, *rest = [self._extended(r, k == 1) for r, k in given]
-        return first if not rest else first + rest[0]
+        parts = [
+            self._extended(runs, k == 1)
+            for k, runs in enumerate((unloaded, loaded))
+            if runs
+        ]
+        if not parts:
+            raise NotExcitedError("there is no motion, neither with a load nor without")
+        return merged(parts)
 
-    def _extended(self, regression: Regression, loaded: bool) -> Regression:
-        if regression.fingerprint != self.bare.fingerprint:
-            raise ProblemError(
-                "the regression is of another torque model; build it with the model "
-                "of the robot without its load"
-            )
+    def _extended(self, runs: Sequence[Recording], loaded: bool) -> Regression:
+        regression = build_regression(self.torque_model(loaded=loaded), runs)
         factors = []
         for factor in regression.factors:
             wide = np.zeros((len(factor), len(self.model.layout) + 1))
@@ -91,12 +111,10 @@ class LoadedRobot:
                 carrier = self.bare.layout.link_slice(self.carrier)
                 wide[:, self.load_slice] = factor[:, carrier]
             factors.append(wide)
-        return Regression(
+        return replace(
+            regression,
             layout=self.model.layout,
-            joints=regression.joints,
             factors=tuple(factors),
-            counts=regression.counts,
-            sigma=regression.sigma,
             fingerprint=self.model.fingerprint,
         )
 
@@ -107,12 +125,58 @@ class LoadedRobot:
             bare[self.bare.layout.link_slice(self.carrier)] += x[self.load_slice]
         return bare
 
+    def predict(self, x: Vector, recording: Recording, *, loaded: bool) -> Array:
+        """Return torques along a motion, shape (samples, torque joints), [N m or N].
+
+        Raises
+        ------
+        ProblemError
+            If the recording has no velocity or acceleration.
+        """
+        log = recording.of(self.bare.robot.joint_names)
+        if log.velocity is None or log.acceleration is None:
+            raise ProblemError(
+                f"{recording.name}: torques need velocity and acceleration; call "
+                "signals.differentiated(recording) first"
+            )
+        return self.torque_model(loaded=loaded).predict(
+            self.parameters(x, loaded=loaded),
+            log.position,
+            log.velocity,
+            log.acceleration,
+        )
+
+    def residuals(
+        self, x: Vector, unloaded: Sequence[Recording], loaded: Sequence[Recording]
+    ) -> Array:
+        """Return ``prediction - torque``, shape (torque joints, samples)."""
+        parts = []
+        for k, runs in enumerate((unloaded, loaded)):
+            for log in runs:
+                torque = np.asarray(log.of(self.bare.torque_joints).torque)
+                parts.append(self.predict(x, log, loaded=k == 1) - torque)
+        return np.vstack(parts).T
+
     def with_nominal(self, load: InertialParameters) -> "LoadedRobot":
         """Return the same with another nominal load."""
-        robot = self.model.robot
+        robot, reference = self.model.robot, self.model.load_reference
         links = (*robot.links[:-1], replace(robot.links[-1], nominal=load))
-        model = replace(self.model, robot=replace(robot, links=links))
-        return replace(self, model=model)
+        if reference is not None:
+            reference = np.append(reference[:-10], load.vector)
+        model = replace(
+            self.model, robot=replace(robot, links=links), load_reference=reference
+        )
+        base = replace(self.base, fingerprint=model.fingerprint)
+        return replace(self, model=model, base=base)
+
+
+def likely_body(vector: Vector) -> InertialParameters | None:
+    """Return a body near to what least squares says of a load, if it has a mass."""
+    if vector[0] <= 0.0:
+        return None
+    values, axes = np.linalg.eigh(pseudo_inertia(vector))
+    raised = np.maximum(values, _THIN * values[-1])
+    return InertialParameters(inertial_vector((axes * raised) @ axes.T))
 
 
 def loaded_robot(

@@ -24,6 +24,9 @@ CHUNK = 4096
 """Samples per chunk: keeps the recursion's arrays in the processor's cache."""
 
 
+_NO_LOAD = 1e-9  # torque over the sum of its parts' sizes that is rounding alone
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class TorqueModel:
     """A robot's torque as a linear function of its parameters.
@@ -256,7 +259,33 @@ def _load_reference(model: TorqueModel) -> Vector | None:
             "nominal parameters are unknown; give load_reference, or leave "
             "load_friction out"
         )
-    return frozen(reference, (model.layout.inertial_size,), "load_reference")
+    reference = frozen(reference, (model.layout.inertial_size,), "load_reference")
+    _require_load(model, reference)
+    return reference
+
+
+def _require_load(model: TorqueModel, reference: Vector) -> None:
+    """Refuse friction that depends on a load which is none, but for rounding."""
+    rng = np.random.default_rng(0)
+    states = rng.uniform(-2.0, 2.0, (3, 8, len(model.robot)))
+    parts = joint_torque_regressor(model.robot, *states) * reference[:, None]
+    torque = np.linalg.norm(parts.sum(axis=1), axis=1)
+    without = [
+        name
+        for name, terms, sum_of_parts, size in zip(
+            model.robot.joint_names,
+            model.terms,
+            torque,
+            np.linalg.norm(abs(parts).sum(axis=1), axis=1),
+            strict=True,
+        )
+        if terms.load_friction and sum_of_parts <= _NO_LOAD * size
+    ]
+    if without:
+        raise ProblemError(
+            f"the robot of the nominal parameters puts no load on {', '.join(without)}"
+            "; leave load_friction out there, or give load_reference"
+        )
 
 
 def _loaded(model: TorqueModel) -> Iterator[tuple[int, Vector]]:

@@ -13,7 +13,7 @@ from consistent_id.base import BaseParameters, base_parameters
 from consistent_id.correlation import correlation_length
 from consistent_id.errors import ProblemError
 from consistent_id.estimators.least_squares import joint_noise
-from consistent_id.recording import Recording
+from consistent_id.recording import Recording, several
 from consistent_id.regressor import TorqueModel
 from consistent_id.shape_misfit import ShapeGroup, ShapeMisfit
 from consistent_id.shape_profile import ShapeProfile, profile
@@ -125,11 +125,10 @@ def fit_shapes(
         If nothing is left of the torque.
     """
     begun = perf_counter()
-    recordings = [recordings] if isinstance(recordings, Recording) else list(recordings)
     groups = _groups(model, kinds, shared)
     box = np.log([_bounds(group, bounds) for group in groups])
     base = base_parameters(model) if base is None else base
-    data = shaped_regression(model, recordings)
+    data = shaped_regression(model, several(recordings))
     before = data.regression(model)
     sigma = joint_noise(model, before, base=base) if weighted else before.sigma
     misfit = ShapeMisfit(data, base, groups, sigma)

@@ -1,6 +1,7 @@
 """Loads, from runs with them and without."""
 
 import os
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -15,6 +16,7 @@ from consistent_id import (
     DriveTerms,
     Link,
     ModelError,
+    NotExcitedError,
     ParameterBounds,
     ProblemError,
     TorqueModel,
@@ -51,17 +53,35 @@ def test_regressions_of_both_runs_fit_what_fits_each():
     model, unloaded, loaded = runs(0.1)
     robot = loaded_robot(model, Link("load"))
     apart = [build_regression(model, log) for log in (unloaded, loaded)]
-    both = robot.regression(*apart)
+    both = robot.regression([unloaded], [loaded])
     x = np.random.default_rng(1).normal(size=len(robot.model.layout))
     squares = sum(
         one.residual_rms(robot.parameters(x, loaded=k == 1)) ** 2 * one.counts
         for k, one in enumerate(apart)
     )
     assert np.allclose(both.residual_rms(x) ** 2 * both.counts, squares, rtol=1e-10)
-    with pytest.raises(ProblemError, match="another torque model"):
-        robot.regression(both, None)
-    with pytest.raises(ProblemError, match="no motion"):
-        robot.regression(None, None)
+    with pytest.raises(NotExcitedError, match="no motion"):
+        robot.regression([], [])
+    still = replace(loaded, velocity=None)
+    with pytest.raises(ProblemError, match="differentiated"):
+        robot.predict(x, still, loaded=True)
+
+
+def test_loaded_gears_feel_the_load():
+    bare, model = arm()
+    terms = DriveTerms(coulomb="sign", load_friction=True)
+    robot = loaded_robot(TorqueModel(model.robot, terms), Link("load", LOAD))
+    states = random_states(np.random.default_rng(0), 4, 10)
+    for pin_model, carries in ((bare, False), (with_load(bare), True)):
+        data = pin_model.createData()
+        torque = [
+            pin.rnea(pin_model, data, *s).copy() for s in zip(*states, strict=True)
+        ]
+        torque_model = robot.torque_model(loaded=carries)
+        Y = torque_model.regressor(*states)
+        for j, column in enumerate(torque_model.layout.drive_indices("load_friction")):
+            expected = np.sign(states[1][:, j]) * abs(np.array(torque)[:, j])
+            assert np.allclose(Y[j, column], expected, rtol=0, atol=1e-11)
 
 
 def test_a_load_is_recovered_without_noise():

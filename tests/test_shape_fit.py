@@ -231,7 +231,9 @@ def test_an_exact_fit_tells_nothing_of_shapes():
 )
 def test_the_ur10es_friction_turns_at_two_hundredths_of_a_radian_per_second():
     problem = load_problem("problems/ur10e")
-    found = fit_shapes(problem.model, problem.training, weighted=False)
+    simple = tuple(replace(t, load_friction=False) for t in problem.model.terms)
+    model = replace(problem.model, drive=simple)
+    found = fit_shapes(model, problem.training, weighted=False)
     shape = found["velocity_scale"]
     # A search by hand gives 3.67 % at 0.015 and 3.69 % at 0.02 rad/s.
     assert 0.01 < shape.low < shape.value < shape.high < 0.02

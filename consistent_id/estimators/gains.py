@@ -15,7 +15,7 @@ gains for white noise.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from time import perf_counter
 
 import numpy as np
@@ -30,10 +30,10 @@ from consistent_id.estimators.gain_search import (
     linear_gains,
     most_likely_gains,
 )
-from consistent_id.loaded_robot import LoadedRobot, loaded_robot
+from consistent_id.loaded_robot import LoadedRobot, likely_body, loaded_robot
 from consistent_id.model import Link
-from consistent_id.recording import Recording
-from consistent_id.regression import Regression, build_regression
+from consistent_id.recording import Recording, several
+from consistent_id.regression import Regression
 from consistent_id.regressor import TorqueModel
 
 
@@ -160,11 +160,25 @@ def identify_gains(
     started = perf_counter()
     load = Link("load") if load is None else load
     robot = loaded_robot(model, load, carrier=carrier)
-    runs = [_several(unloaded), _several(loaded)]
-    regression = robot.regression(
-        *(build_regression(model, run) if run else None for run in runs)
-    )
-    rms = dict(zip(model.torque_joints, regression.torque_rms, strict=True))
+    runs = (several(unloaded), several(loaded))
+    found = _once(robot, runs, known, accuracy)
+    load_found = likely_body(found.parameters[robot.load_slice])
+    in_need = model.load_reference is not None and load.nominal is None
+    if in_need and load_found is not None and not found.scale_open:
+        # Gears feel the load, from now on.
+        found = _once(robot.with_nominal(load_found), runs, known, accuracy)
+    return replace(found, seconds=perf_counter() - started)
+
+
+def _once(
+    robot: LoadedRobot,
+    runs: tuple[Sequence[Recording], Sequence[Recording]],
+    known: Mapping[str, float],
+    accuracy: float,
+) -> DriveGains:
+    """Estimate gains for a load that the gears feel as its nominal one."""
+    regression = robot.regression(*runs)
+    rms = dict(zip(regression.joints, regression.torque_rms, strict=True))
     if dead := [joint for joint, size in rms.items() if size == 0.0]:
         raise RecordingError(f"the current is zero throughout for {', '.join(dead)}")
     rows, unknown, values = _rows(robot, regression, known)
@@ -179,7 +193,7 @@ def identify_gains(
         J = found.fit.jacobian
         errors = gains * np.sqrt(np.diag(np.linalg.inv(J.T @ J)) * correlation)
     return DriveGains(
-        joints=model.torque_joints,
+        joints=regression.joints,
         gains=gains,
         standard_errors=errors,
         parameters=x,
@@ -189,12 +203,8 @@ def identify_gains(
         accuracy=accuracy,
         scale_open=found.scale_open,
         robot=robot,
-        seconds=perf_counter() - started,
+        seconds=0.0,
     )
-
-
-def _several(recordings: Recording | Sequence[Recording]) -> list[Recording]:
-    return [recordings] if isinstance(recordings, Recording) else list(recordings)
 
 
 def _rows(
@@ -222,20 +232,15 @@ def _rows(
 
 
 def _residuals(
-    robot: LoadedRobot, runs: Sequence[Sequence[Recording]], x: Vector, gains: Vector
+    robot: LoadedRobot,
+    runs: tuple[Sequence[Recording], Sequence[Recording]],
+    x: Vector,
+    gains: Vector,
 ) -> list[Vector]:
     """Return each joint's misfit in amperes, sample by sample."""
     parts = []
-    for k, run in enumerate(runs):
-        bare = robot.parameters(x, loaded=k == 1)
-        for log in run:
-            motion = log.of(robot.bare.robot.joint_names)
-            torque = robot.bare.predict(
-                bare,
-                motion.position,
-                np.asarray(motion.velocity),
-                np.asarray(motion.acceleration),
-            )
+    for k, logs in enumerate(runs):
+        for log in logs:
             current = np.asarray(log.of(robot.bare.torque_joints).torque)
-            parts.append(torque / gains - current)
+            parts.append(robot.predict(x, log, loaded=k == 1) / gains - current)
     return list(np.vstack(parts).T)

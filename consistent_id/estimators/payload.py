@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from time import perf_counter
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,27 +18,25 @@ from consistent_id.constraints import (
     PhysicalConsistency,
 )
 from consistent_id.correlation import correlation_length
-from consistent_id.errors import ProblemError
 from consistent_id.estimate import Estimate
 from consistent_id.estimators.constrained import (
     DEFAULT_CONSTRAINTS,
     constrained_least_squares,
 )
 from consistent_id.estimators.least_squares import joint_noise, least_squares
-from consistent_id.inertia import (
-    INERTIAL_NAMES,
-    InertialParameters,
-    inertial_vector,
-    pseudo_inertia,
+from consistent_id.inertia import INERTIAL_NAMES, InertialParameters
+from consistent_id.loaded_robot import (
+    LoadedRobot,
+    OfBareRobot,
+    OfLoad,
+    likely_body,
+    loaded_robot,
 )
-from consistent_id.loaded_robot import LoadedRobot, OfBareRobot, OfLoad, loaded_robot
 from consistent_id.model import Datasheet, Link
 from consistent_id.priors import Prior
-from consistent_id.recording import Recording
-from consistent_id.regression import build_regression
+from consistent_id.recording import Recording, several
+from consistent_id.regression import Regression
 from consistent_id.regressor import TorqueModel
-
-_THIN = 1e-2  # least eigenvalue of a likely load's pseudo-inertia, over the largest
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,7 +87,7 @@ class Payload:
 
         Shape (samples, torque joints), [N m or N].
         """
-        return _predicted(self.robot, self.estimate.parameters, recording, loaded)
+        return self.robot.predict(self.estimate.parameters, recording, loaded=loaded)
 
 
 @single_threaded
@@ -107,7 +106,8 @@ def identify_payload(
     """Estimate a load and the robot that carries it, from runs with it and without.
 
     Both are estimated at once: what the runs say of the robot they say together, and
-    the load is what only one of them feels.
+    the load is what only one of them feels.  Where friction depends on the load, that
+    of the loaded run does on this one too, as least squares finds it.
 
     Parameters
     ----------
@@ -138,15 +138,13 @@ def identify_payload(
     started = perf_counter()
     load = Link("load") if load is None else load
     robot = loaded_robot(model, load, carrier=carrier)
-    runs = [_several(unloaded), _several(loaded)]
-    regression = robot.regression(*(build_regression(model, run) for run in runs))
-    if weighted:
-        sigma = joint_noise(robot.model, regression, base=robot.base)
-        regression = regression.weighted(sigma)
-    free = least_squares(robot.model, regression, base=robot.base)
-    own = free.parameters[robot.load_slice]
-    if load.nominal is None and (likely := _likely_body(own)) is not None:
+    runs = (several(unloaded), several(loaded))
+    fitted = _fitted(robot, runs, weighted)
+    likely = likely_body(fitted.free.parameters[robot.load_slice])
+    if load.nominal is None and likely is not None:
         robot = robot.with_nominal(likely)
+        fitted = _fitted(robot, runs, weighted)  # gears feel the load, from now on
+    regression, free = fitted
     estimate = constrained_least_squares(
         robot.model,
         regression,
@@ -159,16 +157,11 @@ def identify_payload(
         base=robot.base,
         method="payload",
     )
-    residuals = [
-        _predicted(robot, free.parameters, log, k == 1)
-        - np.asarray(log.of(model.torque_joints).torque)
-        for k, run in enumerate(runs)
-        for log in run
-    ]
-    correlation = correlation_length(list(np.vstack(residuals).T), regression.sigma)
+    residuals = robot.residuals(free.parameters, *runs)
+    correlation = correlation_length(list(residuals), regression.sigma)
     return Payload(
         body=InertialParameters(estimate.parameters[robot.load_slice]),
-        free=InertialParameters(own),
+        free=InertialParameters(free.parameters[robot.load_slice]),
         standard_errors=_standard_errors(robot, free) * np.sqrt(correlation),
         correlation=correlation,
         robot=robot,
@@ -178,8 +171,22 @@ def identify_payload(
     )
 
 
-def _several(recordings: Recording | Sequence[Recording]) -> list[Recording]:
-    return [recordings] if isinstance(recordings, Recording) else list(recordings)
+class _Fitted(NamedTuple):
+    regression: Regression
+    free: Estimate
+
+
+def _fitted(
+    robot: LoadedRobot,
+    runs: tuple[Sequence[Recording], Sequence[Recording]],
+    weighted: bool,
+) -> _Fitted:
+    """Return the regression of both runs, and least squares."""
+    regression = robot.regression(*runs)
+    if weighted:
+        sigma = joint_noise(robot.model, regression, base=robot.base)
+        regression = regression.weighted(sigma)
+    return _Fitted(regression, least_squares(robot.model, regression, base=robot.base))
 
 
 def _known_of(load: Link) -> list[Constraint]:
@@ -198,15 +205,6 @@ def _known_of(load: Link) -> list[Constraint]:
     return known
 
 
-def _likely_body(vector: Vector) -> InertialParameters | None:
-    """Return a body near to what least squares says of a load, if it has a mass."""
-    if vector[0] <= 0.0:
-        return None
-    values, axes = np.linalg.eigh(pseudo_inertia(vector))
-    raised = np.maximum(values, _THIN * values[-1])
-    return InertialParameters(inertial_vector((axes * raised) @ axes.T))
-
-
 def _standard_errors(robot: LoadedRobot, free: Estimate) -> Vector:
     """Return those of the load's parameters, infinite where data do not tell."""
     errors = np.full(10, np.inf)
@@ -218,16 +216,3 @@ def _standard_errors(robot: LoadedRobot, free: Estimate) -> Vector:
             alone = not robot.base.regrouping[place].any()
             errors[i] = found[place] if alone else np.inf
     return errors
-
-
-def _predicted(
-    robot: LoadedRobot, x: Vector, recording: Recording, loaded: bool
-) -> Array:
-    log = recording.of(robot.bare.robot.joint_names)
-    if log.velocity is None or log.acceleration is None:
-        raise ProblemError(
-            f"{recording.name}: torques need velocity and acceleration; call "
-            "signals.differentiated(recording) first"
-        )
-    bare = robot.parameters(x, loaded=loaded)
-    return robot.bare.predict(bare, log.position, log.velocity, log.acceleration)
