@@ -265,7 +265,7 @@ def _load_reference(model: TorqueModel) -> Vector | None:
 
 
 def _require_load(model: TorqueModel, reference: Vector) -> None:
-    """Refuse friction that depends on a load which is none, but for rounding."""
+    """Refuse friction that depends on a load which is rounding alone."""
     rng = np.random.default_rng(0)
     states = rng.uniform(-2.0, 2.0, (3, 8, len(model.robot)))
     parts = joint_torque_regressor(model.robot, *states) * reference[:, None]

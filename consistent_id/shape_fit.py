@@ -132,12 +132,7 @@ def fit_shapes(
     before = data.regression(model)
     sigma = joint_noise(model, before, base=base) if weighted else before.sigma
     misfit = ShapeMisfit(data, base, groups, sigma)
-    first = np.clip(np.log([group.value for group in groups]), *box.T)
-    if starts < 1:
-        raise ProblemError(f"starts is {starts}, expected 1 or more")
-    low, high = box.T
-    drawn = np.random.default_rng(seed).uniform(low, high, (starts - 1, len(groups)))
-    found = [_search(misfit, start, box) for start in (first, *drawn)]
+    found = _searches(misfit, box, starts, seed)
     best = min(found, key=lambda search: search.half_log)
     final = misfit.at(best.log_values)
     residuals = data.residuals(final.parameters, data.columns(final.model))
@@ -202,6 +197,16 @@ def _bounds(
             f"bounds of {group.kind} are [{low}, {high}], expected 0 < low < high"
         )
     return low, high
+
+
+def _searches(misfit: ShapeMisfit, box: Array, starts: int, seed: int) -> list[_Search]:
+    """Search from the shapes given, and from others within the bounds."""
+    if starts < 1:
+        raise ProblemError(f"starts is {starts}, expected 1 or more")
+    low, high = box.T
+    first = np.clip(np.log([group.value for group in misfit.groups]), low, high)
+    drawn = np.random.default_rng(seed).uniform(low, high, (starts - 1, len(first)))
+    return [_search(misfit, start, box) for start in (first, *drawn)]
 
 
 def _search(misfit: ShapeMisfit, start: Vector, box: Array) -> _Search:

@@ -10,6 +10,7 @@ from robots import random_robot, random_states
 from consistent_id import (
     DHRow,
     DriveTerms,
+    InertialParameters,
     Motor,
     NonNegativeDrive,
     ProblemError,
@@ -88,6 +89,19 @@ def test_load_friction_grows_with_pinocchios_torque():
         expected = np.sign(states[1][:, j]) * abs(torque[:, j])
         assert np.allclose(Y[j, column], expected, rtol=1e-10)
         assert model.layout.units[column] == "1"
+
+
+def test_a_joint_that_carries_nothing_is_refused_friction_of_the_load():
+    # A point mass on the axis puts no load on a joint but for rounding.
+    robot = from_modified_dh("arm", [DHRow(0, 0), DHRow(0.3, 0.1)])
+    links = tuple(
+        replace(link, nominal=InertialParameters.from_central(1.0, c, np.zeros((3, 3))))
+        for link, c in zip(robot.links, ([0.1, 0.2, 0.0], [0.0, 0.0, 0.5]), strict=True)
+    )
+    loaded = DriveTerms(coulomb="sign", load_friction=True)
+    with pytest.raises(ProblemError, match="no load on joint2"):
+        TorqueModel(replace(robot, links=links), loaded)
+    TorqueModel(replace(robot, links=links), (loaded, DriveTerms(coulomb="sign")))
 
 
 def test_the_load_may_be_that_of_an_estimate():

@@ -19,12 +19,12 @@ distances cone_program second_opinion certificate feasibility conflict estimate
 base_feasibility link_condition mass_matrix estimators.least_squares estimators.robust
 estimators.scaled_fit estimators.best_fit estimators.penalised estimators.nearest
 estimators.contradiction estimators.settled estimators.constrained segments loaded_robot
-estimators.payload estimators.gain_search estimators.gains estimators.body_variables
-estimators.constraint_variables estimators.smooth_fit estimators.smooth estimators
-shape_fit cross_check cross_validation bootstrap intervals sensitivity uncertainty
-constraint_costs shadow_prices comparison parametrisation problem_file
-problem_constraints problem published published_estimate study tables published_summary
-summary record figures commands
+loaded_constraints estimators.payload estimators.gain_search estimators.gains
+estimators.body_variables estimators.constraint_variables estimators.smooth_fit
+estimators.smooth estimators shape_fit cross_check cross_validation bootstrap intervals
+sensitivity uncertainty constraint_costs shadow_prices comparison parametrisation
+problem_file problem_constraints problem published published_estimate study tables
+published_summary summary record figures commands
 """.split()
 
 HEAVY = {

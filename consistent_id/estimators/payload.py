@@ -25,13 +25,8 @@ from consistent_id.estimators.constrained import (
 )
 from consistent_id.estimators.least_squares import joint_noise, least_squares
 from consistent_id.inertia import INERTIAL_NAMES, InertialParameters
-from consistent_id.loaded_robot import (
-    LoadedRobot,
-    OfBareRobot,
-    OfLoad,
-    likely_body,
-    loaded_robot,
-)
+from consistent_id.loaded_constraints import OfBareRobot, OfLoad
+from consistent_id.loaded_robot import LoadedRobot, likely_body, loaded_robot
 from consistent_id.model import Datasheet, Link
 from consistent_id.priors import Prior
 from consistent_id.recording import Recording, several
