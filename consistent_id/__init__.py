@@ -21,10 +21,12 @@ from consistent_id.constraints import (
     FixedParameters,
     LinearRelation,
     MassBounds,
+    Motor,
     NonNegativeDrive,
     ParameterBounds,
     PhysicalConsistency,
     Polytope,
+    RotorInertias,
     SharedMotors,
     SymmetricLink,
     TotalMass,
@@ -44,11 +46,13 @@ from consistent_id.errors import (
 from consistent_id.estimate import Certificate, Estimate
 from consistent_id.estimators.constrained import constrained_least_squares
 from consistent_id.estimators.contradiction import Contradiction, contradiction
+from consistent_id.estimators.gains import DriveGains, identify_gains
 from consistent_id.estimators.least_squares import (
     joint_noise,
     least_squares,
     weighted_least_squares,
 )
+from consistent_id.estimators.payload import Payload, identify_payload
 from consistent_id.estimators.robust import huber
 from consistent_id.estimators.smooth import smooth_least_squares
 from consistent_id.friction import DriveTerms, GearCoupling
@@ -94,6 +98,8 @@ from consistent_id.regressor import (
 )
 from consistent_id.segments import segment_regressions
 from consistent_id.shadow_prices import ShadowPrice, shadow_prices
+from consistent_id.shape_fit import ShapeFit, fit_shapes
+from consistent_id.shapes import shapes_of, with_shapes
 from consistent_id.signals import (
     decimated,
     differentiated,
@@ -123,6 +129,7 @@ __all__ = [
     "DHRow",
     "Datasheet",
     "DensityOn",
+    "DriveGains",
     "DriveTerms",
     "Ellipsoid",
     "EqualLinks",
@@ -142,9 +149,11 @@ __all__ = [
     "LinkCondition",
     "MassBounds",
     "ModelError",
+    "Motor",
     "NonNegativeDrive",
     "NotExcitedError",
     "ParameterBounds",
+    "Payload",
     "Penalty",
     "PhysicalConsistency",
     "PointToSet",
@@ -156,7 +165,9 @@ __all__ = [
     "Regression",
     "RegularisationPath",
     "RobotModel",
+    "RotorInertias",
     "ShadowPrice",
+    "ShapeFit",
     "SharedMotors",
     "SolverError",
     "Study",
@@ -181,11 +192,14 @@ __all__ = [
     "cross_validated",
     "decimated",
     "differentiated",
+    "fit_shapes",
     "from_classical_dh",
     "from_modified_dh",
     "held",
     "huber",
     "identify",
+    "identify_gains",
+    "identify_payload",
     "joint_noise",
     "joint_torque_regressor",
     "least_squares",
@@ -204,9 +218,11 @@ __all__ = [
     "run_study",
     "segment_regressions",
     "shadow_prices",
+    "shapes_of",
     "simulate_torque",
     "smooth_least_squares",
     "trimmed",
     "uncertainty",
     "weighted_least_squares",
+    "with_shapes",
 ]

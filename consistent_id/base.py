@@ -107,13 +107,15 @@ def base_parameters(model: TorqueModel, *, seed: int = 0) -> BaseParameters:
 def random_regressor(model: TorqueModel, *, seed: int = 0) -> Array:
     """Return the regressor of random states, (torque joints, parameters, samples).
 
-    There are three times as many samples as there are parameters.
+    There are three times as many samples as there are parameters.  Every other one is
+    slow for joints whose friction at rest fades: at full speed nothing is left of it.
     """
     rng = np.random.default_rng(seed)
     n, p = len(model.robot), len(model.layout)
     samples = 3 * p
     q = rng.uniform(-np.pi, np.pi, (samples, n))
     dq, ddq = rng.uniform(-2.0, 2.0, (2, samples, n))
+    dq[::2] *= [terms.stribeck_velocity or 1.0 for terms in model.terms]
     return model.regressor(q, dq, ddq)
 
 

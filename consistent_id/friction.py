@@ -6,8 +6,21 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
+from consistent_id.drive_terms import (
+    AsymmetricCoulomb,
+    Coulomb,
+    DriveTerm,
+    JointSamples,
+    LoadFriction,
+    Offset,
+    RotorInertia,
+    Spring,
+    Stribeck,
+    Viscous,
+    saturated,
+)
 from consistent_id.errors import ProblemError
-from consistent_id.parameters import COUPLING_NAMES, DRIVE_NAMES
+from consistent_id.parameters import COUPLING_NAMES
 
 CoulombShape = Literal["sign", "tanh", "none"]
 
@@ -17,6 +30,11 @@ class DriveTerms:
     """Which terms a joint's torque has besides the rigid-body ones.
 
     ``tau = viscous dq + coulomb s(dq) + offset + rotor_inertia ddq + spring q``
+
+    and, where friction is not that simple,
+
+    ``+ s(dq) (stribeck exp(-|dq / stribeck_velocity|^stribeck_exponent)
+    + load_friction |load|)``.
 
     Parameters
     ----------
@@ -33,11 +51,30 @@ class DriveTerms:
         Term in ``ddq``, reflected through the gear, [kg m^2] or [kg].
     spring : bool
         Term in ``q``, [N m/rad] or [N/m]; with an offset, a spring under preload.
+    asymmetric : bool
+        Two Coulomb levels instead of one, ``coulomb_positive`` and
+        ``coulomb_negative``, one for each direction; instead of an offset, from which
+        they differ near standstill alone.
+    stribeck_velocity : float, optional, [rad/s] or [m/s]
+        Velocity at which what friction at rest has beyond the Coulomb level fades;
+        without it there is no such term.
+    stribeck_exponent : float
+        How abruptly it fades: 2 for a bell, 1 for an exponential.
+    load_friction : bool
+        Term in ``s(dq) |load|``, a pure number; see `TorqueModel`, which computes the
+        load.
+
+    Notes
+    -----
+    All coefficients are linear in the torque; `velocity_scale`, `stribeck_velocity` and
+    `stribeck_exponent` are shapes, which `fit_shapes` finds.
 
     Examples
     --------
     >>> DriveTerms(viscous=True, coulomb="tanh", velocity_scale=0.02).names
     ('viscous', 'coulomb')
+    >>> DriveTerms(coulomb="sign", asymmetric=True, stribeck_velocity=0.1).names
+    ('coulomb_positive', 'coulomb_negative', 'stribeck')
     """
 
     viscous: bool = False
@@ -46,36 +83,72 @@ class DriveTerms:
     offset: bool = False
     rotor_inertia: bool = False
     spring: bool = False
+    asymmetric: bool = False
+    stribeck_velocity: float | None = None
+    stribeck_exponent: float = 2.0
+    load_friction: bool = False
 
     def __post_init__(self) -> None:
         _check_coulomb(self.coulomb, self.velocity_scale)
+        if self.coulomb == "none":
+            for name in ("asymmetric", "stribeck_velocity", "load_friction"):
+                if getattr(self, name):
+                    raise ProblemError(
+                        f'{name} is {getattr(self, name)}, but coulomb is "none"; it '
+                        'needs a direction of motion: choose coulomb "sign" or "tanh"'
+                    )
+        if self.asymmetric and self.offset:
+            raise ProblemError(
+                "asymmetric Coulomb friction and an offset differ near standstill "
+                "alone; choose one of them"
+            )
+        self.terms  # noqa: B018  a shape that makes no sense is refused here
+
+    @property
+    def terms(self) -> tuple[DriveTerm, ...]:
+        """The terms in use, in the order of their columns."""
+        scale = self.velocity_scale
+        chosen: list[DriveTerm] = []
+        if self.viscous:
+            chosen.append(Viscous())
+        if self.coulomb != "none":
+            shape = AsymmetricCoulomb if self.asymmetric else Coulomb
+            chosen.append(shape(scale))
+        if self.stribeck_velocity is not None:
+            v, exponent = self.stribeck_velocity, self.stribeck_exponent
+            chosen.append(Stribeck(v, exponent, scale))
+        if self.load_friction:
+            chosen.append(LoadFriction(scale))
+        if self.offset:
+            chosen.append(Offset())
+        if self.rotor_inertia:
+            chosen.append(RotorInertia())
+        if self.spring:
+            chosen.append(Spring())
+        return tuple(chosen)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the terms in use, in the order of their columns."""
-        used = (
-            self.viscous,
-            self.coulomb != "none",
-            self.offset,
-            self.rotor_inertia,
-            self.spring,
-        )
-        return tuple(n for n, use in zip(DRIVE_NAMES, used, strict=True) if use)
+        """Names of the coefficients, in the order of their columns."""
+        return tuple(name for term in self.terms for name in term.names)
 
-    def columns(self, q: Any, dq: Any, ddq: Any) -> list[Any]:
-        """Return the terms' columns for one joint's samples.
+    @property
+    def shapes(self) -> dict[str, float]:
+        """Numbers that the columns' shapes depend on, by name."""
+        names = ["velocity_scale"]
+        if self.stribeck_velocity is not None:
+            names += ["stribeck_velocity", "stribeck_exponent"]
+        values = {name: getattr(self, name) for name in names}
+        return {name: value for name, value in values.items() if value is not None}
+
+    def columns(self, q: Any, dq: Any, ddq: Any, load: Any = None) -> list[Any]:
+        """Return the coefficients' columns for one joint's samples.
 
         Like the samples, they are arrays of shape (samples,) or CasADi expressions; the
-        offset's is the number one.
+        offset's is the number one.  `load` is the torque that the joint transmits.
         """
-        compute: dict[str, Callable[[], Any]] = {
-            "viscous": lambda: dq,
-            "coulomb": lambda: _saturated(dq, self.velocity_scale),
-            "offset": lambda: 1.0,
-            "rotor_inertia": lambda: ddq,
-            "spring": lambda: q,
-        }
-        return [compute[name]() for name in self.names]
+        joint = JointSamples(q, dq, ddq, load)
+        return [column for term in self.terms for column in term.columns(joint)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,6 +209,12 @@ class GearCoupling:
         return f"{self.first}+{self.second}"
 
     @property
+    def shapes(self) -> dict[str, float]:
+        """Numbers that the columns' shapes depend on, by name."""
+        scale = self.velocity_scale
+        return {} if scale is None else {"velocity_scale": scale}
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Names of the terms in use, in the order of their columns."""
         used = (self.viscous, self.coulomb != "none", self.rotor_inertia)
@@ -148,7 +227,7 @@ class GearCoupling:
         """
 
         def shared() -> tuple[Any, Any]:
-            both = _saturated(dq[0] + dq[1], self.velocity_scale)
+            both = saturated(dq[0] + dq[1], self.velocity_scale)
             return both, both
 
         compute: dict[str, Callable[[], tuple[Any, Any]]] = {
@@ -165,6 +244,10 @@ def drive_unit(term: str, slides: bool) -> str:
     return {
         "viscous": f"{torque} s/{coordinate}",
         "coulomb": torque,
+        "coulomb_positive": torque,
+        "coulomb_negative": torque,
+        "stribeck": torque,
+        "load_friction": "1",
         "offset": torque,
         "rotor_inertia": "kg" if slides else "kg m^2",
         "spring": f"{torque}/{coordinate}",
@@ -186,11 +269,3 @@ def _check_coulomb(shape: str, velocity_scale: float | None) -> None:
             f"velocity_scale is {velocity_scale}, but coulomb is {shape!r}; only "
             "'tanh' has a scale"
         )
-
-
-def _saturated(dq: Any, velocity_scale: float | None) -> Any:
-    """Return the Coulomb term of a rate, of whichever type it is."""
-    # CasADi's expressions have as methods what NumPy has as functions.
-    if not isinstance(dq, np.ndarray):
-        return dq.sign() if velocity_scale is None else (dq / velocity_scale).tanh()
-    return np.sign(dq) if velocity_scale is None else np.tanh(dq / velocity_scale)

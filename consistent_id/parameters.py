@@ -6,7 +6,17 @@ from dataclasses import dataclass, field
 from consistent_id.errors import ProblemError
 from consistent_id.inertia import INERTIAL_NAMES, INERTIAL_UNITS
 
-DRIVE_NAMES = ("viscous", "coulomb", "offset", "rotor_inertia", "spring")
+DRIVE_NAMES = (
+    "viscous",
+    "coulomb",
+    "coulomb_positive",
+    "coulomb_negative",
+    "stribeck",
+    "load_friction",
+    "offset",
+    "rotor_inertia",
+    "spring",
+)
 COUPLING_NAMES = ("coupling_viscous", "coupling_coulomb", "coupling_rotor_inertia")
 
 

@@ -142,7 +142,7 @@ def load_problem(path: str | Path) -> Problem:
     couplings = tuple(_coupling(coupling) for coupling in table.couplings)
     measured = () if table.data is None else tuple(table.data.torque_joints)
     model = TorqueModel(robot, drive, couplings, measured)
-    constraints = constraints_of(table.constraints, file.parent)
+    constraints = constraints_of(table.constraints, file.parent, table.joints)
     lowered(constraints, model)  # a name that is wrong is found here, not after hours
     return Problem(
         folder=file.parent,
@@ -211,12 +211,16 @@ def _datasheet(robot: RobotModel, name: str, table: LinkTable) -> Datasheet:
 
 def _drive(table: DriveTable) -> DriveTerms:
     return DriveTerms(
-        table.viscous,
-        table.coulomb,
-        table.velocity_scale,
-        table.offset,
-        table.rotor_inertia,
-        table.spring,
+        viscous=table.viscous,
+        coulomb=table.coulomb,
+        velocity_scale=table.velocity_scale,
+        offset=table.offset,
+        rotor_inertia=table.rotor_inertia,
+        spring=table.spring,
+        asymmetric=table.asymmetric,
+        stribeck_velocity=table.stribeck_velocity,
+        stribeck_exponent=table.stribeck_exponent,
+        load_friction=table.load_friction,
     )
 
 

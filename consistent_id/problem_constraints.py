@@ -1,5 +1,6 @@
 """The ``[constraints]`` table of a problem file, turned into constraints."""
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -16,21 +17,32 @@ from consistent_id.constraints import (
     FixedParameters,
     LinearRelation,
     MassBounds,
+    Motor,
     NonNegativeDrive,
     ParameterBounds,
     PhysicalConsistency,
     Polytope,
+    RotorInertias,
     SharedMotors,
     SymmetricLink,
     TotalMass,
     mesh_vertices,
 )
 from consistent_id.errors import ProblemError
-from consistent_id.problem_file import ConstraintsTable, RelationTable, ShapeTable
+from consistent_id.problem_file import (
+    ConstraintsTable,
+    JointTable,
+    RelationTable,
+    ShapeTable,
+)
 
 
-def constraints_of(table: ConstraintsTable, folder: Path) -> tuple[Constraint, ...]:
+def constraints_of(
+    table: ConstraintsTable, folder: Path, joints: Mapping[str, JointTable]
+) -> tuple[Constraint, ...]:
     """Return the constraints that a table asks for; meshes are files in a folder.
+
+    The tables of joints say what their motors are.
 
     Raises
     ------
@@ -50,6 +62,9 @@ def constraints_of(table: ConstraintsTable, folder: Path) -> tuple[Constraint, .
         chosen.append(NonNegativeDrive())
     if table.shared_motors:
         chosen.append(SharedMotors())
+    motors = _motors(joints)
+    if motors and table.rotor_inertias == "datasheet":
+        chosen.append(RotorInertias(motors, table.rotor_inertia_tolerance))
     if table.fixed:
         chosen.append(FixedParameters(table.fixed))
     if table.bounds:
@@ -68,6 +83,21 @@ def constraints_of(table: ConstraintsTable, folder: Path) -> tuple[Constraint, .
     ]
     chosen += [DensityOn(s.link, _shape(s, folder)) for s in table.density_on]
     return tuple(chosen)
+
+
+def _motors(joints: Mapping[str, JointTable]) -> dict[str, Motor]:
+    """Return the motors that have an inertia, and a gear ratio beside."""
+    motors = {}
+    for name, joint in joints.items():
+        if joint.motor_inertia is None:
+            continue
+        if joint.gear_ratio is None:
+            raise ProblemError(
+                f"[joints.{name}]: motor_inertia without gear_ratio; the link feels "
+                "the motor through its gear: give both"
+            )
+        motors[name] = Motor(joint.motor_inertia, joint.gear_ratio)
+    return motors
 
 
 def _relation(table: RelationTable) -> LinearRelation:

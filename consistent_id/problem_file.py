@@ -67,6 +67,17 @@ class DriveTable(Table, frozen=True, kw_only=True):
     offset: bool = False
     rotor_inertia: bool = False
     spring: bool = False
+    asymmetric: bool = False
+    stribeck_velocity: Positive | None = None
+    stribeck_exponent: Positive = 2.0
+    load_friction: bool = False
+
+
+class JointTable(DriveTable, frozen=True, kw_only=True):
+    """Terms of one joint, and what the datasheet says of its motor."""
+
+    gear_ratio: float | None = None
+    motor_inertia: NonNegative | None = None
 
 
 class CouplingTable(Table, frozen=True, kw_only=True):
@@ -127,6 +138,8 @@ class ConstraintsTable(Table, frozen=True, kw_only=True):
     centres_of_mass: Literal["datasheet", "box", "free"] = "free"
     drive_signs: bool = True
     shared_motors: bool = False
+    rotor_inertias: Literal["datasheet", "free"] = "datasheet"
+    rotor_inertia_tolerance: NonNegative = 0.0
     fixed: dict[str, float] = {}
     bounds: dict[str, Pair] = {}
     relations: list[RelationTable] = []
@@ -247,7 +260,7 @@ class ProblemTable(Table, frozen=True, kw_only=True):
     licence: str = ""
     links: dict[str, LinkTable] = {}
     drive: DriveTable = DriveTable()
-    joints: dict[str, DriveTable] = {}
+    joints: dict[str, JointTable] = {}
     couplings: list[CouplingTable] = []
     constraints: ConstraintsTable = ConstraintsTable()
     prior: PriorTable = PriorTable()

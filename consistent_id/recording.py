@@ -149,3 +149,8 @@ class Recording:
             if (values := getattr(self, channel)) is not None
         }
         return replace(self, time=self.time[keep], **channels)
+
+
+def several(recordings: Recording | Sequence[Recording]) -> list[Recording]:
+    """Return one recording, or any number, as a list."""
+    return [recordings] if isinstance(recordings, Recording) else list(recordings)

@@ -144,17 +144,17 @@ def build_regression(
             f"row_weights for {len(row_weights)} recordings, but there are "
             f"{len(recordings)}"
         )
-    structure = _row_structure(model)
+    structure = row_structure(model)
     pieces = [
         (motion, slice(start, start + _PIECE))
         for motion in (
-            _motion(model, recording, None if row_weights is None else row_weights[i])
+            motion_of(model, recording, None if row_weights is None else row_weights[i])
             for i, recording in enumerate(recordings)
         )
         for start in range(0, len(motion.torque), _PIECE)
     ]
 
-    def compressed(piece: tuple[_Motion, slice]) -> list[Matrix]:
+    def compressed(piece: tuple[Motion, slice]) -> list[Matrix]:
         return _compress(model, structure, *piece)
 
     # NumPy and LAPACK free the interpreter's lock, so pieces run side by side; threads
@@ -218,7 +218,7 @@ def require_match(
         )
 
 
-class _Motion(NamedTuple):
+class Motion(NamedTuple):
     """A recording's arrays in the model's order of joints, all of one length.
 
     Torque and weights are those of the model's torque joints.
@@ -231,7 +231,16 @@ class _Motion(NamedTuple):
     weights: Array | None
 
 
-def _motion(model: TorqueModel, recording: Recording, weights: Array | None) -> _Motion:
+def motion_of(
+    model: TorqueModel, recording: Recording, weights: Array | None
+) -> Motion:
+    """Return a recording's arrays as a model wants them.
+
+    Raises
+    ------
+    RecordingError
+        If a channel or a joint is missing.
+    """
     tau = recording.of(model.torque_joints).torque
     recording = recording.of(model.robot.joint_names)
     dq, ddq = recording.velocity, recording.acceleration
@@ -244,13 +253,13 @@ def _motion(model: TorqueModel, recording: Recording, weights: Array | None) -> 
         )
     if weights is not None:
         weights = frozen(weights, tau.shape, f"row_weights of {recording.name}")
-    return _Motion(recording.position, dq, ddq, tau, weights)
+    return Motion(recording.position, dq, ddq, tau, weights)
 
 
 def _compress(
     model: TorqueModel,
     structure: Sequence[tuple[IntArray, Matrix]],
-    motion: _Motion,
+    motion: Motion,
     piece: slice,
 ) -> list[Matrix]:
     """Return, per joint, the triangular factor of its rows in a piece of a motion."""
@@ -271,7 +280,7 @@ def _compress(
 
 
 @lru_cache(maxsize=16)
-def _row_structure(model: TorqueModel) -> tuple[tuple[IntArray, Matrix], ...]:
+def row_structure(model: TorqueModel) -> tuple[tuple[IntArray, Matrix], ...]:
     """Return, per joint, its row's independent columns and how they give all others.
 
     A row of joint ``j`` is zero beyond its descendants, and of the rest about half are

@@ -4,7 +4,7 @@
 drive terms of each joint and of coupled joints.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from hashlib import sha256
 from typing import Any
@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._arrays import Array, checked, frozen
+from consistent_id._arrays import Array, Vector, checked, frozen
 from consistent_id._joint_geometry import floats, joint_geometry
 from consistent_id._newton_euler import JointGeometry, JointMotion, regressor_entries
 from consistent_id.errors import ProblemError
@@ -22,6 +22,9 @@ from consistent_id.parameters import ParameterLayout, did_you_mean
 
 CHUNK = 4096
 """Samples per chunk: keeps the recursion's arrays in the processor's cache."""
+
+
+_NO_LOAD = 1e-9  # torque over the sum of its parts' sizes that is rounding alone
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,6 +42,10 @@ class TorqueModel:
         Joints whose torque is known, in the robot's order; by default all.  The others
         move, and what they carry weighs on the joints before them, but they have no
         row.
+    load_reference : array_like, shape (10 links,), optional
+        Inertial parameters from which the torque that a joint transmits is computed,
+        where friction depends on it; by default the nominal robot's.  An estimate's
+        own, put here, refine it.
 
     Attributes
     ----------
@@ -60,6 +67,7 @@ class TorqueModel:
     drive: DriveTerms | tuple[DriveTerms, ...] = field(default_factory=DriveTerms)
     couplings: tuple[GearCoupling, ...] = ()
     torque_joints: tuple[str, ...] = ()
+    load_reference: Vector | None = None
     terms: tuple[DriveTerms, ...] = field(init=False)
     layout: ParameterLayout = field(init=False)
     fingerprint: str = field(init=False)
@@ -95,8 +103,11 @@ class TorqueModel:
         object.__setattr__(self, "couplings", couplings)
         object.__setattr__(self, "torque_joints", rows)
         object.__setattr__(self, "layout", layout)
+        load = _load_reference(self)
+        object.__setattr__(self, "load_reference", load)
         gravity = robot.gravity.tolist()
         content = repr((joint_geometry(robot), gravity, drive, couplings, layout, rows))
+        content += "" if load is None else repr(load.tolist())
         digest = sha256(content.encode()).hexdigest()[:16]
         object.__setattr__(self, "fingerprint", digest)
 
@@ -183,7 +194,11 @@ class TorqueModel:
             if j in row:
                 for i, entry in enumerate(entries, start=10 * k):
                     out[row[j], i] = entry
-        for j, column, values in _drive_entries(self, q, dq, ddq):
+        loads = {
+            j: np.tensordot(reference, out[row[j], : len(reference)], axes=1)
+            for j, reference in _loaded(self)
+        }
+        for j, column, values in drive_entries(self, q, dq, ddq, loads):
             if j in row:
                 out[row[j], column] = values
 
@@ -227,13 +242,73 @@ def _rows_of(model: TorqueModel) -> dict[int, int]:
     return {j: row for row, j in enumerate(places)}
 
 
-def _drive_entries(
-    model: TorqueModel, q: Any, dq: Any, ddq: Any
+def _load_reference(model: TorqueModel) -> Vector | None:
+    """Return the inertial parameters that loads are computed from, if any is needed."""
+    in_need = [
+        name
+        for name, terms in zip(model.robot.joint_names, model.terms, strict=True)
+        if terms.load_friction
+    ]
+    if not in_need:
+        return None
+    given = model.load_reference
+    reference = model.robot.nominal if given is None else given
+    if reference is None:
+        raise ProblemError(
+            f"friction of {', '.join(in_need)} depends on the load, but some links' "
+            "nominal parameters are unknown; give load_reference, or leave "
+            "load_friction out"
+        )
+    reference = frozen(reference, (model.layout.inertial_size,), "load_reference")
+    _require_load(model, reference)
+    return reference
+
+
+def _require_load(model: TorqueModel, reference: Vector) -> None:
+    """Refuse friction that depends on a load which is rounding alone."""
+    rng = np.random.default_rng(0)
+    states = rng.uniform(-2.0, 2.0, (3, 8, len(model.robot)))
+    parts = joint_torque_regressor(model.robot, *states) * reference[:, None]
+    torque = np.linalg.norm(parts.sum(axis=1), axis=1)
+    without = [
+        name
+        for name, terms, sum_of_parts, size in zip(
+            model.robot.joint_names,
+            model.terms,
+            torque,
+            np.linalg.norm(abs(parts).sum(axis=1), axis=1),
+            strict=True,
+        )
+        if terms.load_friction and sum_of_parts <= _NO_LOAD * size
+    ]
+    if without:
+        raise ProblemError(
+            f"the robot of the nominal parameters puts no load on {', '.join(without)}"
+            "; leave load_friction out there, or give load_reference"
+        )
+
+
+def _loaded(model: TorqueModel) -> Iterator[tuple[int, Vector]]:
+    """Yield joints that have a row and a load, and what the load is computed from."""
+    for j in _rows_of(model):
+        if model.terms[j].load_friction and model.load_reference is not None:
+            yield j, model.load_reference
+
+
+def drive_entries(
+    model: TorqueModel, q: Any, dq: Any, ddq: Any, loads: Mapping[int, Any]
 ) -> Iterator[tuple[int, int, Any]]:
-    """Yield ``(joint, column, values)`` of drive terms and couplings."""
+    """Yield ``(joint, column, values)`` of drive terms and couplings.
+
+    `loads` are the transmitted torques of joints whose friction depends on them; a
+    joint that needs one and has none is one without a row, and is left out.
+    """
     column = model.layout.inertial_size
     for j, terms in enumerate(model.terms):
-        for values in terms.columns(q[j], dq[j], ddq[j]):
+        if terms.load_friction and j not in loads:
+            column += len(terms.names)
+            continue
+        for values in terms.columns(q[j], dq[j], ddq[j], loads.get(j)):
             yield j, column, values
             column += 1
     for coupling in model.couplings:
@@ -281,7 +356,11 @@ def casadi_regressor(model: TorqueModel | RobotModel) -> Any:
         if j in row:
             for i, entry in enumerate(entries, start=10 * k):
                 Y[row[j], i] = entry
-    for j, column, values in _drive_entries(model, q, dq, ddq):
+    loads = {
+        j: ca.mtimes(Y[row[j], : len(reference)], ca.DM(reference))
+        for j, reference in _loaded(model)
+    }
+    for j, column, values in drive_entries(model, q, dq, ddq, loads):
         if j in row:
             Y[row[j], column] = values
     return ca.Function("regressor", [q, dq, ddq], [Y], ["q", "dq", "ddq"], ["Y"])

@@ -69,4 +69,4 @@ def test_least_squares_is_proven_to_belong_to_no_robot():
 
 def test_the_data_determine_every_base_parameter():
     excitation = _study().excitation
-    assert excitation.data_rank == excitation.structural_rank == 58
+    assert excitation.data_rank == excitation.structural_rank == 63

@@ -12,6 +12,7 @@ from consistent_id.constraints.datasheet import (
     MassBounds,
     PhysicalConsistency,
 )
+from consistent_id.constraints.motors import Motor, RotorInertias
 from consistent_id.constraints.parameters import (
     FixedParameters,
     LinearRelation,
@@ -38,10 +39,12 @@ __all__ = [
     "FixedParameters",
     "LinearRelation",
     "MassBounds",
+    "Motor",
     "NonNegativeDrive",
     "ParameterBounds",
     "PhysicalConsistency",
     "Polytope",
+    "RotorInertias",
     "SharedMotors",
     "SymmetricLink",
     "TotalMass",

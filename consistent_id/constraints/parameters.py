@@ -18,9 +18,22 @@ from consistent_id.regressor import TorqueModel
 
 @dataclass(frozen=True, slots=True)
 class NonNegativeDrive:
-    """Friction that dissipates, rotors and springs that store, never the reverse."""
+    """Friction that dissipates, rotors and springs that store, never the reverse.
 
-    terms: tuple[str, ...] = ("viscous", "coulomb", "rotor_inertia", "spring")
+    Both Coulomb levels of an asymmetric joint are positive; friction at rest is no less
+    than the Coulomb level (``stribeck >= 0``); loaded gears have more of it.
+    """
+
+    terms: tuple[str, ...] = (
+        "viscous",
+        "coulomb",
+        "coulomb_positive",
+        "coulomb_negative",
+        "stribeck",
+        "load_friction",
+        "rotor_inertia",
+        "spring",
+    )
 
     def __post_init__(self) -> None:
         known = (*DRIVE_NAMES, *COUPLING_NAMES)

@@ -1,0 +1,101 @@
+"""What a datasheet says of motors and gears."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from consistent_id.conic import ConicSet
+from consistent_id.constraints._rows import fixed_values
+from consistent_id.constraints.parameters import ParameterBounds
+from consistent_id.errors import ProblemError
+from consistent_id.parameters import did_you_mean
+from consistent_id.regressor import TorqueModel
+
+
+@dataclass(frozen=True, slots=True)
+class Motor:
+    """A motor behind a gear.
+
+    Parameters
+    ----------
+    inertia : float, [kg m^2]
+        Of rotor, brake and what turns with them, on the motor's side.
+    gear_ratio : float, [rad/rad] or [rad/m]
+        Turns of the motor per turn, or metre, of the joint; of either sign.
+
+    Examples
+    --------
+    >>> print(f"{Motor(inertia=1e-4, gear_ratio=-100.0).reflected:.3g} kg m^2")
+    1 kg m^2
+    """
+
+    inertia: float
+    gear_ratio: float
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.inertia < np.inf:
+            raise ProblemError(
+                f"motor inertia is {self.inertia} kg m^2, expected 0 or more"
+            )
+        if not 0.0 < abs(self.gear_ratio) < np.inf:
+            raise ProblemError(
+                f"gear ratio is {self.gear_ratio}, expected a number other than 0"
+            )
+
+    @property
+    def reflected(self) -> float:
+        """Inertia seen from the link: gear ratio squared times the motor's."""
+        return self.gear_ratio**2 * self.inertia
+
+
+@dataclass(frozen=True, slots=True)
+class RotorInertias:
+    """Rotor inertias as their motors' datasheets have them.
+
+    Parameters
+    ----------
+    motors : mapping of str to Motor
+        By joint; the joint's torque model needs the term ``rotor_inertia``.
+    tolerance : float
+        Share by which the inertia seen from the link may differ from the datasheet's;
+        0 holds it there.
+    """
+
+    motors: Mapping[str, Motor]
+    tolerance: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not self.motors:
+            raise ProblemError("RotorInertias: no motor; leave this constraint out")
+        if not 0.0 <= self.tolerance < np.inf:
+            raise ProblemError(
+                f"tolerance of rotor inertias is {self.tolerance}, expected 0 or more"
+            )
+
+    def lower(self, model: TorqueModel) -> ConicSet:
+        """Return ``rotor_inertia = value``, or a band around it, per joint.
+
+        Raises
+        ------
+        ProblemError
+            If there is no such joint, or its torque has no such term.
+        """
+        known = {joint for joint, term in model.layout.drive if term == "rotor_inertia"}
+        for joint in self.motors:
+            if joint not in known:
+                near = did_you_mean(joint, sorted(known))
+                raise ProblemError(
+                    f"motor of {joint!r}: no joint of that name has the drive term "
+                    f"rotor_inertia; {near}"
+                )
+        values = {
+            f"{joint}.rotor_inertia": motor.reflected
+            for joint, motor in self.motors.items()
+        }
+        if self.tolerance == 0.0:
+            return fixed_values(values, model.layout)
+        less, more = max(1.0 - self.tolerance, 0.0), 1.0 + self.tolerance
+        return ParameterBounds(
+            {name: (less * value, more * value) for name, value in values.items()}
+        ).lower(model)
