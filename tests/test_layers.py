@@ -11,7 +11,10 @@ PACKAGE = Path(consistent_id.__file__).parent
 ORDER = """
 errors _newton_euler _files _arrays _threads inertia log_cholesky parameters model
 loaders._urdf_lint loaders.urdf loaders.modified_dh loaders _joint_geometry friction
-regressor recording readers signals trajectory base regression simulation scaling conic
+regressor recording readers signals.clocks signals.resolution signals.masks signals.cuts
+signals.filters signals.differences signals.savitzky_golay signals.fourier
+signals.period signals.kalman signals.smoother signals.track signals.delay
+signals.alignment signals trajectory base regression simulation scaling conic
 constraints._rows constraints.datasheet constraints.parameters constraints.solids
 constraints.shape constraints.symmetry constraints priors cones distances cone_program
 second_opinion certificate feasibility conflict estimate base_feasibility link_condition
