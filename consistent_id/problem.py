@@ -14,6 +14,7 @@ from consistent_id.friction import DriveTerms, GearCoupling
 from consistent_id.loaders import DHRow, from_modified_dh, load_urdf
 from consistent_id.model import Datasheet, JointLimits, RobotModel
 from consistent_id.parameters import did_you_mean
+from consistent_id.preparation import check_preparation, prepared
 from consistent_id.priors import Penalty, PointToSet, Prior
 from consistent_id.problem_constraints import constraints_of
 from consistent_id.problem_file import (
@@ -30,13 +31,6 @@ from consistent_id.problem_file import (
 from consistent_id.readers import Columns, read_recording
 from consistent_id.recording import Recording
 from consistent_id.regressor import TorqueModel
-from consistent_id.signals import (
-    decimated,
-    differentiated,
-    low_passed,
-    resampled,
-    trimmed,
-)
 from consistent_id.trajectory import Sinusoid, SinusoidalMotion
 
 
@@ -101,9 +95,10 @@ class Problem:
             )
         folder = self.folder / _expanded(data.folder, self.name)
         return tuple(
-            _prepared(folder, entry, data, self.model.robot)
+            part
             for entry in data.recordings
             if entry.role == role
+            for part in _prepared(folder, entry, data, self.model.robot)
         )
 
 
@@ -134,6 +129,8 @@ def load_problem(path: str | Path) -> Problem:
     couplings = tuple(_coupling(coupling) for coupling in table.couplings)
     measured = () if table.data is None else tuple(table.data.torque_joints)
     model = TorqueModel(robot, drive, couplings, measured)
+    if table.data is not None:
+        check_preparation(table.data.preparation, table.data.columns)
     constraints = constraints_of(table.constraints, file.parent)
     lowered(constraints, model)  # a name that is wrong is found here, not after hours
     return Problem(
@@ -242,8 +239,8 @@ def _expanded(path: str, problem: str) -> str:
 
 def _prepared(
     folder: Path, entry: RecordingTable, data: DataTable, robot: RobotModel
-) -> Recording:
-    """Read one recording and prepare it: resample, filter, differentiate, trim."""
+) -> tuple[Recording, ...]:
+    """Read one recording and prepare it, in several parts if it has gaps."""
     names = data.columns
     columns = Columns(
         names.time, names.position, names.velocity, names.acceleration, names.torque
@@ -260,14 +257,7 @@ def _prepared(
                 f"{raw.name}: rows {first} to {last}, but the file has {len(raw)}"
             )
         start, stop = raw.time[first - 1], raw.time[last - 1]
-    todo = data.preparation
-    recording = raw if todo.resample is None else resampled(raw, todo.resample)
-    recording = low_passed(
-        recording, motion_cutoff=todo.motion_cutoff, torque_cutoff=todo.torque_cutoff
-    )
-    recording = differentiated(recording)
-    # Cut last: filters and differences need the samples on either side.
-    return trimmed(decimated(recording, todo.decimate), start, stop)
+    return prepared(raw, data.preparation, start, stop)
 
 
 def _ends(amplitude: float | list[float]) -> tuple[float, float]:

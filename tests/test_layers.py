@@ -22,8 +22,8 @@ mass_matrix estimators.least_squares estimators.robust estimators.scaled_fit
 estimators.best_fit estimators.penalised estimators.nearest estimators.contradiction
 estimators.settled estimators.constrained estimators.body_variables
 estimators.constraint_variables estimators.smooth_fit estimators.smooth estimators
-cross_check segments cross_validation bootstrap intervals sensitivity uncertainty
-constraint_costs shadow_prices comparison parametrisation problem_file
+cross_check segments cutoff cross_validation bootstrap intervals sensitivity uncertainty
+constraint_costs shadow_prices comparison parametrisation problem_file preparation
 problem_constraints problem published published_estimate study tables published_summary
 summary record figures commands
 """.split()
