@@ -29,7 +29,7 @@ from consistent_id.signals import (
 _KEYS = {
     "butterworth": {"motion_cutoff": False},
     "savitzky-golay": {"window": True, "degree": False},
-    "smoother": {"driven": False},
+    "smoother": {"order": False},
     "fourier": {"period": True, "harmonics": False},
 }
 
@@ -149,8 +149,7 @@ def _with_motion(
         degree = 4 if table.degree is None else table.degree
         return savitzky_golay_differentiated(part, table.window, degree=degree)
     if table.method == "smoother":
-        noise = motion_noise(part, driven=table.driven or "snap")
-        return kalman_differentiated(part, noise)
+        return kalman_differentiated(part, motion_noise(part, order=table.order))
     if table.method == "fourier" and table.period is not None:
         # The way to the start of a periodic motion is not part of it.
         kept = trimmed(part, start, stop)

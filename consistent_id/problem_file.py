@@ -168,7 +168,7 @@ class PreparationTable(Table, frozen=True, kw_only=True):
     motion_cutoff: Positive | None = None
     window: Positive | None = None
     degree: Annotated[int, Meta(ge=2)] | None = None
-    driven: Literal["jerk", "snap"] | None = None
+    order: Annotated[int, Meta(ge=3, le=6)] | None = None
     period: Positive | Literal["estimated"] | None = None
     harmonics: Annotated[int, Meta(ge=1)] | None = None
     decimate: Annotated[int, Meta(ge=1)] = 1

@@ -24,7 +24,7 @@ from consistent_id.signals.track import Track
 
 _ORDER = {"position": 0, "velocity": 1, "acceleration": 2}
 _BAND = 8.0  # sampling rate over the highest cut-off: splines are exact below
-_ALIKE = 0.5  # correlation below which two signals do not tell of one motion
+_ALIKE = 0.5  # share of the variance that one motion explains, at least
 _BLOCKS = (16, 64)  # fewest and most blocks for the standard error
 
 
@@ -133,6 +133,7 @@ class _Pair(NamedTuple):
     values: Matrix
     reference: Callable[[Vector], Matrix]
     slope: Callable[[Vector], Matrix]
+    bend: Callable[[Vector], Matrix]
 
 
 def _derivatives(reference: Track, late: Track) -> int:
@@ -184,8 +185,10 @@ def _filtered_pair(
     margin = 1.0 / lowest
     start = max(first.time[0] + longest, second.time[0]) + margin
     stop = min(first.time[-1] - longest, second.time[-1]) - margin
-    inside = (late.time >= start) & (late.time <= stop)
-    if inside.sum() < 4 * _BLOCKS[0]:
+    inside = np.flatnonzero((late.time >= start) & (late.time <= stop))
+    # A filtered signal is all there in a few samples for each period of the cut-off.
+    inside = inside[:: max(int(late.rate / (2.0 * _BAND * cutoff)), 1)]
+    if len(inside) < 4 * _BLOCKS[0]:
         raise RecordingError(
             f"{first.name} runs from {first.time[0]:.6g} s to {first.time[-1]:.6g} s, "
             f"{second.name} from {second.time[0]:.6g} s to {second.time[-1]:.6g} s: "
@@ -197,6 +200,7 @@ def _filtered_pair(
         late.position[inside],
         spline.derivative(order) if order else spline,
         spline.derivative(order + 1),
+        spline.derivative(order + 2),
     )
 
 
@@ -229,7 +233,8 @@ def _best_shift(
         cost, bounds=(low, high), method="bounded", options={"xatol": 1e-7 / cutoff}
     )
     delay = _with_error(pair, y, float(best.x), joints, cutoff)
-    if not delay.correlations.max() > _ALIKE:
+    alike = (delay.correlations**2 * total).sum() / total.sum()
+    if not alike > _ALIKE:
         raise RecordingError(
             f"no delay up to {longest:g} s makes the signals alike: the correlations "
             f"of {', '.join(joints)} are {np.round(delay.correlations, 2).tolist()} at "
@@ -254,16 +259,18 @@ def _with_error(
     error = y - gain * r
     J = -gain * _centred(pair.slope(pair.time - shift))
     J -= r * ((r * J).sum(axis=0) / power)
+    # Not the mean of J^2: noise of the reference is steep, yet tells nothing.
+    bend = -gain * _centred(pair.bend(pair.time - shift))
     variance = np.maximum((error**2).mean(axis=0), 1e-24 * (y**2).mean(axis=0) + tiny)
     scores = (J * error / variance).sum(axis=1)
-    curvature = (J**2 / variance).sum()
+    curvature = (bend * y / variance).sum()
     span = pair.time[-1] - pair.time[0]
     number = int(np.clip(span * cutoff / 4.0, *_BLOCKS))
     sums = np.array([part.sum() for part in np.array_split(scores, number)])
     spread = np.sqrt(number / (number - 1) * (sums**2).sum())
     return Delay(
         seconds=shift,
-        standard_error=float(spread / max(curvature, tiny)),
+        standard_error=float(spread / curvature) if curvature > 0.0 else np.inf,
         cutoff=cutoff,
         joints=joints,
         correlations=gain * np.sqrt(power / np.maximum((y**2).sum(axis=0), tiny)),

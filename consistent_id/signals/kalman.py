@@ -19,26 +19,21 @@ import numpy as np
 from consistent_id._arrays import Array, Matrix, Vector
 
 _DIFFUSE = 1e6  # variance of what is not known at the start
-_SETTLED = 1e-10  # relative change of covariances from which gains are kept
+SETTLED = 1e-9
+"""Relative change of covariances in a step, below which gains are kept."""
 
 
 class Gains(NamedTuple):
     """Filter gains until they settle, then the last for ever.
 
     Shapes: gain (steps, order, columns), variance (steps, columns) of the innovations,
-    covariance (steps, order, order, columns) of the predicted state.
+    covariance (steps, order, order, columns) of the predicted state,
+    or the last alone.
     """
 
     gain: Array
     variance: Matrix
     covariance: Array
-
-
-class Filtered(NamedTuple):
-    """Predicted states, shape (samples, order, columns), and innovations."""
-
-    state: Array
-    innovation: Matrix
 
 
 def transition(order: int) -> Matrix:
@@ -65,63 +60,84 @@ def drive_covariance(order: int) -> Matrix:
     )
 
 
-def gains(ratio: Vector, order: int, samples: int) -> Gains:
-    """Run the covariances, which do not depend on data, until they settle."""
+def gains(
+    ratio: Vector,
+    order: int,
+    samples: int,
+    *,
+    settled: float = SETTLED,
+    covariances: bool = True,
+) -> Gains:
+    """Run the covariances, which do not depend on data, until they settle.
+
+    Only `smoothed` needs them afterwards; they take memory.
+    """
     F, M, one = transition(order), drive_covariance(order), np.eye(order)
     P = np.tile(_DIFFUSE * one, (len(ratio), 1, 1))
-    found = []
+    gain, variance, covariance = [], [], []
     for _ in range(samples):
         S = P[:, 0, 0] + 1.0
         K = P[:, :, 0] / S[:, None]
-        found.append((K, S, P))
+        gain.append(K)
+        variance.append(S)
+        if covariances:
+            covariance.append(P)
         kept = one - K[:, :, None] * one[0]
         # Joseph's form keeps covariances positive.
         updated = kept @ P @ kept.transpose(0, 2, 1) + K[:, :, None] * K[:, None, :]
         new = F @ updated @ F.T + ratio[:, None, None] * M
         new = 0.5 * (new + new.transpose(0, 2, 1))
-        settled = (abs(new - P) <= _SETTLED * abs(new)).all()
+        change = abs(new - P) <= settled * abs(new)
         P = new
-        if settled:
+        if change.all():
             break
-    K, S, P = (np.array(part) for part in zip(*found, strict=True))
-    return Gains(K.transpose(0, 2, 1), S, P.transpose(0, 2, 3, 1))
+    return Gains(
+        gain=np.array(gain).transpose(0, 2, 1),
+        variance=np.array(variance),
+        covariance=np.moveaxis(np.array(covariance), 1, -1)
+        if covariances
+        else np.empty(0),
+    )
 
 
-def filtered(z: Matrix, found: Gains) -> Filtered:
-    """Run the filter over readings, shape (samples, columns), in units of the noise."""
+def innovations(z: Matrix, found: Gains, states: Array | None = None) -> Matrix:
+    """Return each reading less its prediction, shape (samples, columns).
+
+    Readings are in units of the noise; predicted states are written to `states`, if
+    given, shape (samples, order, columns).
+    """
     order = found.gain.shape[1]
     F, settled = transition(order), len(found.gain) - 1
-    states = np.empty((len(z), order, z.shape[1]))
     innovation = np.empty(z.shape)
     x = _start(z, order)
     for k in range(len(z)):
-        states[k] = x
+        if states is not None:
+            states[k] = x
         e = innovation[k] = z[k] - x[0]
         x = F @ (x + found.gain[min(k, settled)] * e)
-    return Filtered(states, innovation)
+    return innovation
 
 
-def smoothed(z: Matrix, found: Gains) -> Array:
+def smoothed(z: Matrix, ratio: Vector, order: int) -> Array:
     """Return states given all readings, shape (samples, order, columns).
 
     The backward pass is that of Bryson and Frazier [Bierman1973]_: no inverse.
     """
-    order, settled = found.gain.shape[1], len(found.gain) - 1
-    states, innovation = filtered(z, found)
+    found = gains(ratio, order, len(z))
+    P = found.covariance
+    settled = len(found.gain) - 1
+    states = np.empty((len(z), order, z.shape[1]))
+    innovation = innovations(z, found, states)
     back = transition(order).T
     adjoint = np.empty(states.shape)
     a = np.zeros(states.shape[1:])
     for k in range(len(z) - 1, -1, -1):
         i = min(k, settled)
-        a = a.copy()
         a[0] -= (found.gain[i] * a).sum(axis=0) + innovation[k] / found.variance[i]
         adjoint[k] = a
         a = back @ a
-    first = min(settled, len(z))
-    states[:first] -= np.einsum(
-        "kijc,kjc->kic", found.covariance[:first], adjoint[:first]
-    )
-    states[first:] -= np.einsum("ijc,kjc->kic", found.covariance[-1], adjoint[first:])
+    states[:settled] -= np.einsum("kijc,kjc->kic", P[:settled], adjoint[:settled])
+    states[settled:] -= np.einsum("ijc,kjc->kic", P[-1], adjoint[settled:])
     return states
 
 
