@@ -72,6 +72,15 @@ def test_a_delay_is_found_within_a_tenth_of_a_sample(first, second, rates, noise
     assert 0.3 < np.sqrt(np.mean(np.square(scores))) < 3.0
 
 
+def test_a_joint_at_rest_says_nothing_and_the_reverse_delay_is_the_negative():
+    a, b, _ = pair(1, "position", "velocity", (200, 200), (1e-4, 0.01))
+    moving = np.array([1.0, 0.0, 1.0])
+    a, b = (signals.Track(x.channel, NAMES, x.time, x.values * moving) for x in (a, b))
+    found, back = signals.estimate_delay(a, b), signals.estimate_delay(b, a)
+    assert found.gains[1] == 0.0 == back.gains[1]
+    assert back.seconds == -found.seconds
+
+
 def test_signals_that_have_no_delay_to_find_are_refused():
     a, b, _ = pair(0, "position", "velocity", (200, 200), (1e-4, 0.01))
     other = pair(9, "position", "velocity", (200, 200), (1e-4, 0.01))[1]

@@ -102,13 +102,14 @@ def estimate_delay(
     order = _derivatives(reference, late)
     if order < 0:
         back = estimate_delay(late, reference, longest=longest, cutoff=cutoff)
+        still = np.zeros(len(back.gains))  # a joint at rest has no gain
         return Delay(
             seconds=-back.seconds,
             standard_error=back.standard_error,
             cutoff=back.cutoff,
             joints=back.joints,
             correlations=back.correlations,
-            gains=1.0 / back.gains,
+            gains=np.divide(1.0, back.gains, out=still, where=back.gains > 0.0),
         )
     joints = tuple(name for name in reference.joints if name in late.joints)
     if not joints:
