@@ -22,9 +22,11 @@ from consistent_id.loaders import (
 )
 from consistent_id.model import STANDARD_GRAVITY, Datasheet, JointLimits, RobotModel
 from consistent_id.parameters import did_you_mean
+from consistent_id.preparation import check_preparation, prepared
 from consistent_id.priors import Penalty, PointToSet, Prior
 from consistent_id.problem_constraints import constraints_of
 from consistent_id.problem_file import (
+    ColumnsTable,
     CouplingTable,
     DataTable,
     DHTable,
@@ -38,13 +40,6 @@ from consistent_id.problem_file import (
 from consistent_id.readers import Columns, read_recording
 from consistent_id.recording import Recording
 from consistent_id.regressor import TorqueModel
-from consistent_id.signals import (
-    decimated,
-    differentiated,
-    low_passed,
-    resampled,
-    trimmed,
-)
 from consistent_id.trajectory import Sinusoid, SinusoidalMotion
 
 
@@ -109,9 +104,10 @@ class Problem:
             )
         folder = self.folder / _expanded(data.folder, self.name)
         return tuple(
-            _prepared(folder, entry, data, self.model.robot)
+            part
             for entry in data.recordings
             if entry.role == role
+            for part in _prepared(folder, entry, data, self.model.robot)
         )
 
 
@@ -142,6 +138,9 @@ def load_problem(path: str | Path) -> Problem:
     couplings = tuple(_coupling(coupling) for coupling in table.couplings)
     measured = () if table.data is None else tuple(table.data.torque_joints)
     model = TorqueModel(robot, drive, couplings, measured)
+    if table.data is not None:
+        columns = table.data.columns or ColumnsTable()
+        check_preparation(table.data.preparation, columns)
     constraints = constraints_of(table.constraints, file.parent, table.joints)
     lowered(constraints, model)  # a name that is wrong is found here, not after hours
     return Problem(
@@ -251,8 +250,8 @@ def _expanded(path: str, problem: str) -> str:
 
 def _prepared(
     folder: Path, entry: RecordingTable, data: DataTable, robot: RobotModel
-) -> Recording:
-    """Read one recording and prepare it: resample, filter, differentiate, trim."""
+) -> tuple[Recording, ...]:
+    """Read one recording and prepare it, in several parts if it has gaps."""
     raw = read_recording(
         folder / entry.file,
         robot.joint_names,
@@ -270,14 +269,7 @@ def _prepared(
                 f"{raw.name}: rows {first} to {last}, but the file has {len(raw)}"
             )
         start, stop = raw.time[first - 1], raw.time[last - 1]
-    todo = data.preparation
-    recording = raw if todo.resample is None else resampled(raw, todo.resample)
-    recording = low_passed(
-        recording, motion_cutoff=todo.motion_cutoff, torque_cutoff=todo.torque_cutoff
-    )
-    recording = differentiated(recording)
-    # Cut last: filters and differences need the samples on either side.
-    return trimmed(decimated(recording, todo.decimate), start, stop)
+    return prepared(raw, data.preparation, start, stop)
 
 
 def _ends(amplitude: float | list[float]) -> tuple[float, float]:

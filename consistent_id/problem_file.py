@@ -173,10 +173,24 @@ class ColumnsTable(Table, frozen=True, kw_only=True):
 class PreparationTable(Table, frozen=True, kw_only=True):
     """What is done to each recording, in this order."""
 
+    max_gap: Positive | None = None
+    shortest_part: NonNegative | None = None
     resample: Positive | None = None
-    motion_cutoff: Positive | None = None
+    delays: dict[
+        Literal["velocity", "acceleration", "torque"], float | Literal["estimated"]
+    ] = {}
     torque_cutoff: Positive | None = None
+    method: Literal["butterworth", "savitzky-golay", "smoother", "fourier"] = (
+        "butterworth"
+    )
+    motion_cutoff: Positive | None = None
+    window: Positive | None = None
+    degree: Annotated[int, Meta(ge=2)] | None = None
+    order: Annotated[int, Meta(ge=3, le=6)] | None = None
+    period: Positive | Literal["estimated"] | None = None
+    harmonics: Annotated[int, Meta(ge=1)] | None = None
     decimate: Annotated[int, Meta(ge=1)] = 1
+    trim_standstill: bool | Positive = False
 
 
 class RecordingTable(Table, frozen=True, kw_only=True):

@@ -127,7 +127,8 @@ def build_regression(
         With velocity, acceleration and torque; joints are matched by name.
     row_weights : sequence of ndarray, each shape (samples, torque joints), optional
         Factors by which each row and its torque are multiplied, one array for each
-        recording, in the order of the model's torque joints.
+        recording, in the order of the model's torque joints.  Rows of weight 0 do not
+        count as samples.
 
     Raises
     ------
@@ -145,12 +146,13 @@ def build_regression(
             f"{len(recordings)}"
         )
     structure = row_structure(model)
+    motions = [
+        motion_of(model, recording, None if row_weights is None else row_weights[i])
+        for i, recording in enumerate(recordings)
+    ]
     pieces = [
         (motion, slice(start, start + _PIECE))
-        for motion in (
-            motion_of(model, recording, None if row_weights is None else row_weights[i])
-            for i, recording in enumerate(recordings)
-        )
+        for motion in motions
         for start in range(0, len(motion.torque), _PIECE)
     ]
 
@@ -172,12 +174,15 @@ def build_regression(
         np.hstack([R[:, :-1] @ expand, R[:, -1:]])
         for R, (_, expand) in zip(merged, structure, strict=True)
     )
-    counts = sum(len(recording) for recording in recordings)
+    counts = np.sum([_counts(motion) for motion in motions], axis=0)
+    if not counts.all():
+        unseen = model.torque_joints[int(np.argmin(counts))]
+        raise NotExcitedError(f"every row of {unseen} has the weight 0")
     return Regression(
         layout=model.layout,
         joints=model.torque_joints,
         factors=tuple(expanded),
-        counts=(counts,) * len(model.torque_joints),
+        counts=tuple(counts.tolist()),
         fingerprint=model.fingerprint,
     )
 
@@ -254,6 +259,13 @@ def motion_of(
     if weights is not None:
         weights = frozen(weights, tau.shape, f"row_weights of {recording.name}")
     return Motion(recording.position, dq, ddq, tau, weights)
+
+
+def _counts(motion: Motion) -> IntArray:
+    """Return how many samples there are of each joint's torque."""
+    if motion.weights is None:
+        return np.full(motion.torque.shape[1], len(motion.torque))
+    return np.asarray(np.count_nonzero(motion.weights, axis=0))
 
 
 def _compress(

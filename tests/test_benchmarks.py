@@ -38,3 +38,15 @@ def test_random_problems_are_certified_or_rightly_refused():
         result = robustness.run(robustness.case(seed))
         assert not result.wrong
         assert result.verdict == ("refused" if seed % 20 == 0 else "certified")
+
+
+def test_the_series_beats_the_filter_on_periodic_motion():
+    differentiation = _benchmark("differentiation")
+    motion, encoder = next(iter(differentiation.MOTIONS)), differentiation.ENCODERS[2]
+
+    def acceleration(method):
+        cell = differentiation.cell(motion, method, encoder)
+        return float(cell.split("/")[1].rstrip("%"))
+
+    series = acceleration("Fourier, period known")
+    assert series < 0.1 * acceleration("Butterworth, best of 11 cut-offs*")

@@ -12,25 +12,29 @@ ORDER = """
 errors _newton_euler _files _arrays _threads inertia log_cholesky parameters model
 chains loaders.findings loaders._xml loaders._urdf_tree loaders._urdf_parts
 loaders._urdf_lint loaders.urdf loaders._mjcf_checks loaders.mjcf loaders.dh loaders
-_joint_geometry recording signals trajectory scaling conic constraints.solids priors
-cones cone_program second_opinion certificate feasibility conflict
-estimators.body_variables estimators.smooth_fit estimators problem_file
-diagnosis.findings diagnosis.clock diagnosis.corrections tables readers.mat_lint
-readers.merging readers.units readers.columns readers.arrays readers.csv readers.frames
-readers.hdf5 readers.jointstate readers.bag readers.mat readers.npz readers.parquet
-readers.files readers correlation drive_terms friction regressor base regression
-simulation constraints._rows constraints.datasheet constraints.parameters
-constraints.shape constraints.symmetry distances estimate link_condition mass_matrix
+_joint_geometry recording trajectory scaling conic constraints.solids priors cones
+cone_program second_opinion certificate feasibility conflict estimators.body_variables
+estimators.smooth_fit estimators problem_file diagnosis.findings diagnosis.clock
+diagnosis.corrections tables readers.mat_lint readers.merging readers.units
+readers.columns readers.arrays readers.csv readers.frames readers.hdf5
+readers.jointstate readers.bag readers.mat readers.npz readers.parquet readers.files
+readers correlation drive_terms friction regressor base regression simulation
+constraints._rows constraints.datasheet constraints.parameters constraints.shape
+constraints.symmetry distances estimate link_condition mass_matrix
 estimators.least_squares estimators.robust segments parametrisation
 diagnosis.small_shifts figures constraints.motors constraints base_feasibility
 estimators.scaled_fit estimators.best_fit estimators.penalised estimators.nearest
 estimators.contradiction estimators.settled estimators.constrained
 estimators.constraint_variables estimators.smooth cross_check cross_validation bootstrap
 intervals sensitivity uncertainty constraint_costs shadow_prices comparison
-problem_constraints diagnosis.explain problem published published_estimate study
+problem_constraints diagnosis.explain estimators.gain_search loaded_robot
+estimators.gains loaded_constraints estimators.payload shapes shaped_regression
+shape_misfit shape_profile shape_fit signals.clocks signals.differences signals.filters
+signals.fourier signals.kalman signals.period signals.resolution signals.masks
+signals.cuts signals.savitzky_golay signals.smoother signals.track signals.alignment
+signals.delay signals cutoff preparation problem published published_estimate study
 diagnosis.coverage diagnosis.diagnose diagnosis published_summary summary record
-commands estimators.gain_search loaded_robot estimators.gains loaded_constraints
-estimators.payload shapes shaped_regression shape_misfit shape_profile shape_fit
+commands
 """.split()
 
 HEAVY = {

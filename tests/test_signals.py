@@ -75,7 +75,9 @@ def test_resampling_reproduces_a_cubic_on_a_clock_within_the_recording(
 ):
     time = 3.0 + jittered(samples, duration)
     rate = ratio * (samples - 1) / (time[-1] - time[0])
-    even = signals.resampled(log(time, cubic(time), torque=7 * cubic(time)), rate)
+    even = signals.resampled(
+        log(time, cubic(time), torque=7 * cubic(time)), rate, upwards=True
+    )
     assert even.time[0] == time[0] and even.time[-1] <= time[-1]
     # Rounding of times near 8 s is 1e-15 s, of the number of steps 1e-12.
     assert time[-1] - even.time[-1] < 1 / rate + 1e-12
@@ -88,7 +90,7 @@ def test_resampling_reproduces_a_cubic_on_a_clock_within_the_recording(
 def test_resampling_a_band_limited_signal_converges_with_the_fourth_power():
     def error(samples):
         time = jittered(samples, 2.0)
-        even = signals.resampled(log(time, tone(time, 2.0)), 300.0)
+        even = signals.resampled(log(time, tone(time, 2.0)), 300.0, upwards=True)
         off = even.position[:, 0] - tone(even.time, 2.0)
         # Hall & Meyer 1976: a cubic spline is off by at most 5/384 h^4 max|f''''|.
         bound = 5 / 384 * (np.diff(time).max() * 2 * np.pi * 2.0) ** 4
@@ -112,6 +114,7 @@ def test_a_gap_is_refused_unless_it_is_allowed():
     [
         *(("resampled", {"rate": r}, "a positive number") for r in (0, -1, np.inf)),
         ("resampled", {"rate": 100.0}, "fold back into the signal"),
+        ("resampled", {"rate": 630.0}, "samples would be invented"),
         *(("decimated", {"factor": f}, f"is {f}, expected 1, 2") for f in (0, -2, 1.5)),
         *(
             ("low_passed", {f"{which}_cutoff": cutoff}, "sampling rate, 250 Hz")

@@ -1,0 +1,60 @@
+"""From a raw log to motion and torque that belong together.
+
+Each function takes a `Recording` and returns a new one, or a small value.
+"""
+
+from consistent_id.signals.alignment import aligned
+from consistent_id.signals.clocks import resampled, uniform_rate
+from consistent_id.signals.cuts import (
+    split_at_gaps,
+    trim_standstill,
+    trimmed,
+    without,
+)
+from consistent_id.signals.delay import Delay, estimate_delay
+from consistent_id.signals.differences import differentiated
+from consistent_id.signals.filters import decimated, low_passed
+from consistent_id.signals.fourier import (
+    FourierFit,
+    fourier_differentiated,
+    fourier_fit,
+)
+from consistent_id.signals.masks import row_weights, saturated, standstill
+from consistent_id.signals.period import estimated_period
+from consistent_id.signals.resolution import encoder_resolution
+from consistent_id.signals.savitzky_golay import savitzky_golay_differentiated
+from consistent_id.signals.smoother import (
+    MotionNoise,
+    kalman_differentiated,
+    motion_noise,
+)
+from consistent_id.signals.track import Track, track
+
+__all__ = [
+    "Delay",
+    "FourierFit",
+    "MotionNoise",
+    "Track",
+    "aligned",
+    "decimated",
+    "differentiated",
+    "encoder_resolution",
+    "estimate_delay",
+    "estimated_period",
+    "fourier_differentiated",
+    "fourier_fit",
+    "kalman_differentiated",
+    "low_passed",
+    "motion_noise",
+    "resampled",
+    "row_weights",
+    "saturated",
+    "savitzky_golay_differentiated",
+    "split_at_gaps",
+    "standstill",
+    "track",
+    "trim_standstill",
+    "trimmed",
+    "uniform_rate",
+    "without",
+]
