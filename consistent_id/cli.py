@@ -1,7 +1,7 @@
-"""The shell tool: ``consistent-id info | identify | compare``.
+"""The shell tool: ``consistent-id info | check | identify | compare``.
 
-Exit codes: 0 done, 1 refused (no usable estimate), 2 wrong usage or input, 3 solver
-failure, 130 interrupted.
+Exit codes: 0 done, 1 refused (no usable estimate, or a faulty log), 2 wrong usage or
+input, 3 solver failure, 130 interrupted.
 """
 
 import argparse
@@ -14,6 +14,8 @@ from consistent_id.errors import ConsistentIdError, SolverError
 
 _EPILOG = """examples:
   consistent-id info problems/rx60
+  consistent-id check problems/ur10e
+  consistent-id check robot.urdf log.csv --position q_{joint} --torque tau_{joint}
   consistent-id identify problems/ur10e --uncertainty --output results/ur10e
   consistent-id compare problems/rx60
 """
@@ -52,6 +54,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for name, text in (
         ("info", "show a problem's robot, datasheet and base parameters"),
+        ("check", "look for what is wrong with a log"),
         ("identify", "estimate a problem's parameters by every method"),
         ("compare", "compare least squares with constrained estimates"),
     ):
@@ -59,6 +62,8 @@ def _parser() -> argparse.ArgumentParser:
         command.add_argument(
             "problem", type=Path, help="folder with a problem.toml, or the file"
         )
+        if name == "check":
+            _add_log_options(command)
         command.add_argument(
             "--json", action="store_true", help="print JSON instead of tables"
         )
@@ -71,12 +76,55 @@ def _parser() -> argparse.ArgumentParser:
             command.add_argument(
                 "--seed", type=int, default=0, help="of the bootstrap (default: 0)"
             )
-        if name != "info":
+        if name in ("identify", "compare"):
             default = " (default: results/NAME)" if name == "compare" else ""
             command.add_argument(
                 "--output", type=Path, help=f"folder to write results to{default}"
             )
     return parser
+
+
+def _add_log_options(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "log", type=Path, nargs="?", help="a log, if PROBLEM is a URDF or MJCF file"
+    )
+    for channel, pattern in (
+        ("time", "time"),
+        ("position", "q_{joint}"),
+        ("velocity", None),
+        ("torque", "tau_{joint}"),
+    ):
+        command.add_argument(
+            f"--{channel}",
+            default=pattern,
+            metavar="NAME",
+            help=f"column, with {{joint}} or {{number}} (default: {pattern})",
+        )
+    command.add_argument(
+        "--cutoff", type=float, default=10.0, help="low-pass in Hz (default: 10)"
+    )
+
+
+def _check(options: argparse.Namespace) -> int:
+    from consistent_id.commands import check_log, check_problem
+    from consistent_id.diagnosis.tell import diagnosis_record
+    from consistent_id.problem import load_problem
+    from consistent_id.readers import Columns
+
+    if options.log is None:
+        found, table = check_problem(load_problem(options.problem))
+    else:
+        columns = Columns(
+            options.time, options.position, options.velocity, torque=options.torque
+        )
+        found, table = check_log(
+            options.problem, options.log, columns, cutoff=options.cutoff
+        )
+    if options.json:
+        print(json.dumps(diagnosis_record(found), indent=1))
+    else:
+        print(table.text())
+    return 1 if found.faults else 0
 
 
 def _info(options: argparse.Namespace) -> int:
@@ -135,4 +183,4 @@ def _as_dict(table: object) -> dict[str, object]:
     return asdict(table)  # type: ignore[call-overload, no-any-return]
 
 
-_COMMANDS = {"info": _info, "identify": _identify, "compare": _compare}
+_COMMANDS = {"info": _info, "check": _check, "identify": _identify, "compare": _compare}

@@ -5,12 +5,20 @@ from pathlib import Path
 
 from consistent_id._files import require_writable, write_atomically
 from consistent_id.base import base_parameters
+from consistent_id.diagnosis import Diagnosis, diagnose
+from consistent_id.diagnosis.tell import diagnosis_table
 from consistent_id.estimate import Estimate
 from consistent_id.figures import motion_figure, save_figure, torque_figure
+from consistent_id.friction import DriveTerms
+from consistent_id.loaders import load_mjcf, load_urdf
 from consistent_id.problem import Problem
+from consistent_id.readers import Columns, read_recording
 from consistent_id.record import study_record
+from consistent_id.recording import Recording
 from consistent_id.regression import build_regression
+from consistent_id.regressor import TorqueModel
 from consistent_id.segments import segment_regressions
+from consistent_id.signals import differentiated, low_passed, resampled
 from consistent_id.study import Study, excitation_of, identify, run_study
 from consistent_id.study import recordings_of as study_recordings
 from consistent_id.summary import excitation_table, study_tables, uncertainty_table
@@ -67,6 +75,48 @@ def uncertainty_of(
         progress=progress,
     )
     return found, uncertainty_table(found)
+
+
+def check_problem(problem: Problem) -> tuple[Diagnosis, Table]:
+    """Look for what is wrong with a problem's recordings."""
+    validation = problem.logs("validation")
+    found = diagnose(
+        problem.model,
+        problem.logs("training"),
+        validation,
+        prepare=problem.prepare,
+        constraints=problem.constraints,
+    )
+    return found, diagnosis_table(found)
+
+
+def check_log(
+    model: Path, log: Path, columns: Columns, *, cutoff: float = 10.0
+) -> tuple[Diagnosis, Table]:
+    """Look for what is wrong with a log of a robot that has no problem file.
+
+    Parameters
+    ----------
+    model : Path
+        URDF or MJCF.
+    log : Path
+    columns : Columns
+    cutoff : float, [Hz]
+        Of the filter before differentiation.
+    """
+    load = load_mjcf if model.suffix.lower() in (".xml", ".mjcf") else load_urdf
+    drive = DriveTerms(viscous=True, coulomb="tanh", velocity_scale=0.02, offset=True)
+    torque_model = TorqueModel(load(model), drive)
+    recording = read_recording(log, torque_model.robot.joint_names, columns)
+
+    def prepare(raw: Recording) -> Recording:
+        smooth = low_passed(
+            resampled(raw, raw.rate), motion_cutoff=cutoff, torque_cutoff=cutoff
+        )
+        return differentiated(smooth)
+
+    found = diagnose(torque_model, recording, prepare=prepare)
+    return found, diagnosis_table(found)
 
 
 def identify_problem(

@@ -2,6 +2,7 @@
 
 import os
 import string
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
@@ -40,6 +41,7 @@ from consistent_id.problem_file import (
 from consistent_id.readers import Columns, read_recording
 from consistent_id.recording import Recording
 from consistent_id.regressor import TorqueModel
+from consistent_id.signals import trimmed
 from consistent_id.trajectory import Sinusoid, SinusoidalMotion
 
 
@@ -96,19 +98,47 @@ class Problem:
         motion = SinusoidalMotion(table.duration, table.rate, joints)
         return motion.recording(self.model.robot.joint_names, name=name)
 
-    def _recordings(self, role: str) -> tuple[Recording, ...]:
+    def logs(self, role: str) -> tuple[Recording, ...]:
+        """Return recordings as they were logged, cut to their rows.
+
+        Parameters
+        ----------
+        role : {"training", "validation"}
+        """
+        return tuple(
+            trimmed(raw, *span) if np.isfinite(span[0]) else raw
+            for raw, span in self._logged(role)
+        )
+
+    def prepare(self, recording: Recording) -> Recording:
+        """Prepare a recording as the file asks; the longest part if it has gaps."""
+        data = self._data()
+        parts = prepared(recording, data.preparation, -np.inf, np.inf)
+        return max(parts, key=len)
+
+    def _data(self) -> DataTable:
         data = self.table.data
         if data is None:
             raise ProblemError(
                 f"problem {self.name!r} has no recordings; add a [data] table"
             )
-        folder = self.folder / _expanded(data.folder, self.name)
+        return data
+
+    def _recordings(self, role: str) -> tuple[Recording, ...]:
         return tuple(
             part
-            for entry in data.recordings
-            if entry.role == role
-            for part in _prepared(folder, entry, data, self.model.robot)
+            for raw, (start, stop) in self._logged(role)
+            for part in prepared(raw, self._data().preparation, start, stop)
         )
+
+    def _logged(self, role: str) -> Iterator[tuple[Recording, tuple[float, float]]]:
+        """Yield recordings as logged, and the times between which they count."""
+        data = self._data()
+        folder = self.folder / _expanded(data.folder, self.name)
+        for entry in data.recordings:
+            if entry.role == role:
+                raw = _read(folder, entry, data, self.model.robot)
+                yield raw, _span(raw, entry)
 
 
 def load_problem(path: str | Path) -> Problem:
@@ -248,11 +278,10 @@ def _expanded(path: str, problem: str) -> str:
         raise ProblemError(f"problem {problem!r}: {path}: {cause}") from None
 
 
-def _prepared(
+def _read(
     folder: Path, entry: RecordingTable, data: DataTable, robot: RobotModel
-) -> tuple[Recording, ...]:
-    """Read one recording and prepare it, in several parts if it has gaps."""
-    raw = read_recording(
+) -> Recording:
+    return read_recording(
         folder / entry.file,
         robot.joint_names,
         None
@@ -261,15 +290,18 @@ def _prepared(
         torque_gain=data.torque_gain,
         topic=data.topic,
     )
-    start, stop = -np.inf, np.inf
-    if entry.rows is not None:
-        first, last = entry.rows
-        if not 1 <= first < last <= len(raw):
-            raise ProblemError(
-                f"{raw.name}: rows {first} to {last}, but the file has {len(raw)}"
-            )
-        start, stop = raw.time[first - 1], raw.time[last - 1]
-    return prepared(raw, data.preparation, start, stop)
+
+
+def _span(raw: Recording, entry: RecordingTable) -> tuple[float, float]:
+    """Return the times of the first and the last row that count."""
+    if entry.rows is None:
+        return -np.inf, np.inf
+    first, last = entry.rows
+    if not 1 <= first < last <= len(raw):
+        raise ProblemError(
+            f"{raw.name}: rows {first} to {last}, but the file has {len(raw)}"
+        )
+    return float(raw.time[first - 1]), float(raw.time[last - 1])
 
 
 def _ends(amplitude: float | list[float]) -> tuple[float, float]:

@@ -192,3 +192,36 @@ def test_findings_are_ranked_by_gravity():
     found = Diagnosis((note, warning, fault))
     assert [f.kind for f in found.findings] == ["b", "c", "a"]
     assert found.of("c") == (warning,)
+
+
+ARM_URDF = """<robot name="arm">
+<link name="base"/>
+<link name="upper"><inertial><origin xyz="0.2 0.05 0"/><mass value="5"/>
+<inertia ixx="0.05" iyy="0.2" izz="0.2" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="fore"><inertial><origin xyz="0.15 0 0.05"/><mass value="3"/>
+<inertia ixx="0.03" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/>
+<axis xyz="0 1 0"/><limit lower="-2" upper="2" velocity="3" effort="200"/></joint>
+<joint name="elbow" type="revolute"><parent link="upper"/><child link="fore"/>
+<origin xyz="0.4 0 0"/><axis xyz="0 0 1"/>
+<limit lower="-2" upper="2" velocity="3" effort="200"/></joint>
+</robot>"""
+
+
+@pytest.mark.parametrize(("sign", "code"), [(1.0, 0), (-1.0, 1)])
+def test_the_shell_checks_a_log_without_a_problem_file(tmp_path, capsys, sign, code):
+    from consistent_id import load_urdf
+    from consistent_id.cli import main
+
+    (tmp_path / "arm.urdf").write_text(ARM_URDF)
+    model = TorqueModel(load_urdf(tmp_path / "arm.urdf"), DRIVE)
+    log = _detective().clean(model, np.random.default_rng(3)).log
+    torque = log.torque * [1.0, sign]
+    table = np.column_stack([log.time, log.position, torque])
+    names = "time,q_shoulder,q_elbow,tau_shoulder,tau_elbow"
+    np.savetxt(tmp_path / "log.csv", table, delimiter=",", header=names, comments="")
+    arguments = ["check", str(tmp_path / "arm.urdf"), str(tmp_path / "log.csv")]
+    assert main(arguments) == code
+    out = capsys.readouterr().out
+    assert ("torque sign" in out and "elbow" in out) == (code == 1)
+    assert main([*arguments, "--json"]) == code

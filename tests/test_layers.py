@@ -34,7 +34,7 @@ signals.fourier signals.kalman signals.period signals.resolution signals.masks
 signals.cuts signals.savitzky_golay signals.smoother signals.track signals.alignment
 signals.delay signals cutoff preparation problem published published_estimate study
 diagnosis.coverage diagnosis.diagnose diagnosis published_summary summary record
-commands
+diagnosis.tell commands
 """.split()
 
 HEAVY = {
