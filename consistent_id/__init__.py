@@ -35,6 +35,7 @@ from consistent_id.constraints import (
 from consistent_id.cross_check import CrossCheck, cross_check
 from consistent_id.cross_validation import RegularisationPath, cross_validated
 from consistent_id.cutoff import CutoffChoice, best_cutoff
+from consistent_id.diagnosis import Diagnosis, diagnose
 from consistent_id.errors import (
     ConsistentIdError,
     InfeasibleError,
@@ -152,6 +153,7 @@ __all__ = [
     "Datasheet",
     "Delay",
     "DensityOn",
+    "Diagnosis",
     "DriveGains",
     "DriveTerms",
     "Ellipsoid",
@@ -219,6 +221,7 @@ __all__ = [
     "cross_check",
     "cross_validated",
     "decimated",
+    "diagnose",
     "differentiated",
     "encoder_resolution",
     "estimate_delay",
