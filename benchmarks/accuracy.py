@@ -1,0 +1,105 @@
+"""Held-out torque error on four real robots, settings as their problem files have them.
+
+``python benchmarks/accuracy.py [--write docs/accuracy.md --readme README.md]``, with
+recordings in ``CONSISTENT_ID_DATASETS``.  Settings were chosen on training data.
+"""
+
+import argparse
+from pathlib import Path
+from time import perf_counter
+
+import consistent_id as ci
+
+ROBOTS = ("ur10e", "kuka_kr300", "staubli_tx40", "tiago")
+SHOWN = {
+    "least squares": "least squares",
+    "weighted least squares": "weighted",
+    "Huber": "Huber",
+    "bounded": "QP",
+    "constrained": "constrained",
+    "cross-validated": "cross-validated prior",
+}
+BEGIN, END = "<!-- accuracy: begin -->", "<!-- accuracy: end -->"
+
+
+def rows(name: str) -> tuple[list[str], list[str]]:
+    """Return one robot's summary rows, and its rows joint by joint."""
+    started = perf_counter()
+    study = ci.run_study(ci.load_problem(f"problems/{name}"))
+    seconds = perf_counter() - started
+    reports = {r.estimate.method: r for r in study.comparison.reports}
+    summary, detail = [], []
+    for i, recording in enumerate(study.validation):
+        stacked = [f"{reports[m].validation[i].stacked:.2%}" for m in SHOWN]
+        label = f"{name}, {Path(recording.name).stem}"
+        summary.append(f"| {label} | {' | '.join(stacked)} |")
+        for method, label in SHOWN.items():
+            error = reports[method].validation[i]
+            joints = ", ".join(f"{share:.1%}" for share in error.relative)
+            detail.append(
+                f"| {Path(recording.name).stem} | {label} | {error.stacked:.2%} "
+                f"| {joints} |"
+            )
+    links = len(study.problem.model.robot)
+    bodies = [f"{sum(reports[m].consistent_links)} of {links}" for m in SHOWN]
+    verdicts = [reports[m].verdict for m in SHOWN]
+    summary.append(f"| links that are bodies | {' | '.join(bodies)} |")
+    summary.append(f"| verdict | {' | '.join(verdicts)} |")
+    title = [
+        f"## {name}",
+        "",
+        f"The whole study takes {seconds:.0f} s.",
+        "",
+        "| recording | method | stacked | per joint, over the RMS torque |",
+        "|---|---|---:|---|",
+    ]
+    return summary, [*title, *detail, ""]
+
+
+def measure() -> tuple[str, str]:
+    """Return the summary table, and the page."""
+    header = [
+        "| held-out recording | " + " | ".join(SHOWN.values()) + " |",
+        "|---|" + "---:|" * len(SHOWN),
+    ]
+    summaries, details = [], []
+    for name in ROBOTS:
+        summary, detail = rows(name)
+        summaries += summary
+        details += detail
+    table = "\n".join([*header, *summaries])
+    page = "\n".join(
+        [
+            "# Accuracy on real robots",
+            "",
+            "Measured by `python benchmarks/accuracy.py`: what each method, taught by",
+            "the training recordings of the problem folders, makes of their validation",
+            "recordings; `||tau - prediction|| / ||tau||` over all joints. Settings",
+            "are those of the problem files, chosen on training data, for all alike.",
+            "",
+            table,
+            "",
+            *details,
+        ]
+    )
+    return table, page.rstrip() + "\n"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--write", type=Path, help="file to write the page to")
+    parser.add_argument("--readme", type=Path, help="file with a place for the table")
+    options = parser.parse_args()
+    table, page = measure()
+    print(page)
+    if options.write:
+        options.write.write_text(page)
+    if options.readme:
+        text = options.readme.read_text()
+        before, rest = text.split(BEGIN)
+        _, after = rest.split(END)
+        options.readme.write_text(f"{before}{BEGIN}\n{table}\n{END}{after}")
+
+
+if __name__ == "__main__":
+    main()
