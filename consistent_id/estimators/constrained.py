@@ -26,7 +26,7 @@ from consistent_id.constraints import (
 from consistent_id.estimate import Certificate, Estimate
 from consistent_id.estimators.least_squares import residual_sigma, solve_linear
 from consistent_id.estimators.nearest import DISTANCE_GAP
-from consistent_id.estimators.settled import Settled, settle
+from consistent_id.estimators.settled import SLACK_GAP, Settled, settle
 from consistent_id.link_condition import LinkCondition, link_conditions
 from consistent_id.mass_matrix import POSES, least_mass_eigenvalue, random_poses
 from consistent_id.priors import Prior
@@ -133,6 +133,7 @@ def _certificate(
         "prior: relative gap of the squared distance": settled.share,
         "prior: violation": final.violation,
         "slack": settled.slack,
+        "slack: relative uncertainty": settled.unsure,
         "weight of the prior": settled.fit.weight,
         f"least eigenvalue of M(q) over {POSES} poses": least_mass_eigenvalue(
             model, x, poses
@@ -159,8 +160,8 @@ def _certificate(
     if settled.certified:
         return Certificate("certified", settled.proven, figures)
     reason = (
-        f"{settled.proven} (allowed: {GAP_TOLERANCE:.0e}, {DISTANCE_GAP:.0e} and "
-        f"{FEASIBILITY_TOLERANCE:.0e}); the estimate is usable only as far as these "
-        "figures say"
+        f"{settled.proven} (allowed: {GAP_TOLERANCE:.0e} of the final estimate, "
+        f"{DISTANCE_GAP:.0e}, {SLACK_GAP:.0e} and {FEASIBILITY_TOLERANCE:.0e}); the "
+        "estimate is usable only as far as these figures say"
     )
     return Certificate("uncertified", reason, figures)

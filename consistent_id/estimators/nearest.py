@@ -28,10 +28,13 @@ class Nearest:
     share : float
         Bound on the relative excess of its squared distance (or of 0.01, where it is
         less) over the least within the slack; infinite if its misfit exceeds that.
+    allowed : float
+        Squared misfit beyond the least that the slack allows, in scaled units.
     """
 
     fit: PenalisedFit
     share: float
+    allowed: float
 
 
 def nearest_within(best: BestFit, distance: NominalDistance, slack: float) -> Nearest:
@@ -65,7 +68,8 @@ def nearest_within(best: BestFit, distance: NominalDistance, slack: float) -> Ne
             closest = found
         if excess <= allowed:
             short = (allowed - excess) / weight + found.distance_gap
-            now = Nearest(found, short / max(found.squared_distance, _SMALL))
+            share = short / max(found.squared_distance, _SMALL)
+            now = Nearest(found, share, allowed)
             certified = found.optimality.verdict == "certified"
             if kept is None or (certified and now.share < kept.share):
                 kept = now
@@ -76,7 +80,7 @@ def nearest_within(best: BestFit, distance: NominalDistance, slack: float) -> Ne
         return kept
     if closest is None:
         raise SolverError("no weight of the prior was tried")
-    return Nearest(closest, np.inf)
+    return Nearest(closest, np.inf, allowed)
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,9 +14,13 @@ from consistent_id.estimators.best_fit import BestFit, best_fit
 from consistent_id.estimators.contradiction import contradiction
 from consistent_id.estimators.nearest import DISTANCE_GAP, nearest_within
 from consistent_id.estimators.penalised import PenalisedFit, penalised_fit
+from consistent_id.estimators.scaled_fit import REFERENCE
 from consistent_id.priors import Penalty, PointToSet, Prior
 from consistent_id.regression import Regression
 from consistent_id.regressor import TorqueModel
+
+SLACK_GAP = 0.01
+"""Share of the slack by which the least misfit may be unknown."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,6 +37,9 @@ class Settled:
         Relative misfit given up for the prior, at the most.
     share : float
         Bound on the relative excess of the squared distance, under `PointToSet`.
+    unsure : float
+        What is not known of the least squared misfit, relative to what the slack
+        allows beyond it; none under `Penalty`, which does not ask for it.
     words : str
         How the prior was used.
     """
@@ -42,6 +49,7 @@ class Settled:
     fit: PenalisedFit
     slack: float
     share: float
+    unsure: float
     words: str
 
     @property
@@ -51,9 +59,9 @@ class Settled:
 
     @property
     def certified(self) -> bool:
-        """Whether both optima are, and the squared distance is within its gap."""
-        verdicts = {self.best.optimality.verdict, self.fit.optimality.verdict}
-        return verdicts == {"certified"} and self.share <= DISTANCE_GAP
+        """Whether the final optimum is, within a slack that is known well enough."""
+        final = self.fit.optimality.verdict == "certified"
+        return final and self.share <= DISTANCE_GAP and self.unsure <= SLACK_GAP
 
     @property
     def proven(self) -> str:
@@ -63,18 +71,19 @@ class Settled:
         if not self.certified:
             return (
                 f"relative gap of the best fit {fit.gap:.1e} and of the final estimate "
-                f"{final.gap:.1e}, of the squared distance {self.share:.1e}, violation "
-                f"{violation:.1e}"
+                f"{final.gap:.1e}, of the squared distance {self.share:.1e}, of the "
+                f"slack {self.unsure:.1e}, violation {violation:.1e}"
             )
         second = (
-            f"compromise with the prior to {final.gap:.1e}"
+            "a compromise with the prior"
             if self.share == 0.0
             else f"squared distance to nominal to {self.share:.1e}"
         )
         size = 1.0 + float(np.linalg.norm(self.distance.nominal))
         reach = min(fit.radius, final.radius) / size
         return (
-            f"best fit proven to a relative {fit.gap:.1e}, {second}, constraints "
+            f"best fit proven to a relative {fit.gap:.1e}, final estimate to "
+            f"{final.gap:.1e}, {second}, constraints "
             f"violated by at most {violation:.1e}, among robots up to {reach:.0f} "
             "times the nominal"
         )
@@ -111,7 +120,10 @@ def settle(
         f"nearest to nominal ({prior.distance} distance) among estimates whose misfit "
         f"is within {slack:.2%} of the best constrained fit"
     )
-    return Settled(best, distance, near.fit, slack, near.share, words)
+    optimality = best.optimality
+    gap = 2.0 * optimality.gap * max(optimality.objective, REFERENCE)
+    unsure = 0.0 if optimality.verdict == "certified" else gap / near.allowed
+    return Settled(best, distance, near.fit, slack, near.share, unsure, words)
 
 
 def _compromise(best: BestFit, distance: NominalDistance, prior: Penalty) -> Settled:
@@ -124,4 +136,4 @@ def _compromise(best: BestFit, distance: NominalDistance, prior: Penalty) -> Set
         f"compromise of misfit and {prior.distance} distance to nominal, weight "
         f"{prior.weight:.3g}; its misfit is {given:.2%} above the best constrained fit"
     )
-    return Settled(best, distance, fit, given, 0.0, words)
+    return Settled(best, distance, fit, given, 0.0, 0.0, words)
