@@ -17,10 +17,8 @@ from consistent_id.regressor import TorqueModel
 
 _STEP = 1e-4  # rad or m, of the finite differences
 _SEGMENTS = 20
-# Chosen on 200 clean logs (benchmarks/detective.py): the largest of them that are of
-# some size reach 4.8 standard errors.
-_SURE = 5.5  # estimates over their standard errors that are reported
-_ANGLE = np.radians(1.5)
+_SURE = 8.0  # estimates over their standard errors that are reported
+_ANGLE = np.radians(1.0)
 _SLIDE = 0.005  # m
 _LAG = 0.012  # s: less is what filters of currents do
 _SAMPLES = 1500
