@@ -137,52 +137,44 @@ def comparison_tables(comparison: Comparison) -> list[Table]:
         where = f"on {error.recording} (validation)"
         tables.append(_error_table(f"Torque {where}", joints, reports, i))
         tables.append(_mse_table(f"Mean squared error {where}", joints, reports, i))
-    tables.append(
-        Table(
-            "Physical consistency",
+    tables.append(_consistency_table(reports))
+    whys = tuple(f"{r.estimate.method}: {r.verdict}; {_reason(r)}" for r in reports)
+    return [*tables, Table("Why", (), (), whys)]
+
+
+def _consistency_table(reports: Sequence[EstimateReport]) -> Table:
+    return Table(
+        "Physical consistency",
+        (
+            "estimate",
+            "verdict",
+            "links that are bodies",
+            "any body with its base parameters",
+            "torque change to the nearest robot",
+            "least eigenvalue of M(q)",
+            "median distance to nominal",
+        ),
+        tuple(
             (
-                "estimate",
-                "verdict",
-                "links that are bodies",
-                "any body with its base parameters",
-                "torque change to the nearest robot",
-                "least eigenvalue of M(q)",
-                "median distance to nominal",
-            ),
-            tuple(
-                (
-                    report.estimate.method,
-                    report.verdict,
-                    f"{sum(report.consistent_links)} of {len(report.consistent_links)}",
-                    report.base_feasibility.answer,
-                    _to_nearest(report),
-                    f"{report.least_mass_eigenvalue:.4g}",
-                    f"{np.median(report.distance_to_nominal):.3g}",
-                )
-                for report in reports
-            ),
-            (
-                "links: of the standard parameters as they stand (for least squares "
-                "the smallest of many)",
-                "nearest robot that can exist: relative RMS change of the torque along "
-                "random motions",
-                "least eigenvalue over 10 000 random poses; distance: "
-                "||J0^-1/2 (J - J0) J0^-1/2|| per link",
-            ),
-        )
+                report.estimate.method,
+                report.verdict,
+                f"{sum(report.consistent_links)} of {len(report.consistent_links)}",
+                report.base_feasibility.answer,
+                _to_nearest(report),
+                f"{report.least_mass_eigenvalue:.4g}",
+                f"{np.median(report.distance_to_nominal):.3g}",
+            )
+            for report in reports
+        ),
+        (
+            "links: of the standard parameters as they stand (for least squares "
+            "the smallest of many)",
+            "nearest robot that can exist: relative RMS change of the torque along "
+            "random motions",
+            "least eigenvalue over 10 000 random poses; distance: "
+            "||J0^-1/2 (J - J0) J0^-1/2|| per link",
+        ),
     )
-    tables.append(
-        Table(
-            "Why",
-            (),
-            (),
-            tuple(
-                f"{report.estimate.method}: {report.verdict}; {_reason(report)}"
-                for report in reports
-            ),
-        )
-    )
-    return tables
 
 
 def _to_nearest(report: EstimateReport) -> str:

@@ -122,34 +122,15 @@ def _certificate(
     links: tuple[LinkCondition, ...],
     settled: Settled,
 ) -> Certificate:
-    fit, final = settled.best.optimality, settled.fit.optimality
     poses = random_poses(model, POSES, _SEED)
-    x = settled.parameters
+    least = least_mass_eigenvalue(model, settled.parameters, poses)
+    violation = lowered(constraints, model).violation(settled.parameters)
     figures = {
-        "violation in original units": lowered(constraints, model).violation(x),
-        "fit: relative gap": fit.gap,
-        "fit: violation": fit.violation,
-        "prior: relative gap": final.gap,
-        "prior: relative gap of the squared distance": settled.share,
-        "prior: violation": final.violation,
-        "slack": settled.slack,
-        "slack: relative uncertainty": settled.unsure,
-        "weight of the prior": settled.fit.weight,
-        f"least eigenvalue of M(q) over {POSES} poses": least_mass_eigenvalue(
-            model, x, poses
-        ),
+        "violation in original units": violation,
+        **_gaps(settled),
+        f"least eigenvalue of M(q) over {POSES} poses": least,
+        **_by_joint_and_link(regression, links, settled),
     }
-    figures |= {
-        f"RMS residual of {joint}": float(rms)
-        for joint, rms in zip(
-            regression.joints, regression.residual_rms(x), strict=True
-        )
-    }
-    figures |= {
-        f"least eigenvalue of J of {link.link}, per typical link": link.least_eigenvalue
-        for link in links
-    }
-    least = figures[f"least eigenvalue of M(q) over {POSES} poses"]
     bodies = any(isinstance(c, PhysicalConsistency) for c in constraints)
     if bodies and least <= 0.0:
         reason = (
@@ -165,3 +146,31 @@ def _certificate(
         "estimate is usable only as far as these figures say"
     )
     return Certificate("uncertified", reason, figures)
+
+
+def _gaps(settled: Settled) -> dict[str, float]:
+    fit, final = settled.best.optimality, settled.fit.optimality
+    return {
+        "fit: relative gap": fit.gap,
+        "fit: violation": fit.violation,
+        "prior: relative gap": final.gap,
+        "prior: relative gap of the squared distance": settled.share,
+        "prior: violation": final.violation,
+        "slack": settled.slack,
+        "slack: relative uncertainty": settled.unsure,
+        "weight of the prior": settled.fit.weight,
+    }
+
+
+def _by_joint_and_link(
+    regression: Regression, links: tuple[LinkCondition, ...], settled: Settled
+) -> dict[str, float]:
+    rms = regression.residual_rms(settled.parameters)
+    residuals = {
+        f"RMS residual of {joint}": float(value)
+        for joint, value in zip(regression.joints, rms, strict=True)
+    }
+    return residuals | {
+        f"least eigenvalue of J of {link.link}, per typical link": link.least_eigenvalue
+        for link in links
+    }
