@@ -77,7 +77,7 @@ def price_table(prices: Sequence[ShadowPrice]) -> Table:
         "What single constraints cost in fit (training data, the others held)",
         ("constraint", "without it [N m]", "one percent more [N m]", "verdict"),
         tuple(
-            (p.label, f"{-p.cost + 0.0:.4f}", f"{p.price:+.2e}", p.verdict)
+            (p.label, f"{-p.cost + 0.0:.2g}", f"{p.price:+.2e}", p.verdict)
             for p in shown
         ),
         (

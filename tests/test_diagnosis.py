@@ -117,6 +117,24 @@ def test_a_zero_off_by_a_known_angle_is_measured():
     assert abs(shifts.offsets[0]) < 8.0 * shifts.offset_errors[0]
 
 
+@pytest.mark.parametrize("late", [6, -6])
+def test_a_lag_is_measured_with_its_sign(late):
+    from consistent_id import constrained_least_squares
+
+    model, raw = _arm(), _clean(4)
+    shifted = replace(raw, torque=np.roll(raw.torque, late, axis=0))
+    log = _detective().prepared(shifted.samples(slice(10, -10)))
+    base = base_parameters(model)
+    regression = build_regression(model, log)
+    weighted = regression.weighted(regression.torque_rms)
+    x = constrained_least_squares(model, weighted, base=base).parameters
+    shifts = estimate_shifts(model, x, log, base)
+    # Six samples at 200 Hz; linearisation and friction leave a fifth.
+    assert shifts.lag == pytest.approx(late / 200.0, rel=0.2)
+    words = [f.statement for f in _diagnosed(shifted.samples(slice(10, -10))).of("lag")]
+    assert words and ("later" if late > 0 else "earlier") in words[0]
+
+
 @pytest.mark.parametrize(("factor", "unit"), [(1e3, "milli"), (1e6, "micro")])
 def test_a_clock_that_is_not_in_seconds_is_told_with_its_unit(factor, unit):
     log = _clean(0)
