@@ -42,7 +42,7 @@ from consistent_id.readers import Columns, read_recording
 from consistent_id.recording import Recording
 from consistent_id.regressor import TorqueModel
 from consistent_id.signals import trimmed
-from consistent_id.trajectory import Sinusoid, SinusoidalMotion
+from consistent_id.sinusoids import Sinusoid, SinusoidalMotion
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from consistent_id import (
     simulate_torque,
 )
 from consistent_id.loaders.urdf import from_pinocchio
-from consistent_id.trajectory import Sinusoid, SinusoidalMotion
+from consistent_id.sinusoids import Sinusoid, SinusoidalMotion
 
 LOAD = InertialParameters.from_central(
     3.0, [0.05, 0.02, 0.15], np.diag([0.03, 0.04, 0.02])

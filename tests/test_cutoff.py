@@ -10,7 +10,7 @@ from robots import random_robot
 import consistent_id as ci
 from consistent_id.preparation import check_preparation, prepared
 from consistent_id.problem_file import ColumnsTable, PreparationTable
-from consistent_id.trajectory import Sinusoid, SinusoidalMotion
+from consistent_id.sinusoids import Sinusoid, SinusoidalMotion
 
 CANDIDATES = (2.0, 3.0, 5.0, 8.0, 12.0, 20.0, 40.0)
 RATE = 200.0

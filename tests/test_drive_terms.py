@@ -24,7 +24,7 @@ from consistent_id import (
     load_problem,
 )
 from consistent_id.simulation import simulate_torque
-from consistent_id.trajectory import Sinusoid, SinusoidalMotion
+from consistent_id.sinusoids import Sinusoid, SinusoidalMotion
 
 FULL = DriveTerms(
     viscous=True,

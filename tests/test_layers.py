@@ -12,8 +12,8 @@ ORDER = """
 errors _newton_euler _files _arrays _threads inertia log_cholesky parameters model
 chains loaders.findings loaders._xml loaders._urdf_tree loaders._urdf_parts
 loaders._urdf_lint loaders.urdf loaders._mjcf_checks loaders.mjcf loaders.dh loaders
-_joint_geometry recording trajectory scaling conic constraints.solids priors cones
-cone_program second_opinion certificate feasibility conflict estimators.body_variables
+_joint_geometry recording scaling conic constraints.solids priors cones cone_program
+second_opinion certificate feasibility conflict estimators.body_variables
 estimators.smooth_fit estimators problem_file diagnosis.findings diagnosis.clock
 diagnosis.corrections tables readers.mat_lint readers.merging readers.units
 readers.columns readers.arrays readers.csv readers.frames readers.hdf5
@@ -32,9 +32,9 @@ estimators.gains loaded_constraints estimators.payload shapes shaped_regression
 shape_misfit shape_profile shape_fit signals.clocks signals.differences signals.filters
 signals.fourier signals.kalman signals.period signals.resolution signals.masks
 signals.cuts signals.savitzky_golay signals.smoother signals.track signals.alignment
-signals.delay signals cutoff preparation problem published published_estimate study
-diagnosis.coverage diagnosis.diagnose diagnosis published_summary summary record
-diagnosis.tell commands
+signals.delay signals cutoff preparation diagnosis.tell sinusoids problem published
+published_estimate study diagnosis.coverage diagnosis.diagnose diagnosis
+published_summary summary record commands excitation excitation.limits trajectory
 """.split()
 
 HEAVY = {

@@ -28,7 +28,7 @@ from consistent_id.correlation import correlation_length
 from consistent_id.scaling import reference_bodies
 from consistent_id.shape_misfit import ShapeGroup, ShapeMisfit
 from consistent_id.shaped_regression import shaped_regression
-from consistent_id.trajectory import Sinusoid, SinusoidalMotion
+from consistent_id.sinusoids import Sinusoid, SinusoidalMotion
 
 TRUE = DriveTerms(
     viscous=True,

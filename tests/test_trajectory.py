@@ -1,99 +1,107 @@
-"""Motions by formula and recordings of known robots."""
+"""Fourier trajectories against finite differences, closed forms and CasADi."""
 
 import numpy as np
 import pytest
-from robots import random_robot, random_states
+from hypothesis import given
+from hypothesis import strategies as st
 
-from consistent_id import (
-    DHRow,
-    ProblemError,
-    Recording,
-    RecordingError,
-    TorqueModel,
-    from_modified_dh,
+from consistent_id import ProblemError
+from consistent_id.trajectory import FourierTrajectory, harmonics_of
+
+
+def random_trajectory(seed: int = 0, joints: int = 3) -> FourierTrajectory:
+    rng = np.random.default_rng(seed)
+    frequencies = harmonics_of([0.1, 0.14], 4)
+    shape = (len(frequencies), joints)
+    return FourierTrajectory(
+        tuple(f"j{i}" for i in range(joints)),
+        frequencies,
+        rng.normal(size=joints),
+        rng.normal(size=shape),
+        rng.normal(size=shape),
+        duration=7.0,
+        start=1.5,
+    )
+
+
+def test_each_derivative_is_the_difference_quotient_of_the_one_before():
+    path = random_trajectory()
+    time, h = np.linspace(1.5, 8.5, 23), 1e-4
+    before, after = (path.evaluate(time + s, derivatives=4) for s in (-h, h))
+    quotient = (after - before)[:-1] / (2.0 * h)
+    exact = path.evaluate(time, derivatives=4)[1:]
+    assert np.allclose(quotient, exact, rtol=1e-6, atol=1e-5)
+
+
+def test_casadi_form_equals_numpy_form():
+    path = random_trajectory(1)
+    function = path.casadi()
+    for t in (1.5, 3.3, 8.5):
+        numeric = path.evaluate([t], derivatives=3)[:, 0]
+        symbolic = [np.asarray(value).ravel() for value in function(t)]
+        assert np.allclose(numeric, symbolic, rtol=1e-13, atol=1e-12)
+
+
+def test_one_cosine_is_the_textbook_one():
+    path = FourierTrajectory(("a",), [0.25], [0.0], [[0.0]], [[2.0]], 4.0)
+    w = np.pi / 2
+    assert np.allclose(
+        path.evaluate([0.0, 1.0], 3)[:, :, 0],
+        [[2.0, 0.0], [0.0, -2 * w], [-2 * w**2, 0.0], [0.0, 2 * w**3]],
+        atol=1e-12,
+    )
+
+
+@given(st.integers(1, 40), st.integers(1, 40), st.floats(0.01, 5.0))
+def test_it_repeats_after_its_period(first, second, base):
+    frequencies = np.unique([first, second]) * base
+    ones = np.ones((len(frequencies), 1))
+    path = FourierTrajectory(("a",), frequencies, [0.0], ones, ones, 1.0)
+    period = path.period
+    assert period is not None
+    times = np.linspace(0.0, 1.0, 7) / base
+    assert np.allclose(path.evaluate(times), path.evaluate(times + period), atol=1e-6)
+    assert np.isclose(period * base * np.gcd(first, second), 1.0)
+
+
+def test_frequencies_without_a_common_base_have_no_period():
+    ones = np.ones((2, 1))
+    path = FourierTrajectory(("a",), [1.0, np.sqrt(2.0)], [0.0], ones, ones, 1.0)
+    assert path.period is None
+
+
+def test_a_recording_has_both_ends_and_exact_derivatives():
+    path = random_trajectory(2)
+    log = path.recording(rate=99.9)
+    assert np.isclose(log.time[0], 1.5) and np.isclose(log.time[-1], 8.5)
+    assert log.rate <= 99.9
+    q, dq, ddq = path.evaluate(log.time)
+    for seen, exact in zip(
+        (log.position, log.velocity, log.acceleration), (q, dq, ddq), strict=True
+    ):
+        assert np.array_equal(seen, exact)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"frequencies": [0.2, 0.1]}, "increasing"),
+        ({"frequencies": [0.0, 0.1]}, "positive"),
+        ({"duration": 0.0}, "more than 0"),
+        ({"joints": ("a", "a")}, "distinct names"),
+        ({"sine": [[1.0]]}, "sine"),
+        ({"cosine": [[np.nan], [0.0]]}, "cosine"),
+        ({"start": np.inf}, "start"),
+    ],
 )
-from consistent_id.parametrisation import Combination, Parametrisation
-from consistent_id.simulation import simulate_torque
-from consistent_id.trajectory import Sinusoid, SinusoidalMotion
-
-
-def test_derivatives_are_those_of_finite_differences():
-    term = Sinusoid(start=0.4, end=-0.9, frequency=0.7, phase=0.3)
-    t, step = np.linspace(0.0, 3.0, 50), 1e-4
-    before, here, after = (term.evaluate(t + d, 3.0) for d in (-step, 0.0, step))
-    # Central differences err by step^2 / 6 times the next derivatives, below 1e-6.
-    assert np.allclose((after[0] - before[0]) / (2 * step), here[1], atol=1e-6)
-    assert np.allclose((after[1] - before[1]) / (2 * step), here[2], atol=1e-6)
-
-
-def test_the_amplitude_runs_from_start_to_end():
-    t = np.array([0.0, 2.0])
-    q = Sinusoid(0.5, 0.8, frequency=0.0, phase=np.pi / 2).evaluate(t, 2.0)[0]
-    assert q == pytest.approx([0.5, 0.8])
-
-
-def test_both_ends_are_sampled_and_joints_must_match():
-    motion = SinusoidalMotion(2.0, 50.0, ((Sinusoid(1, 1, 0.5),), ()))
-    recording = motion.recording(("a", "b"))
-    assert (len(recording), recording.time[-1]) == (101, 2.0)
-    assert not recording.position[:, 1].any()
-    with pytest.raises(ProblemError, match="sinusoids for 2 joints"):
-        motion.recording(("a",))
-    with pytest.raises(ProblemError, match="duration is 0"):
-        SinusoidalMotion(0.0, 50.0, ())
-
-
-def _setup():
-    rng = np.random.default_rng(0)
-    _, robot = random_robot(rng, 2)
-    states = random_states(rng, 2, 4000)
-    motion = Recording(robot.joint_names, np.arange(4000) / 100, *states)
-    return TorqueModel(robot), robot.nominal, motion
-
-
-def test_noise_has_the_stated_deviation_and_comes_from_the_seed():
-    model, x, motion = _setup()
-    exact = simulate_torque(model, x, motion).torque
-    noisy = [
-        simulate_torque(
-            model, x, motion, noise=[0.5, 2.0], rng=np.random.default_rng(3)
-        )
-        for _ in range(2)
-    ]
-    assert np.array_equal(noisy[0].torque, noisy[1].torque)
-    # A standard deviation from 4000 samples is good to 1.1 %; four of them.
-    assert np.std(noisy[0].torque - exact, axis=0) == pytest.approx(
-        [0.5, 2.0], rel=0.045
-    )
-
-
-def test_noise_without_a_generator_and_motion_without_rates_are_refused():
-    model, x, motion = _setup()
-    with pytest.raises(ProblemError, match="random generator"):
-        simulate_torque(model, x, motion, noise=1.0)
-    bare = Recording(motion.joints, motion.time, motion.position)
-    with pytest.raises(RecordingError, match="differentiated"):
-        simulate_torque(model, x, bare)
-
-
-def test_combinations_that_leave_a_parameter_out_are_refused_by_its_name():
-    arm = from_modified_dh("arm", [DHRow(0.0, 0.0), DHRow(-np.pi / 2, 0.3)])
-    model = TorqueModel(arm)
-    names = model.layout.names
-    missing = "link2.Ixy"
-    kept = [n for n in names if n != missing]
-    combinations = tuple(
-        Combination(f"{effect} {n}", n, "", {n: 1.0}, effect)
-        for effect in ("inertia", "gravity")
-        for n in kept
-    )
-    with pytest.raises(ProblemError, match=missing):
-        Parametrisation(model, combinations)
-    full = (
-        *combinations,
-        *(
-            Combination(f"{e} rest", missing, "", {missing: 1.0}, e)
-            for e in ("inertia", "gravity")
-        ),
-    )
-    assert len(Parametrisation(model, full)) == 2 * len(names)
+def test_what_is_no_trajectory_is_refused(change, says):
+    values = {
+        "joints": ("a",),
+        "frequencies": [0.1, 0.2],
+        "offset": [0.0],
+        "sine": [[1.0], [0.0]],
+        "cosine": [[1.0], [0.0]],
+        "duration": 3.0,
+    } | change
+    with pytest.raises(ProblemError, match=says):
+        FourierTrajectory(**values)

@@ -1,0 +1,1 @@
+"""Exciting trajectories: motions from which parameters can be told, within limits."""

@@ -1,0 +1,190 @@
+"""What a joint's motion may not exceed, at any time."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Self, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from consistent_id._arrays import Vector, frozen
+from consistent_id.errors import ProblemError
+from consistent_id.model import Joint, RobotModel
+from consistent_id.parameters import did_you_mean
+
+_ORDERS = ("velocity", "acceleration", "jerk")
+_T = TypeVar("_T")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MotionLimits:
+    """Limits of each joint's motion and torque; infinite where there is none.
+
+    Parameters
+    ----------
+    joints : tuple of str
+    lower, upper : array_like, shape (joints,), [rad or m]
+    velocity : array_like, shape (joints,), [rad/s or m/s]
+    acceleration : array_like, shape (joints,), [rad/s^2 or m/s^2]
+    jerk : array_like, shape (joints,), [rad/s^3 or m/s^3]
+    effort : array_like, shape (joints,), [N m or N]
+
+    Raises
+    ------
+    ProblemError
+        If a joint has no range to move in, or one that is not finite, or nothing that
+        bounds its speed; the message names joint and limit.
+    """
+
+    joints: tuple[str, ...]
+    lower: Vector
+    upper: Vector
+    velocity: Vector
+    acceleration: Vector
+    jerk: Vector
+    effort: Vector
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "joints", tuple(self.joints))
+        n = len(self.joints)
+        for name in ("lower", "upper", *_ORDERS, "effort"):
+            values = frozen(getattr(self, name), (n,), f"limits: {name}", finite=False)
+            object.__setattr__(self, name, values)
+        for j, joint in enumerate(self.joints):
+            self._check(j, f"limits of joint {joint!r}")
+
+    def _check(self, j: int, where: str) -> None:
+        low, high = self.lower[j], self.upper[j]
+        if not (np.isfinite(low) and np.isfinite(high)):
+            raise ProblemError(
+                f"{where}: position between {low} and {high}, expected finite numbers; "
+                "give its range"
+            )
+        if not low < high:
+            raise ProblemError(
+                f"{where}: lower {low:g} is not below upper {high:g}, so it cannot "
+                "move; widen the range, or lock the joint in the model"
+            )
+        for name in (*_ORDERS, "effort"):
+            value = getattr(self, name)[j]
+            if not value > 0.0:
+                raise ProblemError(
+                    f"{where}: {name} is {value:g}, expected more than 0; correct it, "
+                    "or lock the joint in the model"
+                )
+        if not min(getattr(self, name)[j] for name in _ORDERS) < np.inf:
+            raise ProblemError(
+                f"{where}: nothing bounds its speed; give velocity, acceleration or "
+                "jerk"
+            )
+
+    @property
+    def middle(self) -> Vector:
+        """Middle of each joint's range [rad or m]."""
+        return (self.lower + self.upper) / 2.0
+
+    def derivative(self, order: int) -> Vector:
+        """Return half the range, velocity, acceleration, jerk for order 0 to 3."""
+        if order == 0:
+            return (self.upper - self.lower) / 2.0
+        return np.asarray(getattr(self, _ORDERS[order - 1]))
+
+    def within(self, share: float) -> Self:
+        """Return limits of the same middle, of which only a share is used."""
+        if not 0.0 < share <= 1.0:
+            raise ProblemError(f"share of limits is {share}, expected above 0 up to 1")
+        half = share * self.derivative(0)
+        return replace(
+            self,
+            lower=self.middle - half,
+            upper=self.middle + half,
+            **{name: share * getattr(self, name) for name in (*_ORDERS, "effort")},
+        )
+
+
+def motion_limits(
+    robot: RobotModel,
+    *,
+    position: Mapping[str, tuple[float, float]] | None = None,
+    velocity: ArrayLike | Mapping[str, float] | None = None,
+    acceleration: ArrayLike | Mapping[str, float] | None = None,
+    jerk: ArrayLike | Mapping[str, float] | None = None,
+    effort: ArrayLike | Mapping[str, float] | None = None,
+) -> MotionLimits:
+    """Return a robot's limits, with what is given in place of what its file says.
+
+    Parameters
+    ----------
+    robot : RobotModel
+        A continuous joint without a range gets one turn, from -pi to pi, which winds
+        no cable.
+    position : mapping from joint to (lower, upper), optional, [rad or m]
+    velocity, acceleration, jerk, effort : array_like or mapping, optional
+        One number for all joints, one each in the robot's order, or some by name.
+        Robot files state velocity and effort at most.
+
+    Raises
+    ------
+    ProblemError
+        If a name is no joint's, or a joint's limits leave it no motion or any motion.
+
+    Examples
+    --------
+    >>> from consistent_id import DHRow, JointLimits, from_modified_dh
+    >>> arm = from_modified_dh("arm", [DHRow(0, 0, limits=JointLimits(-1, 2))])
+    >>> motion_limits(arm, velocity=1.5).middle.tolist()
+    [0.5]
+    """
+    names, own = robot.joint_names, [joint.limits for joint in robot.joints]
+    span = {joint.name: _own_range(joint) for joint in robot.joints}
+    span |= _known(position or {}, names, "position")
+    unlimited = [np.inf] * len(names)
+    return MotionLimits(
+        joints=names,
+        lower=np.array([span[name][0] for name in names]),
+        upper=np.array([span[name][1] for name in names]),
+        velocity=_each(velocity, [x.velocity for x in own], names, "velocity"),
+        acceleration=_each(acceleration, unlimited, names, "acceleration"),
+        jerk=_each(jerk, unlimited, names, "jerk"),
+        effort=_each(effort, [x.effort for x in own], names, "effort"),
+    )
+
+
+def _own_range(joint: Joint) -> tuple[float, float]:
+    low, high = joint.limits.lower, joint.limits.upper
+    if joint.kind == "continuous" and not np.isfinite([low, high]).all():
+        return -np.pi, np.pi
+    return low, high
+
+
+def _each(
+    given: ArrayLike | Mapping[str, float] | None,
+    own: list[float],
+    names: tuple[str, ...],
+    what: str,
+) -> Vector:
+    """Return one number per joint, from whatever form it was given in."""
+    if given is None:
+        return np.array(own)
+    if isinstance(given, Mapping):
+        chosen = _known(given, names, what)
+        return np.array(
+            [chosen.get(n, value) for n, value in zip(names, own, strict=True)]
+        )
+    values = np.asarray(given, dtype=float)
+    if values.shape not in ((), (len(names),)):
+        raise ProblemError(
+            f"limits: {what} has shape {values.shape}, expected one number or "
+            f"{len(names)}"
+        )
+    return np.broadcast_to(values, (len(names),))
+
+
+def _known(
+    given: Mapping[str, _T], names: tuple[str, ...], what: str
+) -> Mapping[str, _T]:
+    for name in given:
+        if name not in names:
+            near = did_you_mean(name, names)
+            raise ProblemError(f"limits: {what} of {name!r}: no such joint; {near}")
+    return given
