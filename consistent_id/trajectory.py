@@ -135,6 +135,15 @@ class FourierTrajectory:
         values[0] += self.offset
         return values
 
+    def derivative_bound(self, order: int) -> Vector:
+        """Return a bound of each joint's derivative over all time, ``sum_k w^n |c_k|``.
+
+        In absolute value; of order 0, of the position.
+        """
+        size = np.hypot(self.sine, self.cosine)
+        bound = self.rates**order @ size
+        return bound + abs(self.offset) if order == 0 else bound
+
     def recording(self, rate: float, name: str = "trajectory") -> Recording:
         """Sample position, velocity and acceleration; both ends belong to it.
 

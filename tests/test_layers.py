@@ -34,7 +34,7 @@ signals.fourier signals.kalman signals.period signals.resolution signals.masks
 signals.cuts signals.savitzky_golay signals.smoother signals.track signals.alignment
 signals.delay signals cutoff preparation diagnosis.tell sinusoids problem published
 published_estimate study diagnosis.coverage diagnosis.diagnose diagnosis
-published_summary summary record commands excitation excitation.limits trajectory
+published_summary summary record commands excitation excitation.limits trajectory paths
 """.split()
 
 HEAVY = {

@@ -42,6 +42,16 @@ def test_casadi_form_equals_numpy_form():
         assert np.allclose(numeric, symbolic, rtol=1e-13, atol=1e-12)
 
 
+@pytest.mark.parametrize("order", range(5))
+def test_no_derivative_exceeds_its_bound_and_one_sine_reaches_it(order):
+    path = random_trajectory(3)
+    values = path.evaluate(np.linspace(-50.0, 50.0, 20_001), derivatives=order)[order]
+    assert (abs(values).max(axis=0) <= path.derivative_bound(order)).all()
+    sine = FourierTrajectory(("a",), [0.5], [0.0], [[3.0]], [[4.0]], 2.0)
+    values = sine.evaluate(np.linspace(0.0, 2.0, 20_001), derivatives=order)[order]
+    assert np.isclose(abs(values).max(), sine.derivative_bound(order)[0], rtol=1e-6)
+
+
 def test_one_cosine_is_the_textbook_one():
     path = FourierTrajectory(("a",), [0.25], [0.0], [[0.0]], [[2.0]], 4.0)
     w = np.pi / 2
