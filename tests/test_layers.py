@@ -35,6 +35,9 @@ signals.cuts signals.savitzky_golay signals.smoother signals.track signals.align
 signals.delay signals cutoff preparation diagnosis.tell sinusoids problem published
 published_estimate study diagnosis.coverage diagnosis.diagnose diagnosis
 published_summary summary record commands excitation excitation.limits trajectory paths
+excitation._callbacks excitation.basis excitation.criteria excitation.kernels
+excitation.information excitation.limit_rows excitation.programme excitation.aims
+excitation.guards excitation.search excitation.starts excitation.design
 """.split()
 
 HEAVY = {

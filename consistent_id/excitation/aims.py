@@ -1,0 +1,145 @@
+"""What is asked of a design: the form of paths, and what they are to be good for."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from consistent_id._arrays import Vector, frozen
+from consistent_id.errors import ProblemError
+from consistent_id.excitation.criteria import Objective, Scaling
+from consistent_id.parameters import did_you_mean
+from consistent_id.recording import Recording
+from consistent_id.regression import Regression
+from consistent_id.trajectory import harmonics_of
+
+
+@dataclass(frozen=True, slots=True)
+class PathForm:
+    """The family of Fourier paths to choose from.
+
+    Parameters
+    ----------
+    duration : float, [s]
+    harmonics : int
+        Of each base frequency.
+    base_frequencies : float or sequence of float, optional, [Hz]
+        By default the one whose period is the duration.
+    rest : bool
+        Whether velocity and acceleration are zero at both ends; without it, a periodic
+        path is entered at full speed and needs a run-in.
+
+    Examples
+    --------
+    >>> PathForm(10.0, 3).frequencies.tolist()
+    [0.1, 0.2, 0.30000000000000004]
+    """
+
+    duration: float = 10.0
+    harmonics: int = 5
+    base_frequencies: float | tuple[float, ...] | None = None
+    rest: bool = True
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.duration < np.inf:
+            raise ProblemError(f"duration is {self.duration} s, expected more than 0")
+        if self.harmonics < 1:
+            raise ProblemError(f"harmonics is {self.harmonics}, expected 1 or more")
+        self.frequencies  # noqa: B018  frequencies that make no sense are refused here
+
+    @property
+    def frequencies(self) -> Vector:
+        """The frequencies of its terms [Hz]."""
+        base = self.base_frequencies
+        return harmonics_of(
+            1.0 / self.duration if base is None else base, self.harmonics
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Aim:
+    """What a path is to be good for.
+
+    Parameters
+    ----------
+    objective : {"condition", "D", "A", "E", "task"}
+        The condition number of the base regressor; or, of the standard errors of the
+        base parameters, the mean logarithm, the root sum of squares, the largest; or
+        the predicted torque error on `task`.
+    refine : {"D", "A", "E", "task"}, optional
+        Objective of a second stage, which may let the condition number grow to
+        `growth` times the best.
+    growth : float
+    scaling : {"none", "unit columns"}
+        Of the regressor's columns, in every criterion.
+    noise : array_like or mapping, optional, [N m or N]
+        Standard deviation of each torque joint's noise; its rows are divided by it.  By
+        default one for all.
+    rate : float, [Hz]
+        At which the path will be recorded.
+    earlier : Regression or sequence of Regression
+        Recordings there are already; what they tell counts.
+    task : Recording, optional
+        Motion whose torque is to be predicted.
+    """
+
+    objective: Objective = "condition"
+    refine: Objective | None = "D"
+    growth: float = 1.5
+    scaling: Scaling = "none"
+    noise: ArrayLike | dict[str, float] | None = None
+    rate: float = 100.0
+    earlier: Regression | Sequence[Regression] = ()
+    task: Recording | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("objective", "refine"):
+            value = getattr(self, name)
+            if value is not None and value not in get_args(Objective):
+                known = ", ".join(get_args(Objective))
+                raise ProblemError(f"{name} is {value!r}, expected one of {known}")
+            if value == "task" and self.task is None:
+                raise ProblemError(
+                    f"{name} is 'task', but there is no task; give the motion whose "
+                    "torque is to be predicted"
+                )
+        if self.scaling not in get_args(Scaling):
+            known = ", ".join(get_args(Scaling))
+            raise ProblemError(f"scaling is {self.scaling!r}, expected one of {known}")
+        if not 1.0 <= self.growth < np.inf:
+            raise ProblemError(f"growth is {self.growth}, expected 1 or more")
+        if not 0.0 < self.rate < np.inf:
+            raise ProblemError(f"rate is {self.rate} Hz, expected more than 0")
+
+    def noise_of(self, joints: tuple[str, ...]) -> Vector:
+        """Return the noise of the named joints [N m or N].
+
+        Raises
+        ------
+        ProblemError
+            If it does not fit them, or is not positive.
+        """
+        given = 1.0 if self.noise is None else self.noise
+        if isinstance(given, dict):
+            for name in given:
+                if name not in joints:
+                    near = did_you_mean(name, joints)
+                    raise ProblemError(f"noise of {name!r}: no such joint; {near}")
+            if missing := [name for name in joints if name not in given]:
+                raise ProblemError(f"noise of {', '.join(missing)} is missing")
+            given = [given[name] for name in joints]
+        values = np.asarray(given, dtype=float)
+        if values.ndim == 0:
+            values = np.full(len(joints), float(values))
+        noise = frozen(values, (len(joints),), "noise")
+        if not (noise > 0.0).all():
+            raise ProblemError(f"noise is {noise.tolist()}, expected positive values")
+        return noise
+
+    @property
+    def recordings(self) -> tuple[Regression, ...]:
+        """Earlier regressions as a tuple."""
+        one = isinstance(self.earlier, Regression)
+        return (self.earlier,) if one else tuple(self.earlier)  # type: ignore[return-value,arg-type]

@@ -1,0 +1,140 @@
+"""Regressor and torque of many samples, with exact derivatives, through CasADi.
+
+One sample's regressor is an SX expression.  So is the gradient of ``sum S * Y`` with
+respect to the sample's motion, for any matrix ``S``; both are mapped over the samples.
+"""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from consistent_id._arrays import Array, Matrix
+from consistent_id.base import BaseParameters
+from consistent_id.regressor import TorqueModel, casadi_regressor
+
+SMOOTH = 0.02
+"""Velocity [rad/s or m/s] that stands in for the jump of a sign at standstill."""
+
+
+class RegressorKernel:
+    """The base regressor of a fixed number of samples, and its pull-back.
+
+    Parameters
+    ----------
+    model : TorqueModel
+        Coulomb friction with a jump is taken with a steep slope instead.
+    base : BaseParameters
+    samples : int
+    """
+
+    def __init__(self, model: TorqueModel, base: BaseParameters, samples: int) -> None:
+        import casadi as ca
+
+        n = len(model.robot)
+        x = ca.SX.sym("x", 3 * n)
+        columns = list(base.independent)
+        Y = casadi_regressor(smooth(model))(x[:n], x[n : 2 * n], x[2 * n :])[:, columns]
+        entries = ca.vertcat(*Y.nonzeros())
+        seed = ca.SX.sym("seed", entries.shape[0])
+        slope = ca.gradient(ca.dot(seed, entries), x)
+        options = {"cse": True}
+        self._rows, self._columns = (np.array(i) for i in Y.sparsity().get_triplet())
+        self._shape = (Y.shape[0], samples, Y.shape[1])
+        self._values = _Mapped(ca.Function("Y", [x], [entries], options), samples)
+        self._slopes = _Mapped(ca.Function("dY", [x, seed], [slope], options), samples)
+
+    def regressor(self, motion: Array) -> Array:
+        """Return the base regressor, shape (torque joints, samples, base).
+
+        `motion` has the shape (3, samples, joints).
+        """
+        values = self._values(_stacked(motion))
+        W = np.zeros(self._shape)
+        W[self._rows, :, self._columns] = values.T
+        return W
+
+    def pull(self, motion: Array, seed: Array) -> Array:
+        """Return the gradient of ``sum seed * W`` with respect to the motion."""
+        entries = np.ascontiguousarray(seed[self._rows, :, self._columns].T)
+        slopes = self._slopes(_stacked(motion), entries)
+        return _unstacked(slopes)
+
+
+class TorqueKernel:
+    """The torque of given parameters at a fixed number of samples, with derivatives.
+
+    Parameters
+    ----------
+    model : TorqueModel
+    parameters : ndarray, shape (members, parameters)
+    samples : int
+    """
+
+    def __init__(self, model: TorqueModel, parameters: Matrix, samples: int) -> None:
+        import casadi as ca
+
+        n = len(model.robot)
+        x = ca.SX.sym("x", 3 * n)
+        Y = casadi_regressor(smooth(model))(x[:n], x[n : 2 * n], x[2 * n :])
+        torque = ca.vec(Y @ ca.DM(parameters.T))
+        jacobian = ca.vec(ca.densify(ca.jacobian(torque, x)).T)
+        options = {"cse": True}
+        self._shape = (samples, len(parameters), Y.shape[0])
+        self._torque = _Mapped(
+            ca.Function("tau", [x], [ca.densify(torque)], options), samples
+        )
+        self._slopes = _Mapped(ca.Function("dtau", [x], [jacobian], options), samples)
+
+    def torque(self, motion: Array) -> Array:
+        """Return torques, shape (samples, members, torque joints)."""
+        return self._torque(_stacked(motion)).reshape(self._shape)
+
+    def slopes(self, motion: Array) -> Array:
+        """Return derivatives, (samples, members, torque joints, 3 orders, joints)."""
+        joints = motion.shape[2]
+        return self._slopes(_stacked(motion)).reshape(*self._shape, 3, joints)
+
+
+def smooth(model: TorqueModel) -> TorqueModel:
+    """Return the model with a steep slope where Coulomb friction has a jump."""
+    terms = tuple(
+        replace(t, coulomb="tanh", velocity_scale=SMOOTH) if t.coulomb == "sign" else t
+        for t in model.terms
+    )
+    couplings = tuple(
+        replace(c, coulomb="tanh", velocity_scale=SMOOTH) if c.coulomb == "sign" else c
+        for c in model.couplings
+    )
+    return replace(model, drive=terms, couplings=couplings)
+
+
+class _Mapped:
+    """A CasADi function run over samples, on memory of its own without copies."""
+
+    def __init__(self, function: Any, samples: int) -> None:
+        mapped = function.map(samples)
+        self._inputs = [
+            np.zeros((samples, function.numel_in(i))) for i in range(function.n_in())
+        ]
+        self._output = np.zeros((samples, function.numel_out(0)))
+        self._buffer, self._run = mapped.buffer()
+        for i, array in enumerate(self._inputs):
+            self._buffer.set_arg(i, memoryview(array))  # type: ignore[arg-type]
+        self._buffer.set_res(0, memoryview(self._output))  # type: ignore[arg-type]
+
+    def __call__(self, *values: Matrix) -> Matrix:
+        for place, value in zip(self._inputs, values, strict=True):
+            place[:] = value
+        self._run()
+        return self._output
+
+
+def _stacked(motion: Array) -> Matrix:
+    """(3, samples, joints) as the kernels' (samples, 3 joints)."""
+    return np.concatenate(list(motion), axis=1)
+
+
+def _unstacked(slopes: Matrix) -> Array:
+    samples = len(slopes)
+    return slopes.reshape(samples, 3, -1).transpose(1, 0, 2)

@@ -1,0 +1,137 @@
+"""One smooth programme: an objective with its gradient, under rows, by IPOPT.
+
+Objective and nonlinear rows are Python functions of the flattened variables that
+return values and first derivatives; curvature is learnt on the way.
+"""
+
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from consistent_id._arrays import Array, Matrix, Vector
+from consistent_id.errors import SolverError
+from consistent_id.excitation.limit_rows import LimitRows
+
+_TOLERANCE = 1e-4  # of the optimality conditions, in the objective's unit: a logarithm
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Programme:
+    """Minimise an objective under linear and nonlinear rows.
+
+    Parameters
+    ----------
+    objective : callable
+        ``variables -> (value, gradient)``, flattened.
+    limits : LimitRows
+    rows : callable, optional
+        ``variables -> (values, Jacobian)``, shapes (count,) and (count, variables);
+        each value is to be 0 or less.
+    count : int
+        Of those rows.
+    """
+
+    objective: Callable[[Vector], tuple[float, Array]]
+    limits: LimitRows
+    rows: Callable[[Vector], tuple[Vector, Matrix]] | None = None
+    count: int = 0
+
+
+def minimise(
+    programme: Programme,
+    start: Vector,
+    *,
+    iterations: int,
+    watch: Callable[[Vector], bool],
+) -> Vector:
+    """Run IPOPT from a start; return where it ends.
+
+    Parameters
+    ----------
+    programme : Programme
+    start : ndarray, shape (variables,)
+    iterations : int
+    watch : callable
+        Sees every iterate; says whether to stop.
+
+    Raises
+    ------
+    SolverError
+        If IPOPT could not begin.
+    KeyboardInterrupt
+        If the user asked for it; after the iterate at hand.
+    """
+    import casadi as ca
+
+    from consistent_id.excitation._callbacks import (
+        Differentiable,
+        Observer,
+        QuasiNewton,
+    )
+
+    x = ca.MX.sym("x", len(start))
+    objective = Differentiable("objective", len(start), 1, programme.objective)
+    A = programme.limits.matrix.tocsc()
+    pattern = ca.Sparsity(A.shape[0], A.shape[1], A.indptr, A.indices)
+    g = [ca.mtimes(ca.DM(pattern, A.data), x)]
+    upper = np.ones(A.shape[0])
+    lower = -upper
+    memory = None
+    if programme.rows is not None:
+        rows = Differentiable("rows", len(start), programme.count, programme.rows)
+        memory = rows.memory
+        g.append(rows(x))
+        lower = np.append(lower, np.full(programme.count, -np.inf))
+        upper = np.append(upper, np.zeros(programme.count))
+    curvature = QuasiNewton(len(start), A.shape[0], objective.memory, memory)
+    with _interruptible() as interrupted:
+        observer = Observer(len(start), len(upper), lambda y: watch(y) or interrupted())
+        solver = ca.nlpsol(
+            "excitation",
+            "ipopt",
+            {"x": x, "f": objective(x), "g": ca.vertcat(*g)},
+            _options(iterations)
+            | {"iteration_callback": observer, "hess_lag": curvature},
+        )
+        try:
+            result = solver(x0=start, lbg=lower, ubg=upper)
+        except RuntimeError as cause:
+            raise SolverError(f"IPOPT could not begin: {cause}") from None
+    if interrupted():
+        raise KeyboardInterrupt
+    return np.asarray(result["x"]).ravel()
+
+
+def _options(iterations: int) -> dict[str, Any]:
+    return {
+        "print_time": False,
+        "error_on_fail": False,
+        "calc_lam_p": False,
+        "calc_lam_x": False,
+        "ipopt": {
+            "print_level": 0,
+            "sb": "yes",
+            "max_iter": iterations,
+            "tol": _TOLERANCE,
+            "mu_strategy": "adaptive",
+        },
+    }
+
+
+@contextmanager
+def _interruptible() -> Iterator[Callable[[], bool]]:
+    """Note an interrupt instead of raising it in the middle of foreign code."""
+    asked = threading.Event()
+    if threading.current_thread() is not threading.main_thread():
+        yield asked.is_set
+        return
+    before = signal.signal(signal.SIGINT, lambda *_: asked.set())
+    try:
+        yield asked.is_set
+    finally:
+        signal.signal(signal.SIGINT, before)

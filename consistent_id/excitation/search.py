@@ -1,0 +1,335 @@
+"""One search: from a random path to one that is as informative as limits allow."""
+
+import time as clock
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from consistent_id._arrays import Array, Matrix, Vector
+from consistent_id._threads import single_threaded
+from consistent_id.base import BaseParameters
+from consistent_id.excitation.basis import FourierBasis
+from consistent_id.excitation.criteria import (
+    Criterion,
+    Objective,
+    Scaling,
+    Value,
+    criterion_of,
+    scaled,
+    spread,
+)
+from consistent_id.excitation.guards import Guard, Place, guard_rows, near_places
+from consistent_id.excitation.information import Informed, PathInformation
+from consistent_id.excitation.kernels import RegressorKernel
+from consistent_id.excitation.limit_rows import LimitRows, limit_rows
+from consistent_id.excitation.programme import Programme, minimise
+from consistent_id.regressor import TorqueModel
+
+_SHARPENING = ((2.0, 40), (8.0, 120), (20.0, 80))  # power, iterations
+BOUND_POWER = 8.0
+"""Of the smooth condition number that a later stage is held to."""
+
+_ROUNDING = 1e-7  # by which a row may be missed
+_AIM = 0.01  # by which the programme is asked to do better than a row demands
+_GRID = 24  # samples per period of the highest frequency, where guards look
+_ROUNDS = 8  # of adding rows where a guard was offended
+_FILL = 0.8  # share of the limits that a random start uses
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SearchTask:
+    """What is searched for: all of it can be sent to another process.
+
+    Parameters
+    ----------
+    model : TorqueModel
+    base : BaseParameters
+    basis : FourierBasis
+    period : float, optional, [s]
+        After which paths repeat.
+    samples : int
+        Of a path at which the regressor is taken.
+    recorded : float
+        Samples that will be recorded.
+    noise : ndarray, shape (torque joints,), [N m or N]
+    earlier : ndarray, shape (base, base)
+        Information there is already.
+    scaling : {"none", "unit columns"}
+    gram : ndarray, shape (base, base), optional
+        Of the task whose torque is to be predicted.
+    guards : tuple of Guard
+    """
+
+    model: TorqueModel
+    base: BaseParameters
+    basis: FourierBasis
+    period: float | None
+    samples: int
+    recorded: float
+    noise: Vector
+    earlier: Matrix
+    scaling: Scaling
+    gram: Matrix | None = None
+    guards: tuple[Guard, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Found:
+    """The best path of a search that keeps all limits on the search's own grid.
+
+    Parameters
+    ----------
+    variables : ndarray, shape (size, joints), optional
+        None if no path was found that keeps them.
+    score : float
+        The objective's own value, without smoothing.
+    seed : int
+    seconds : float
+    offence : str
+        What stood in the way, if nothing was found.
+    """
+
+    variables: Matrix | None
+    score: float
+    seed: int
+    seconds: float
+    offence: str = ""
+
+
+class Searcher:
+    """A task made ready: regressor built, rows laid out.
+
+    Parameters
+    ----------
+    task : SearchTask
+    deadline : float, [s]
+        Time of the clock at which searches end with what they have.
+    report : callable, optional
+        Told of each improvement: score and variables.
+    """
+
+    def __init__(
+        self,
+        task: SearchTask,
+        deadline: float = np.inf,
+        report: Callable[[float, Matrix], None] | None = None,
+    ) -> None:
+        self.task, self.deadline = task, deadline
+        self.report = report or (lambda *_: None)
+        basis = task.basis
+        self._information = PathInformation(
+            basis,
+            RegressorKernel(task.model, task.base, task.samples),
+            np.arange(task.samples) * basis.duration / task.samples,
+            noise=task.noise,
+            recorded=task.recorded,
+            earlier=task.earlier,
+        )
+        free = basis.free.reshape(2, len(basis.frequencies), -1)
+        order = np.arange(1, len(basis.frequencies) + 1)
+        self._decay = np.ones(basis.size)
+        self._decay[1:] = np.sqrt((free**2 / order[:, None] ** 2).sum(axis=(0, 1)))
+        self._last: tuple[Vector, Informed] | None = None
+        self.limits: LimitRows = limit_rows(basis, task.period)
+        count = int(np.ceil(_GRID * basis.frequencies[-1] * basis.duration))
+        self.grid = np.linspace(0.0, basis.duration, count + 1)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Shape of the variables."""
+        return self.task.basis.size, len(self.task.basis.unit)
+
+    def random(self, seed: int) -> Matrix:
+        """Return a random path that keeps the linear limits."""
+        rng = np.random.default_rng(seed)
+        variables = rng.normal(size=self.shape) * self._decay[:, None]
+        variables[0] = rng.uniform(-0.3, 0.3, self.shape[1])
+        return np.asarray(variables * (_FILL / self.limits.largest(variables)))
+
+    def information(self, variables: Matrix) -> Informed:
+        """Return the information of a path; the last one is remembered."""
+        if self._last is None or not np.array_equal(self._last[0], variables):
+            self._last = variables.copy(), self._information(variables)
+        return self._last[1]
+
+    def value(self, criterion: Criterion, variables: Matrix) -> Value:
+        """Return a criterion's value and its gradient in the variables."""
+        matrix, pull = self.information(variables)
+        value, gradient = criterion(matrix)
+        return Value(value, pull(gradient))
+
+    def criterion(self, objective: Objective, power: float = np.inf) -> Criterion:
+        """Return an objective's criterion in the task's scaling, smooth or itself."""
+        plain = criterion_of(objective, power, self.task.gram)
+        return scaled(plain, self.task.scaling)
+
+    def score(self, objective: Objective, variables: Matrix) -> float:
+        """Return an objective's own value, a logarithm."""
+        return self.criterion(objective)(self.information(variables).matrix).value
+
+    def measures(self, variables: Matrix) -> list[Matrix]:
+        """Return what each guard measures along the grid."""
+        if not self.task.guards:
+            return []
+        motion = self.task.basis.motion(variables, self.grid)
+        return [guard.measure(motion) for guard in self.task.guards]
+
+
+@single_threaded
+def search(
+    searcher: Searcher,
+    objective: Objective,
+    seed: int,
+    *,
+    start: Matrix | None = None,
+    spread_bound: float = np.inf,
+) -> Found:
+    """Search from a random start, or a given one, through ever sharper criteria.
+
+    Parameters
+    ----------
+    searcher : Searcher
+    objective : Objective
+    seed : int
+    start : ndarray, shape (size, joints), optional
+    spread_bound : float
+        That the smooth logarithm of the condition number may not exceed.
+    """
+    began = clock.monotonic()
+    variables = searcher.random(seed) if start is None else start
+    hunt = _Hunt(searcher, objective, spread_bound)
+    for power, iterations in _SHARPENING if start is None else _SHARPENING[1:]:
+        variables = hunt.sharpened(variables, power, iterations)
+        if clock.time() > searcher.deadline:
+            break
+    return Found(
+        hunt.best,
+        hunt.score,
+        seed,
+        clock.monotonic() - began,
+        "" if hunt.best is not None else hunt.offence(variables),
+    )
+
+
+class _Hunt:
+    """The best path so far, and the rows that guards have asked for."""
+
+    def __init__(self, searcher: Searcher, objective: Objective, bound: float) -> None:
+        self.best: Matrix | None = None
+        self.score = np.inf
+        self._searcher, self._objective, self._bound = searcher, objective, bound
+        self._places: list[set[Place]] = [set() for _ in searcher.task.guards]
+
+    def sharpened(self, start: Matrix, power: float, iterations: int) -> Matrix:
+        """Minimise at one power, with more rows for as long as a guard is offended."""
+        self._add_places(start)
+        for _ in range(_ROUNDS):
+            candidate, end = self._minimised(start, power, iterations)
+            if candidate is None:
+                candidate = self._searcher.limits.within(end)
+            if not self._offended(candidate):
+                self._keep(candidate)
+                return candidate
+            grown = self._add_places(candidate) | self._add_places(end)
+            if not grown or clock.time() > self._searcher.deadline:
+                return end
+            start = end
+        return start
+
+    def offence(self, variables: Matrix) -> str:
+        """Say which guard a path offends most, and by how much."""
+        told = ""
+        worst = 0.0
+        measures = self._searcher.measures(variables)
+        for guard, measure in zip(self._searcher.task.guards, measures, strict=True):
+            if measure.max() > worst:
+                worst = float(measure.max())
+                told = guard.told(int(measure.max(axis=0).argmax()))
+        return told
+
+    def _minimised(
+        self, start: Matrix, power: float, iterations: int
+    ) -> tuple[Matrix | None, Matrix]:
+        searcher, shape = self._searcher, start.shape
+        criterion = searcher.criterion(self._objective, power)
+        best: list[Matrix] = []
+        score = np.inf
+
+        def objective(x: Vector) -> tuple[float, Array]:
+            value, gradient = searcher.value(criterion, x.reshape(shape))
+            return value, gradient.ravel()
+
+        def watch(x: Vector) -> bool:
+            nonlocal score
+            candidate = searcher.limits.within(x.reshape(shape))
+            seen = searcher.score(self._objective, candidate)
+            if seen < score and self._keeps_rows(candidate):
+                score, best[:] = seen, [candidate]
+                if not searcher.task.guards:
+                    self._keep(candidate)
+            return clock.time() > searcher.deadline
+
+        count = sum(map(len, self._places)) + bool(np.isfinite(self._bound))
+        end = minimise(
+            Programme(
+                objective,
+                searcher.limits,
+                (lambda x: self._rows(x.reshape(shape))) if count else None,
+                count,
+            ),
+            start.ravel(),
+            iterations=iterations,
+            watch=watch,
+        )
+        return (best[0] if best else None), end.reshape(shape)
+
+    def _rows(self, variables: Matrix) -> tuple[Vector, Matrix]:
+        searcher = self._searcher
+        values, jacobians = [np.zeros(0)], [np.zeros((0, variables.size))]
+        for guard, places in zip(searcher.task.guards, self._places, strict=True):
+            if places:
+                basis, grid = searcher.task.basis, searcher.grid
+                rows = guard_rows(guard, sorted(places), basis, grid, variables)
+                values.append(rows[0])
+                jacobians.append(rows[1])
+        if np.isfinite(self._bound):
+            value, gradient = searcher.value(self._spread, variables)
+            values.append(np.array([value - self._bound]))
+            jacobians.append(gradient.reshape(1, -1))
+        return np.concatenate(values) + _AIM, np.vstack(jacobians)
+
+    @property
+    def _spread(self) -> Criterion:
+        return scaled(spread(BOUND_POWER), self._searcher.task.scaling)
+
+    def _keeps_rows(self, variables: Matrix) -> bool:
+        if not any(self._places) and not np.isfinite(self._bound):
+            return True
+        values, _ = self._rows(variables)
+        return bool((values <= _AIM + _ROUNDING).all())
+
+    def _offended(self, variables: Matrix) -> bool:
+        measures = self._searcher.measures(variables)
+        if any(measure.max() > _ROUNDING for measure in measures):
+            return True
+        if np.isinf(self._bound):
+            return False
+        matrix = self._searcher.information(variables).matrix
+        return self._spread(matrix).value > self._bound + _ROUNDING
+
+    def _add_places(self, variables: Matrix) -> bool:
+        """Add rows where guards are near their limits; say whether any is new."""
+        grown = False
+        measures = self._searcher.measures(variables)
+        for places, measure in zip(self._places, measures, strict=True):
+            before = len(places)
+            places |= near_places(measure)
+            grown |= len(places) > before
+        return grown
+
+    def _keep(self, variables: Matrix) -> None:
+        score = self._searcher.score(self._objective, variables)
+        if score < self.score:
+            self.best, self.score = variables, score
+            self._searcher.report(score, variables)
