@@ -35,6 +35,9 @@ signals.cuts signals.savitzky_golay signals.smoother signals.track signals.align
 signals.delay signals cutoff preparation diagnosis.tell sinusoids problem published
 published_estimate study diagnosis.coverage diagnosis.diagnose diagnosis
 published_summary summary record commands excitation excitation.limits trajectory paths
+excitation.grids excitation.interval excitation.jets excitation.peaks
+excitation.extremes excitation.friction_bounds excitation.torque_motion
+excitation.torque_bounds excitation.margins
 """.split()
 
 HEAVY = {
