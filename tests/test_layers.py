@@ -37,7 +37,10 @@ published_estimate study diagnosis.coverage diagnosis.diagnose diagnosis
 published_summary summary record commands excitation excitation.limits trajectory paths
 excitation._callbacks excitation.basis excitation.criteria excitation.kernels
 excitation.information excitation.limit_rows excitation.programme excitation.aims
-excitation.guards excitation.search excitation.starts excitation.design
+excitation.guards excitation.search excitation.starts excitation.design excitation.grids
+excitation.interval excitation.jets excitation.peaks excitation.extremes
+excitation.friction_bounds excitation.torque_motion excitation.torque_bounds
+excitation.margins
 """.split()
 
 HEAVY = {
