@@ -1,44 +1,43 @@
 """Design of exciting trajectories: from a robot and its limits to a path worth playing.
 
-First many searches for the least condition number, then from the best of them one for
-the least standard errors under a bound on it; last the proof that all limits hold.
+First many searches for the least condition number, then from the best of them for the
+least standard errors under a bound on it; no path leaves without the proof that it
+keeps its limits at all times.
 """
 
 import os
 import time as clock
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._arrays import Matrix, checked
-from consistent_id.base import (
-    BaseParameters,
-    ConditionNumber,
-    base_parameters,
-    condition_number,
-)
+from consistent_id._arrays import checked
+from consistent_id.base import BaseParameters, ConditionNumber, base_parameters
 from consistent_id.errors import InfeasibleError, NotExcitedError, ProblemError
+from consistent_id.excitation.accuracy import PredictedAccuracy, predicted_accuracy
 from consistent_id.excitation.aims import Aim, PathForm
-from consistent_id.excitation.basis import FourierBasis
+from consistent_id.excitation.criteria import Objective
 from consistent_id.excitation.guards import Guard, TorqueGuard
 from consistent_id.excitation.limits import MotionLimits, motion_limits
-from consistent_id.excitation.search import BOUND_POWER, Found, Searcher, SearchTask
-from consistent_id.excitation.starts import Job, run_searches
+from consistent_id.excitation.search import BOUND_POWER, Found, Searcher
+from consistent_id.excitation.search_task import SearchTask, search_task
+from consistent_id.excitation.starts import Job, Outcome, run_searches
+from consistent_id.excitation.verification import Demands, Proof
 from consistent_id.model import RobotModel
 from consistent_id.regressor import TorqueModel
 from consistent_id.trajectory import FourierTrajectory
 
-_SAMPLES = 100  # of a path at least; and ten per period of the highest frequency
-_FIRST = 0.55  # share of the time limit that the first stage may use
-_SECOND = 0.85  # share after which the second stage ends
-_REACH = 0.99  # share of a torque limit that is used at samples
+_FIRST = 0.6  # share of the time limit after which the first stage ends
+_SECOND = 0.9  # share after which the second stage ends
+_REACH = 0.99  # share of a torque limit that may be used at samples
+_ATTEMPTS = 4  # at a proof, each with less of the limits to use
 _LEAST = 0.01  # rad or m; a joint that can move less is not excited
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stage:
-    """What one stage of a design has found.
+    """What one stage of a design has found, proven to keep all limits.
 
     Parameters
     ----------
@@ -46,8 +45,9 @@ class Stage:
     trajectory : FourierTrajectory
     value : float
         The objective's own: a condition number, or a size of standard errors.
-    condition : ConditionNumber
-        Of the base regressor, at all samples that will be recorded.
+    accuracy : PredictedAccuracy
+        At all samples that will be recorded.
+    proof : Proof
     seed : int
         Of the search that found it.
     """
@@ -55,7 +55,8 @@ class Stage:
     objective: str
     trajectory: FourierTrajectory
     value: float
-    condition: ConditionNumber
+    accuracy: PredictedAccuracy
+    proof: Proof
     seed: int
 
 
@@ -97,9 +98,19 @@ class ExcitationDesign:
         return self.stages[-1].trajectory
 
     @property
+    def accuracy(self) -> PredictedAccuracy:
+        """What recording it will tell."""
+        return self.stages[-1].accuracy
+
+    @property
     def condition(self) -> ConditionNumber:
         """Condition number of its base regressor."""
-        return self.stages[-1].condition
+        return self.accuracy.condition
+
+    @property
+    def proof(self) -> Proof:
+        """What is proven of it."""
+        return self.stages[-1].proof
 
 
 def design_trajectory(
@@ -133,7 +144,7 @@ def design_trajectory(
     starts : int
         Searches from random paths.
     time_limit : float, [s]
-        For everything but the proof at the end.
+        For the searches; a proof that fails adds to it.
     seed : int
         Same seed, same design, unless time ran out (a note says so).
     workers : int, optional
@@ -155,37 +166,26 @@ def design_trajectory(
     form, aim = form or PathForm(), aim or Aim()
     limits = motion_limits(model.robot) if limits is None else limits
     _require_long_enough(form, aim, limits)
+    demands, notes = _demands(model, limits, parameters)
     base = base_parameters(model)
-    guards, notes = _guards(model, limits, parameters)
-    task = _task(model, base, form, aim, limits, guards)
+    task = search_task(model, base, form, aim, limits, _guards(demands))
     workers = min(workers or _processors(), max(starts, 1))
+    workshop = _Workshop(task, demands, aim, workers, time_limit, progress)
     jobs = [Job(aim.objective, seed + k) for k in range(starts)]
-    first = run_searches(
-        task,
-        jobs,
-        workers=workers,
-        deadline=now + _FIRST * time_limit,
-        progress=progress,
-    )
-    best = _usable(first.found)
-    if not best:
-        raise _nothing_found(first.found)
-    stages = [_stage(task, aim, aim.objective, best[0])]
-    cut_short = first.interrupted or first.out_of_time
-    if aim.refine is not None and aim.refine != aim.objective and not first.interrupted:
-        second = run_searches(
-            task,
-            _refining(task, aim, best[:workers]),
-            workers=workers,
-            deadline=now + _SECOND * time_limit,
-            progress=progress,
-        )
-        cut_short |= second.interrupted or second.out_of_time
-        if refined := _usable(second.found):
-            stages.append(_stage(task, aim, aim.refine, refined[0]))
+    first = workshop.stage(jobs, now + _FIRST * time_limit)
+    stages, outcomes = [first.stage], [first.outcome]
+    refine = aim.refine not in (None, aim.objective) and not first.outcome.interrupted
+    if refine:
+        try:
+            second = workshop.stage(
+                workshop.refining(first), now + _SECOND * time_limit
+            )
+        except InfeasibleError:
+            notes += (f"no path better by {aim.refine} was found within the limits",)
         else:
-            notes += (f"no path was found that is better by {aim.refine}",)
-    if cut_short:
+            stages.append(second.stage)
+            outcomes.append(second.outcome)
+    if any(outcome.interrupted or outcome.out_of_time for outcome in outcomes):
         notes += ("time or the user ended the search; another run may differ",)
     return ExcitationDesign(
         model=model,
@@ -196,102 +196,129 @@ def design_trajectory(
         stages=tuple(stages),
         unoptimised=_unoptimised(task, aim, jobs),
         seed=seed,
-        starts=len(first.found),
+        starts=len(first.outcome.found),
         seconds=clock.monotonic() - began,
         notes=notes,
     )
 
 
-def path_condition(
-    model: TorqueModel, base: BaseParameters, path: FourierTrajectory, aim: Aim
-) -> ConditionNumber:
-    """Return the condition number of a path's base regressor, as `aim` counts it.
-
-    At the samples that will be recorded; rows are divided by the noise, if it is given.
-    """
-    W = _base_regressor(model, base, path, aim)
-    noise = "" if aim.noise is None else ", rows divided by the noise"
-    return condition_number(
-        W,
-        basis=f"{len(base)} base parameters{noise}",
-        unit_columns=aim.scaling == "unit columns",
-    )
+@dataclass(frozen=True, slots=True, eq=False)
+class _Settled:
+    stage: Stage
+    found: tuple[Found, ...]
+    outcome: Outcome
 
 
-def _base_regressor(
-    model: TorqueModel, base: BaseParameters, path: FourierTrajectory, aim: Aim
-) -> Matrix:
-    motion = path.recording(aim.rate)
-    columns = list(base.independent)
-    noise = aim.noise_of(model.torque_joints)
-    blocks = [
-        Y[:, columns].transpose(0, 2, 1) / noise[:, None, None]
-        for _, Y in model.chunks(motion.position, motion.velocity, motion.acceleration)  # type: ignore[arg-type]
-    ]
-    return np.concatenate([block.reshape(-1, len(columns)) for block in blocks])
+@dataclass(frozen=True, slots=True, eq=False)
+class _Workshop:
+    """Searches, and the proof that what they find keeps its limits."""
 
+    task: SearchTask
+    demands: Demands
+    aim: Aim
+    workers: int
+    time_limit: float
+    progress: bool
 
-def _task(
-    model: TorqueModel,
-    base: BaseParameters,
-    form: PathForm,
-    aim: Aim,
-    limits: MotionLimits,
-    guards: tuple[Guard, ...],
-) -> SearchTask:
-    basis = FourierBasis(limits, form.frequencies, form.duration, form.rest)
-    degree = int(np.ceil(form.frequencies[-1] * form.duration))
-    still = basis.trajectory(np.zeros((basis.size, len(limits.joints))))
-    columns, noise = list(base.independent), aim.noise_of(model.torque_joints)
-    earlier = np.zeros((len(columns), len(columns)))
-    for regression in aim.recordings:
-        rows = regression.weighted(noise).stacked()[:, columns]
-        earlier += rows.T @ rows
-    gram = None
-    if aim.task is not None:
-        log = aim.task.of(model.robot.joint_names)
-        Y = model.regressor(log.position, log.velocity, log.acceleration)[:, columns]  # type: ignore[arg-type]
-        gram = np.einsum("jps,jqs->pq", Y, Y) / (len(Y) * len(log))
-    return SearchTask(
-        model=model,
-        base=base,
-        basis=basis,
-        period=still.period,
-        samples=max(_SAMPLES, 10 * degree),
-        recorded=form.duration * aim.rate,
-        noise=noise,
-        earlier=earlier,
-        scaling=aim.scaling,
-        gram=gram,
-        guards=guards,
-    )
-
-
-def _guards(
-    model: TorqueModel, limits: MotionLimits, parameters: ArrayLike | None
-) -> tuple[tuple[Guard, ...], tuple[str, ...]]:
-    places = [model.robot.joint_names.index(name) for name in model.torque_joints]
-    effort = limits.effort[places]
-    if not np.isfinite(effort).any():
-        return (), ("torque is not limited",)
-    size = len(model.layout)
-    if parameters is None:
-        nominal = model.robot.nominal
-        if nominal is None:
-            return (), (
-                "torque limits are not looked at: the nominal parameters of some links "
-                "are unknown",
+    def stage(self, jobs: list[Job], deadline: float) -> _Settled:
+        """Search; where no path can be proven, search on with less to use."""
+        task = self.task
+        for _ in range(_ATTEMPTS):
+            outcome = run_searches(
+                task,
+                jobs,
+                workers=self.workers,
+                deadline=deadline,
+                progress=self.progress,
             )
-        members = np.zeros((1, size))
-        members[0, : len(nominal)] = nominal
-    else:
+            usable = [one for one in outcome.found if one.variables is not None]
+            if not usable:
+                raise _nothing_found(outcome.found)
+            objective = jobs[0].objective
+            stages = (self._proven(objective, one) for one in usable)
+            for stage in stages:
+                if stage is not None:
+                    return _Settled(stage, tuple(usable), outcome)
+            task = replace(task, guards=tuple(g.tightened() for g in task.guards))
+            bound = {job.seed: job.spread_bound for job in jobs}
+            jobs = [
+                Job(objective, one.seed, one.variables, bound[one.seed])
+                for one in usable[: self.workers]
+            ]
+            deadline = max(deadline, clock.time() + 0.3 * self.time_limit)
+        path = self._path(usable[0])
+        try:
+            self.demands.proof(path).require()
+        except ProblemError as cause:
+            raise InfeasibleError(f"no path was found: {cause}") from None
+        raise InfeasibleError("no path was found that keeps all limits")
+
+    def refining(self, first: _Settled) -> list[Job]:
+        """Return searches from the best paths, bounded in how far they worsen."""
+        objective = self.aim.refine
+        if objective is None:
+            return []
+        searcher = Searcher(self.task)
+        criterion = searcher.criterion("condition", BOUND_POWER)
+        growth = float(np.log(self.aim.growth))
+        jobs = []
+        for one in first.found[: self.workers]:
+            if one.variables is not None:
+                matrix = searcher.information(one.variables).matrix
+                bound = criterion(matrix).value + growth
+                jobs.append(Job(objective, one.seed, one.variables, bound))
+        return jobs
+
+    def _path(self, found: Found) -> FourierTrajectory:
+        variables = np.asarray(found.variables)
+        return self.task.basis.trajectory(variables)
+
+    def _proven(self, objective: Objective, found: Found) -> Stage | None:
+        path = self._path(found)
+        proof = self.demands.proof(path)
+        if not proof.holds:
+            return None
+        accuracy = predicted_accuracy(self.task.model, self.task.base, path, self.aim)
+        if not np.isfinite(accuracy.condition.value) and not self.aim.recordings:
+            raise NotExcitedError(
+                "no motion within the limits tells all base parameters apart; look at "
+                "ranges, velocities and friction terms"
+            )
+        value = float(np.exp(found.score))
+        return Stage(objective, path, value, accuracy, proof, found.seed)
+
+
+def _demands(
+    model: TorqueModel, limits: MotionLimits, parameters: ArrayLike | None
+) -> tuple[Demands, tuple[str, ...]]:
+    """Return what a path must keep to, and notes on what is not looked at."""
+    size = len(model.layout)
+    if parameters is not None:
         members = np.atleast_2d(checked(parameters, np.shape(parameters), "parameters"))
         if members.ndim != 2 or members.shape[1] != size:
             raise ProblemError(
                 f"parameters have shape {np.shape(parameters)}, expected ({size},) or "
                 f"(members, {size}) for this torque model"
             )
-    return (TorqueGuard(model, members, effort, _REACH),), ()
+        return Demands(limits, model, members), ()
+    rows = [model.robot.joint_names.index(name) for name in model.torque_joints]
+    if not np.isfinite(limits.effort[rows]).any():
+        return Demands(limits, model, None), ("torque has no limit",)
+    nominal = model.robot.nominal
+    if nominal is None:
+        unknown = ("torque is not looked at: some links' nominal bodies are unknown",)
+        return Demands(limits, model, None), unknown
+    members = np.zeros((1, size))
+    members[0, : len(nominal)] = nominal
+    return Demands(limits, model, members), ("torque is the nominal robot's",)
+
+
+def _guards(demands: Demands) -> tuple[Guard, ...]:
+    model, parameters = demands.model, demands.parameters
+    if parameters is None:
+        return ()
+    rows = [model.robot.joint_names.index(name) for name in model.torque_joints]
+    return (TorqueGuard(model, parameters, demands.limits.effort[rows], _REACH),)
 
 
 def _require_long_enough(form: PathForm, aim: Aim, limits: MotionLimits) -> None:
@@ -317,11 +344,7 @@ def _require_long_enough(form: PathForm, aim: Aim, limits: MotionLimits) -> None
         )
 
 
-def _usable(found: tuple[Found, ...]) -> list[Found]:
-    return [one for one in found if one.variables is not None]
-
-
-def _nothing_found(found: tuple[Found, ...]) -> Exception:
+def _nothing_found(found: tuple[Found, ...]) -> InfeasibleError:
     if not found:
         return InfeasibleError(
             "time was over before any path was found; give a longer time_limit"
@@ -333,42 +356,16 @@ def _nothing_found(found: tuple[Found, ...]) -> Exception:
     )
 
 
-def _refining(task: SearchTask, aim: Aim, best: list[Found]) -> list[Job]:
-    """Return searches from the best paths, under a bound on how far they worsen."""
-    assert aim.refine is not None
-    searcher = Searcher(task)
-    criterion = searcher.criterion("condition", BOUND_POWER)
-    jobs = []
-    for one in best:
-        assert one.variables is not None
-        value = criterion(searcher.information(one.variables).matrix).value
-        bound = value + float(np.log(aim.growth))
-        jobs.append(Job(aim.refine, one.seed, one.variables, bound))
-    return jobs
-
-
-def _stage(task: SearchTask, aim: Aim, objective: str, found: Found) -> Stage:
-    assert found.variables is not None
-    path = task.basis.trajectory(found.variables)
-    condition = path_condition(task.model, task.base, path, aim)
-    if not np.isfinite(condition.value):
-        raise NotExcitedError(
-            "no motion within the limits tells all base parameters apart; look at "
-            "ranges, velocities and the friction terms"
-        )
-    return Stage(objective, path, float(np.exp(found.score)), condition, found.seed)
-
-
 def _unoptimised(task: SearchTask, aim: Aim, jobs: list[Job]) -> ConditionNumber:
     searcher = Searcher(task)
-    paths = [task.basis.trajectory(searcher.random(job.seed)) for job in jobs]
-    conditions = [path_condition(task.model, task.base, p, aim) for p in paths]
+    paths = [task.basis.trajectory(searcher.random(job.seed)) for job in jobs[:8]]
+    conditions = [
+        predicted_accuracy(task.model, task.base, path, aim).condition for path in paths
+    ]
     return min(conditions, key=lambda condition: condition.value)
 
 
 def _processors() -> int:
-    return (
-        len(os.sched_getaffinity(0))
-        if hasattr(os, "sched_getaffinity")
-        else (os.cpu_count() or 1)
-    )
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1

@@ -8,23 +8,20 @@ import numpy as np
 
 from consistent_id._arrays import Array, Matrix, Vector
 from consistent_id._threads import single_threaded
-from consistent_id.base import BaseParameters
-from consistent_id.excitation.basis import FourierBasis
 from consistent_id.excitation.criteria import (
     Criterion,
     Objective,
-    Scaling,
     Value,
     criterion_of,
     scaled,
     spread,
 )
-from consistent_id.excitation.guards import Guard, Place, guard_rows, near_places
+from consistent_id.excitation.guards import Place, guard_rows, near_places
 from consistent_id.excitation.information import Informed, PathInformation
 from consistent_id.excitation.kernels import RegressorKernel
 from consistent_id.excitation.limit_rows import LimitRows, limit_rows
 from consistent_id.excitation.programme import Programme, minimise
-from consistent_id.regressor import TorqueModel
+from consistent_id.excitation.search_task import SearchTask
 
 _SHARPENING = ((2.0, 40), (8.0, 120), (20.0, 80))  # power, iterations
 BOUND_POWER = 8.0
@@ -35,43 +32,6 @@ _AIM = 0.01  # by which the programme is asked to do better than a row demands
 _GRID = 24  # samples per period of the highest frequency, where guards look
 _ROUNDS = 8  # of adding rows where a guard was offended
 _FILL = 0.8  # share of the limits that a random start uses
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SearchTask:
-    """What is searched for: all of it can be sent to another process.
-
-    Parameters
-    ----------
-    model : TorqueModel
-    base : BaseParameters
-    basis : FourierBasis
-    period : float, optional, [s]
-        After which paths repeat.
-    samples : int
-        Of a path at which the regressor is taken.
-    recorded : float
-        Samples that will be recorded.
-    noise : ndarray, shape (torque joints,), [N m or N]
-    earlier : ndarray, shape (base, base)
-        Information there is already.
-    scaling : {"none", "unit columns"}
-    gram : ndarray, shape (base, base), optional
-        Of the task whose torque is to be predicted.
-    guards : tuple of Guard
-    """
-
-    model: TorqueModel
-    base: BaseParameters
-    basis: FourierBasis
-    period: float | None
-    samples: int
-    recorded: float
-    noise: Vector
-    earlier: Matrix
-    scaling: Scaling
-    gram: Matrix | None = None
-    guards: tuple[Guard, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,7 +11,8 @@ import numpy as np
 
 from consistent_id._arrays import Matrix
 from consistent_id.excitation.criteria import Objective
-from consistent_id.excitation.search import Found, Searcher, SearchTask, search
+from consistent_id.excitation.search import Found, Searcher, search
+from consistent_id.excitation.search_task import SearchTask
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,0 +1,182 @@
+"""How accurately a motion will tell the base parameters, before anyone moves.
+
+With noise of standard deviation ``sigma_j`` on each torque, independent from sample to
+sample, least squares has the covariance ``(sum_j W_j^T W_j / sigma_j^2 + M)^-1``, where
+``M`` is the information of earlier recordings.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from consistent_id._arrays import Matrix, Vector
+from consistent_id.base import BaseParameters, ConditionNumber, condition_number
+from consistent_id.errors import NotExcitedError, ProblemError
+from consistent_id.excitation.aims import Aim
+from consistent_id.parameters import did_you_mean
+from consistent_id.paths import JointPath
+from consistent_id.regression import triangle
+from consistent_id.regressor import TorqueModel
+from consistent_id.tables import Table
+
+_MOST = 1e9  # repetitions; more would not be played
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PredictedAccuracy:
+    """What recording a path will tell.
+
+    Parameters
+    ----------
+    base : BaseParameters
+    factor : ndarray, shape (base, base)
+        Triangular: ``R^T R`` is the information of one repetition.
+    earlier : ndarray, shape (rows, base)
+        ``E^T E`` is the information there is already.
+    condition : ConditionNumber
+        Of one repetition's base regressor.
+    duration : float, [s]
+        Of one repetition.
+    unit_noise : bool
+        Whether no noise was given, so that errors are per N m (or N) of it.
+    """
+
+    base: BaseParameters
+    factor: Matrix
+    earlier: Matrix
+    condition: ConditionNumber
+    duration: float
+    unit_noise: bool
+
+    def standard_errors(self, repetitions: float = 1.0) -> Vector:
+        """Return the standard error of each base parameter, in its own unit.
+
+        Raises
+        ------
+        NotExcitedError
+            If some are not determined at all.
+        """
+        rows = np.vstack([np.sqrt(repetitions) * self.factor, self.earlier])
+        R = triangle(rows)
+        size = abs(np.diag(R))
+        if len(R) < len(self.base) or size.min() <= 1e-13 * size.max():
+            raise NotExcitedError(
+                "the path does not tell all base parameters apart; they have no "
+                "standard errors"
+            )
+        inverse = np.linalg.solve(R, np.eye(len(R)))
+        return np.asarray(np.linalg.norm(inverse, axis=1))
+
+    def repetitions_for(self, wanted: Mapping[str, float]) -> float:
+        """Return how often to play the path until standard errors are small enough.
+
+        Parameters
+        ----------
+        wanted : mapping from the name of a base parameter's leader to its error
+
+        Raises
+        ------
+        ProblemError
+            If a name leads no base parameter, or an error is not positive.
+        """
+        places = [self._place(name) for name in wanted]
+        target = np.array(list(wanted.values()), dtype=float)
+        if not (target > 0.0).all():
+            raise ProblemError(f"wanted errors are {target}, expected positive ones")
+
+        def enough(repetitions: float) -> bool:
+            return bool((self.standard_errors(repetitions)[places] <= target).all())
+
+        high = 1.0
+        while not enough(high):
+            high *= 2.0
+            if high > _MOST:
+                raise ProblemError(
+                    f"even {_MOST:g} repetitions are not enough for {dict(wanted)}"
+                )
+        low = 0.0
+        while high - low > 1e-6 * high:
+            middle = (low + high) / 2.0
+            low, high = (low, middle) if enough(middle) else (middle, high)
+        return high
+
+    def _place(self, name: str) -> int:
+        if name not in self.base.names:
+            near = did_you_mean(name, self.base.names)
+            raise ProblemError(f"{name!r} leads no base parameter; {near}")
+        return self.base.names.index(name)
+
+    def table(self) -> Table:
+        """Return the predicted standard errors for people."""
+        layout = self.base.layout
+        unit = " per N m of noise" if self.unit_noise else ""
+        errors = self.standard_errors()
+        return Table(
+            "Predicted standard errors, one repetition",
+            ("base parameter, led by", f"standard error{unit}", "unit"),
+            tuple(
+                (name, f"{error:.3g}", layout.units[i])
+                for name, error, i in zip(
+                    self.base.names, errors, self.base.independent, strict=True
+                )
+            ),
+            (
+                f"condition number {self.condition}",
+                "noise is taken to be independent from sample to sample",
+            ),
+        )
+
+
+def predicted_accuracy(
+    model: TorqueModel, base: BaseParameters, path: JointPath, aim: Aim | None = None
+) -> PredictedAccuracy:
+    """Predict how accurately a path, once recorded, will tell the base parameters.
+
+    Parameters
+    ----------
+    model : TorqueModel
+    base : BaseParameters
+    path : JointPath
+    aim : Aim, optional
+        For noise, sampling rate, earlier recordings and column scaling.
+    """
+    aim = aim or Aim()
+    columns, noise = list(base.independent), aim.noise_of(model.torque_joints)
+    earlier = [
+        regression.weighted(noise).stacked()[:, columns]
+        for regression in aim.recordings
+    ]
+    W = path_regressor(model, base, path, aim.rate) / noise[:, None, None]
+    factor = triangle(W.reshape(-1, len(columns)))
+    weighted = "" if aim.noise is None else ", rows divided by the noise"
+    condition = condition_number(
+        factor,
+        basis=f"{len(base)} base parameters{weighted}",
+        unit_columns=aim.scaling == "unit columns",
+    )
+    return PredictedAccuracy(
+        base=base,
+        factor=factor,
+        earlier=np.vstack([np.zeros((0, len(columns))), *earlier]),
+        condition=condition,
+        duration=path.duration,
+        unit_noise=aim.noise is None,
+    )
+
+
+def path_regressor(
+    model: TorqueModel, base: BaseParameters, path: JointPath, rate: float
+) -> Matrix:
+    """Return a path's base regressor, shape (torque joints, samples, base).
+
+    At equal steps, no faster than `rate` [Hz], both ends included.
+    """
+    steps = max(1, int(path.duration * rate * (1.0 + 1e-12)))
+    time = path.start + path.duration * np.arange(steps + 1) / steps
+    columns = list(base.independent)
+    blocks = [
+        block[:, columns].transpose(0, 2, 1)
+        for _, block in model.chunks(*path.evaluate(time))
+    ]
+    return np.concatenate(blocks, axis=1)
