@@ -41,6 +41,7 @@ excitation.guards excitation.grids excitation.interval excitation.jets excitatio
 excitation.extremes excitation.friction_bounds excitation.torque_motion
 excitation.torque_bounds excitation.margins excitation.accuracy excitation.search_task
 excitation.search excitation.starts excitation.verification excitation.design
+excitation.validating
 """.split()
 
 HEAVY = {

@@ -30,17 +30,24 @@ class PathForm:
     rest : bool
         Whether velocity and acceleration are zero at both ends; without it, a periodic
         path is entered at full speed and needs a run-in.
+    between : bool
+        Take frequencies half-way below the harmonics: a path that has none in common
+        with one of the same form without this, and over two durations is orthogonal to
+        it, joint by joint.
 
     Examples
     --------
     >>> PathForm(10.0, 3).frequencies.tolist()
     [0.1, 0.2, 0.30000000000000004]
+    >>> PathForm(10.0, 3, between=True).frequencies.tolist()
+    [0.05, 0.15, 0.25]
     """
 
     duration: float = 10.0
     harmonics: int = 5
     base_frequencies: float | tuple[float, ...] | None = None
     rest: bool = True
+    between: bool = False
 
     def __post_init__(self) -> None:
         if not 0.0 < self.duration < np.inf:
@@ -53,9 +60,12 @@ class PathForm:
     def frequencies(self) -> Vector:
         """The frequencies of its terms [Hz]."""
         base = self.base_frequencies
-        return harmonics_of(
-            1.0 / self.duration if base is None else base, self.harmonics
-        )
+        base = 1.0 / self.duration if base is None else base
+        if not self.between:
+            return harmonics_of(base, self.harmonics)
+        every = np.atleast_1d(np.asarray(base, dtype=float))
+        halves = [harmonics_of(one / 2.0, 2 * self.harmonics)[::2] for one in every]
+        return np.unique(np.concatenate(halves))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

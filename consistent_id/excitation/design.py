@@ -68,7 +68,7 @@ class ExcitationDesign:
     ----------
     model : TorqueModel
     base : BaseParameters
-    limits : MotionLimits
+    demands : Demands
     form : PathForm
     aim : Aim
     stages : tuple of Stage
@@ -82,7 +82,7 @@ class ExcitationDesign:
 
     model: TorqueModel
     base: BaseParameters
-    limits: MotionLimits
+    demands: Demands
     form: PathForm
     aim: Aim
     stages: tuple[Stage, ...]
@@ -91,6 +91,11 @@ class ExcitationDesign:
     starts: int
     seconds: float
     notes: tuple[str, ...]
+
+    @property
+    def limits(self) -> MotionLimits:
+        """The limits of its motion."""
+        return self.demands.limits
 
     @property
     def trajectory(self) -> FourierTrajectory:
@@ -190,7 +195,7 @@ def design_trajectory(
     return ExcitationDesign(
         model=model,
         base=base,
-        limits=limits,
+        demands=demands,
         form=form,
         aim=aim,
         stages=tuple(stages),

@@ -1,0 +1,91 @@
+"""A second motion, to judge by: different by construction from the one to learn from.
+
+Its frequencies lie half-way between those of the design, so no sinusoid of one is in
+the other; the rest is chance, and the proof that all limits are kept.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from consistent_id._arrays import Vector
+from consistent_id.errors import InfeasibleError
+from consistent_id.excitation.accuracy import predicted_accuracy
+from consistent_id.excitation.basis import FourierBasis
+from consistent_id.excitation.design import ExcitationDesign
+from consistent_id.excitation.limit_rows import limit_rows
+from consistent_id.excitation.verification import Proof
+from consistent_id.trajectory import FourierTrajectory
+
+_SHARES = (0.95, 0.8, 0.6, 0.4, 0.2)  # of the limits, tried in this order
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ValidationPath:
+    """A motion to judge estimates by.
+
+    Parameters
+    ----------
+    trajectory : FourierTrajectory
+    proof : Proof
+        Of the same limits as the design's.
+    likeness : ndarray, shape (joints,)
+        Correlation of each joint's velocity with the design's, over its duration.
+    """
+
+    trajectory: FourierTrajectory
+    proof: Proof
+    likeness: Vector
+
+
+def validation_trajectory(
+    design: ExcitationDesign, *, seed: int = 0, candidates: int = 24
+) -> ValidationPath:
+    """Return the best conditioned of some random paths that share no frequency.
+
+    Parameters
+    ----------
+    design : ExcitationDesign
+    seed : int
+    candidates : int
+        Random paths that are looked at.
+
+    Raises
+    ------
+    InfeasibleError
+        If none of them is proven to keep the limits, even at a fifth of them.
+    """
+    form = replace(design.form, between=not design.form.between)
+    basis = FourierBasis(design.limits, form.frequencies, form.duration, form.rest)
+    shape = (basis.size, len(basis.unit))
+    rows = limit_rows(basis, basis.trajectory(np.zeros(shape)).period)
+    rng = np.random.default_rng(seed)
+    drawn = [rng.normal(size=shape) for _ in range(candidates)]
+    for variables in drawn:
+        variables[0] = rng.uniform(-0.3, 0.3, shape[1])
+    for share in _SHARES:
+        paths = [basis.trajectory(v * (share / rows.largest(v))) for v in drawn]
+        conditions = [
+            predicted_accuracy(
+                design.model, design.base, path, design.aim
+            ).condition.value
+            for path in paths
+        ]
+        for i in np.argsort(conditions, kind="stable"):
+            proof = design.demands.proof(paths[i])
+            if proof.holds:
+                likeness = _likeness(paths[i], design.trajectory)
+                return ValidationPath(paths[i], proof, likeness)
+    raise InfeasibleError(
+        f"none of {candidates} random paths, even at a fifth of the limits, is proven "
+        "to keep them all; widen the limits"
+    )
+
+
+def _likeness(one: FourierTrajectory, other: FourierTrajectory) -> Vector:
+    duration = min(one.duration, other.duration)
+    time = np.linspace(0.0, duration, 2001)
+    a, b = (path.evaluate(path.start + time, 1)[1] for path in (one, other))
+    return np.asarray(
+        (a * b).sum(axis=0) / np.sqrt((a**2).sum(axis=0) * (b**2).sum(axis=0))
+    )
