@@ -38,7 +38,7 @@ diagnosis.diagnose diagnosis published_summary summary record commands
 excitation.bernstein excitation.polynomial_path excitation.move trajectory_files.content
 trajectory_files.document trajectory_files.ros trajectory_files.tables
 trajectory_files.urscript trajectory_files.files trajectory_files
-excitation.motion_state excitation.transfers excitation.move_along
+excitation.motion_state excitation.transfers excitation.approaches excitation.move_along
 """.split()
 
 HEAVY = {

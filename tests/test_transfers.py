@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from consistent_id import MotionLimits, MotionState, PolynomialPath, ProblemError
-from consistent_id.excitation.transfers import approach, departure, transfer
+from consistent_id.excitation.approaches import approach, departure
+from consistent_id.excitation.transfers import transfer
 
 REPEATABLE = settings(derandomize=True, deadline=None, max_examples=30)
 NONE = np.inf
@@ -124,6 +125,16 @@ def test_an_approach_comes_from_rest_and_a_departure_is_its_mirror(seed, smooth)
             seen[:, at_state], state.values[:orders], rtol=0, atol=1e-9
         )
         np.testing.assert_allclose(seen[1:, still], 0.0, atol=1e-9)
+
+
+def test_an_approach_begins_as_near_to_a_pose_as_limits_allow():
+    state = MotionState(("j0", "j1"), [[0.5, 0.5], [0.2, 1.9], [0.0, 0.0], [0.0, 0.0]])
+    middle, near = (approach(state, limits(2), near=x) for x in (None, [0.4, 3.0]))
+    # The fast joint alone decides how long it takes, and from where it must come.
+    assert near.duration == pytest.approx(middle.duration, rel=1e-5)
+    assert near.control[0, 0] == pytest.approx(0.4, abs=1e-12)
+    assert near.control[0, 1] == pytest.approx(middle.control[0, 1], abs=1e-3)
+    inside(near, limits(2))
 
 
 def test_limits_are_matched_by_name():

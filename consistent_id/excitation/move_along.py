@@ -8,16 +8,12 @@ from numpy.typing import ArrayLike
 
 from consistent_id._arrays import Vector, checked
 from consistent_id.errors import ProblemError
+from consistent_id.excitation.approaches import approach, departure
 from consistent_id.excitation.limits import MotionLimits
 from consistent_id.excitation.motion_state import MotionState
 from consistent_id.excitation.move import Move, end_of
 from consistent_id.excitation.polynomial_path import PolynomialPath
-from consistent_id.excitation.transfers import (
-    approach,
-    departure,
-    limits_of,
-    transfer,
-)
+from consistent_id.excitation.transfers import limits_of, transfer
 from consistent_id.parameters import did_you_mean
 from consistent_id.trajectory import FourierTrajectory
 
@@ -40,7 +36,7 @@ def move_along(
     A run-in is one polynomial where that stays within the limits; else a point-to-point
     one, and a swing from a pose nearby.  Where acceleration or jerk has no
     limit, the trajectory's own bound is that of run-in and run-out.  The trajectory
-    itself is not checked.
+    itself is not checked; torque and collisions on the way are not either.
 
     Parameters
     ----------
@@ -102,22 +98,18 @@ def _way(
     """Return one piece, or where none is within limits, two that meet at rest."""
     try:
         return (transfer(begin, end, limits, continuous_jerk=continuous_jerk),)
-    except ProblemError as direct:
+    except ProblemError:
         if not (begin.values[1:].any() or end.values[1:].any()):
             raise
-        reason = direct
-    try:
-        if end.values[1:].any():
-            swing = approach(end, limits, continuous_jerk=continuous_jerk)
-            meet = MotionState.at_rest(end.joints, swing.control[0])
-            way = transfer(begin, meet, limits, continuous_jerk=continuous_jerk)
-            return way, swing
-        swing = departure(begin, limits, continuous_jerk=continuous_jerk)
-        meet = MotionState.at_rest(end.joints, swing.control[-1])
-        way = transfer(meet, end, limits, continuous_jerk=continuous_jerk)
-        return swing, way
-    except ProblemError:
-        raise reason from None
+    if end.values[1:].any():
+        near = begin.values[0]
+        swing = approach(end, limits, near=near, continuous_jerk=continuous_jerk)
+        meet = MotionState.at_rest(end.joints, swing.control[0])
+        return transfer(begin, meet, limits, continuous_jerk=continuous_jerk), swing
+    near = end.values[0]
+    swing = departure(begin, limits, near=near, continuous_jerk=continuous_jerk)
+    meet = MotionState.at_rest(end.joints, swing.control[-1])
+    return swing, transfer(meet, end, limits, continuous_jerk=continuous_jerk)
 
 
 def _resting(

@@ -5,7 +5,6 @@ the jerk.  That a duration is long enough is proven by Bernstein coefficients.
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 
@@ -25,7 +24,7 @@ _TOLERANCE = 1e-6  # relative, of the shortest duration
 _INSIDE = 1e-9  # share of a limit that is left, so that rounding cannot exceed it
 
 # Durations (t,) -> Bernstein coefficients (degree + 1, t, joints).
-_Family = Callable[[Vector], Array]
+Family = Callable[[Vector], Array]
 
 
 def transfer(
@@ -70,43 +69,7 @@ def transfer(
     def family(duration: Vector) -> Array:
         return bernstein.hermite(begin.values[:orders], end.values[:orders], duration)
 
-    return _shortest(family, (begin, end), limits_of(limits, begin.joints), orders)
-
-
-def approach(
-    end: MotionState, limits: MotionLimits, *, continuous_jerk: bool = False
-) -> PolynomialPath:
-    """Return a short path within limits from rest, wherever that is, to a state.
-
-    The pose at rest is the one that leaves the velocity a polynomial of least degree.
-
-    Raises
-    ------
-    ProblemError
-        As `transfer`.
-    """
-    orders = 4 if continuous_jerk else 3
-    still = np.zeros_like(end.values)
-
-    def family(duration: Vector) -> Array:
-        velocity = bernstein.hermite(still[1:orders], end.values[1:orders], duration)
-        way = bernstein.integral(velocity, duration)
-        return np.asarray(end.values[0] + way - way[-1])
-
-    return _shortest(family, (end,), limits_of(limits, end.joints), orders)
-
-
-def departure(
-    begin: MotionState, limits: MotionLimits, *, continuous_jerk: bool = False
-) -> PolynomialPath:
-    """Return a short path within limits from a state to rest, wherever that is.
-
-    It is the `approach` of the same state, seen in a mirror of time.
-    """
-    mirror = np.array([[1.0], [-1.0], [1.0], [-1.0]])
-    mirrored = replace(begin, values=mirror * begin.values)
-    path = approach(mirrored, limits, continuous_jerk=continuous_jerk)
-    return replace(path, control=path.control[::-1])
+    return shortest(family, (begin, end), limits_of(limits, begin.joints), orders)
 
 
 def limits_of(limits: MotionLimits, joints: tuple[str, ...]) -> MotionLimits:
@@ -121,18 +84,29 @@ def limits_of(limits: MotionLimits, joints: tuple[str, ...]) -> MotionLimits:
     return MotionLimits(joints=joints, **chosen)
 
 
-def _shortest(
-    family: _Family,
+def shortest(
+    family: Family,
     states: tuple[MotionState, ...],
     limits: MotionLimits,
     orders: int,
 ) -> PolynomialPath:
-    """Return the shortest member of a family that is proven to be within limits."""
+    """Return the shortest member of a family that is proven to be within limits.
+
+    Parameters
+    ----------
+    family : function
+        From durations to Bernstein coefficients.
+    states : tuple of MotionState
+        That the family meets at its ends.
+    limits : MotionLimits
+    orders : int
+        How many of position, velocity, acceleration and jerk it meets.
+    """
     if any(state.joints != limits.joints for state in states):
         raise ProblemError("states are of different joints; expected the same")
     for state in states:
         _check_state(state, limits)
-    allowed = _allowed(states, limits, orders)
+    allowed = allowed_by(states, limits, orders)
 
     def excess(duration: Vector) -> Array:
         control = family(duration)
@@ -168,7 +142,7 @@ def _reached(control: Array, duration: Vector, limits: MotionLimits) -> Array:
     )
 
 
-def _allowed(
+def allowed_by(
     states: tuple[MotionState, ...], limits: MotionLimits, orders: int
 ) -> Matrix:
     """Return what may be reached: the limits less rounding, and the states."""
@@ -223,10 +197,11 @@ def _impossible(tried: Vector, over: Array, limits: MotionLimits) -> ProblemErro
     """Return the error that names the limit nearest to being met."""
     t = int(np.argmin(over.max(axis=(0, 2))))
     k, j = np.unravel_index(int(np.argmax(over[:, t])), over[:, t].shape)
-    joint, limit = limits.joints[j], _range(limits, int(k), int(j))
+    limit = _range(limits, int(k), int(j))
     return ProblemError(
         f"transfer: no duration from {tried[0]:.2g} to {tried[-1]:.2g} s is within all "
-        f"limits; at best, in {tried[t]:.4g} s, {_ORDERS[k]} of joint {joint!r} "
-        f"exceeds its limit ({limit}) {over[k, t, j]:.3g}-fold. Begin and end at rest, "
-        "or nearer to the middle of the range"
+        f"limits; at best, in {tried[t]:.4g} s, {_ORDERS[k]} of joint "
+        f"{limits.joints[j]!r} is {over[k, t, j]:.4g} times its limit ({limit}). "
+        "Leave more room between trajectory and limits, or begin and end it at rest, "
+        "or where it moves more slowly"
     )
