@@ -57,6 +57,12 @@ from consistent_id.estimators.least_squares import (
 from consistent_id.estimators.payload import Payload, identify_payload
 from consistent_id.estimators.robust import huber
 from consistent_id.estimators.smooth import smooth_least_squares
+from consistent_id.excitation.limits import MotionLimits, motion_limits
+from consistent_id.excitation.motion_state import MotionState
+from consistent_id.excitation.move import Move
+from consistent_id.excitation.move_along import move_along
+from consistent_id.excitation.polynomial_path import PolynomialPath
+from consistent_id.excitation.transfers import transfer
 from consistent_id.friction import DriveTerms, GearCoupling
 from consistent_id.inertia import InertialParameters
 from consistent_id.intervals import ConsistentIntervals, consistent_intervals
@@ -113,6 +119,7 @@ from consistent_id.signals import (
     encoder_resolution,
     estimate_delay,
     estimated_period,
+    fit_trajectory,
     fourier_differentiated,
     fourier_fit,
     kalman_differentiated,
@@ -131,12 +138,19 @@ from consistent_id.signals import (
 )
 from consistent_id.simulation import simulate_torque
 from consistent_id.study import Study, identify, run_study
+from consistent_id.trajectory import FourierTrajectory, harmonics_of
+from consistent_id.trajectory_files import (
+    TRAJECTORY_COLUMNS,
+    read_trajectory,
+    write_trajectory,
+)
 from consistent_id.uncertainty import Uncertainty, uncertainty
 
 __version__ = "0.1.0"
 
 __all__ = [
     "JOINT_STATE",
+    "TRAJECTORY_COLUMNS",
     "BaseParameters",
     "Bootstrap",
     "CentreOfMassBoxes",
@@ -165,6 +179,7 @@ __all__ = [
     "FixedMasses",
     "FixedParameters",
     "FourierFit",
+    "FourierTrajectory",
     "GearCoupling",
     "InertialParameters",
     "InfeasibleError",
@@ -175,8 +190,11 @@ __all__ = [
     "LinkCondition",
     "MassBounds",
     "ModelError",
+    "MotionLimits",
     "MotionNoise",
+    "MotionState",
     "Motor",
+    "Move",
     "NonNegativeDrive",
     "NotExcitedError",
     "ParameterBounds",
@@ -184,6 +202,7 @@ __all__ = [
     "Penalty",
     "PhysicalConsistency",
     "PointToSet",
+    "PolynomialPath",
     "Polytope",
     "Problem",
     "ProblemError",
@@ -227,10 +246,12 @@ __all__ = [
     "estimate_delay",
     "estimated_period",
     "fit_shapes",
+    "fit_trajectory",
     "fourier_differentiated",
     "fourier_fit",
     "from_classical_dh",
     "from_modified_dh",
+    "harmonics_of",
     "held",
     "huber",
     "identify",
@@ -249,8 +270,11 @@ __all__ = [
     "log_cholesky_jacobian",
     "low_passed",
     "mesh_vertices",
+    "motion_limits",
     "motion_noise",
+    "move_along",
     "read_recording",
+    "read_trajectory",
     "recording_from",
     "resampled",
     "row_weights",
@@ -265,10 +289,12 @@ __all__ = [
     "split_at_gaps",
     "standstill",
     "track",
+    "transfer",
     "trim_standstill",
     "trimmed",
     "uncertainty",
     "weighted_least_squares",
     "with_shapes",
     "without",
+    "write_trajectory",
 ]

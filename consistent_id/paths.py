@@ -2,9 +2,12 @@
 
 from typing import Protocol
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._arrays import Array, Vector
+from consistent_id.errors import ProblemError
+from consistent_id.recording import Recording
 
 
 class JointPath(Protocol):
@@ -33,3 +36,21 @@ class JointPath(Protocol):
 
         In absolute value, at any time from start to end.  It may be a generous one.
         """
+
+
+def sampled(path: JointPath, rate: float, name: str = "trajectory") -> Recording:
+    """Sample position, velocity and acceleration; both ends belong to it.
+
+    Parameters
+    ----------
+    path : JointPath
+    rate : float, [Hz]
+        Lowered to the next that divides the duration into equal steps.
+    name : str
+    """
+    if not 0.0 < rate < np.inf:
+        raise ProblemError(f"rate is {rate} Hz, expected more than 0")
+    steps = max(1, int(np.floor(path.duration * rate * (1.0 + 1e-12))))
+    time = path.start + path.duration * np.arange(steps + 1) / steps
+    q, dq, ddq = path.evaluate(time)
+    return Recording(path.joints, time, q, dq, ddq, name=name)

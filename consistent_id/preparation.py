@@ -154,7 +154,8 @@ def _with_motion(
         # The way to the start of a periodic motion is not part of it.
         kept = trimmed(part, start, stop)
         period = estimated_period(kept) if table.period == "estimated" else table.period
-        q, dq, ddq = fourier_fit(kept, period, table.harmonics).evaluate(part.time)
+        series = fourier_fit(kept, period, table.harmonics).trajectory
+        q, dq, ddq = series.evaluate(part.time)
         return replace(part, position=q, velocity=dq, acceleration=ddq)
     return differentiated(part)
 

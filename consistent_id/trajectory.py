@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from consistent_id._arrays import Array, Matrix, Vector, checked, frozen
 from consistent_id.errors import ProblemError
+from consistent_id.paths import sampled
 from consistent_id.recording import Recording
 
 _COMMON = 1e-9  # relative difference below which frequencies share a base
@@ -153,12 +154,7 @@ class FourierTrajectory:
             Lowered to the next that divides the duration into equal steps.
         name : str
         """
-        if not 0.0 < rate < np.inf:
-            raise ProblemError(f"rate is {rate} Hz, expected more than 0")
-        steps = max(1, int(np.floor(self.duration * rate * (1.0 + 1e-12))))
-        time = self.start + self.duration * np.arange(steps + 1) / steps
-        q, dq, ddq = self.evaluate(time)
-        return Recording(self.joints, time, q, dq, ddq, name=name)
+        return sampled(self, rate, name)
 
     def casadi(self) -> Any:
         """Return the trajectory as a CasADi function of time.

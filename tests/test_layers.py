@@ -30,18 +30,22 @@ intervals sensitivity uncertainty constraint_costs shadow_prices comparison
 problem_constraints diagnosis.explain estimators.gain_search loaded_robot
 estimators.gains loaded_constraints estimators.payload shapes shaped_regression
 shape_misfit shape_profile shape_fit signals.clocks signals.differences signals.filters
-signals.fourier signals.kalman signals.period signals.resolution signals.masks
-signals.cuts signals.savitzky_golay signals.smoother signals.track signals.alignment
-signals.delay signals cutoff preparation diagnosis.tell sinusoids problem published
-published_estimate study diagnosis.coverage diagnosis.diagnose diagnosis
-published_summary summary record commands excitation excitation.limits trajectory paths
+signals.kalman signals.resolution signals.masks signals.cuts signals.savitzky_golay
+signals.smoother signals.track signals.alignment signals.delay diagnosis.tell sinusoids
+excitation excitation.limits paths trajectory signals.fourier signals.period signals
+cutoff preparation problem published published_estimate study diagnosis.coverage
+diagnosis.diagnose diagnosis published_summary summary record commands
 excitation._callbacks excitation.basis excitation.criteria excitation.kernels
 excitation.information excitation.limit_rows excitation.programme excitation.aims
 excitation.guards excitation.grids excitation.interval excitation.jets excitation.peaks
 excitation.extremes excitation.friction_bounds excitation.torque_motion
 excitation.torque_bounds excitation.margins excitation.accuracy excitation.search_task
 excitation.search excitation.starts excitation.verification excitation.design
-excitation.validating
+excitation.validating excitation.bernstein excitation.polynomial_path excitation.move
+trajectory_files.content trajectory_files.document trajectory_files.ros
+trajectory_files.tables trajectory_files.urscript trajectory_files.files
+trajectory_files excitation.motion_state excitation.transfers excitation.approaches
+excitation.move_along
 """.split()
 
 HEAVY = {

@@ -158,10 +158,12 @@ def require(where: str, names: Sequence[str], known: Sequence[str]) -> None:
             raise RecordingError(f"{where}: column {name!r} stands there twice")
 
 
-def missing_library(where: str, kind: str, library: str, extra: str) -> RecordingError:
-    """Return the error that says how to install what reads a format."""
+def missing_library(
+    where: str, kind: str, library: str, extra: str, *, doing: str = "reading"
+) -> RecordingError:
+    """Return the error that says how to install what reads or writes a format."""
     return RecordingError(
-        f"{where}: reading {kind} needs {library}; pip install 'consistent-id[{extra}]'"
+        f"{where}: {doing} {kind} needs {library}; pip install 'consistent-id[{extra}]'"
     )
 
 

@@ -16,6 +16,7 @@ from consistent_id.signals.differences import differentiated
 from consistent_id.signals.filters import decimated, low_passed
 from consistent_id.signals.fourier import (
     FourierFit,
+    fit_trajectory,
     fourier_differentiated,
     fourier_fit,
 )
@@ -41,6 +42,7 @@ __all__ = [
     "encoder_resolution",
     "estimate_delay",
     "estimated_period",
+    "fit_trajectory",
     "fourier_differentiated",
     "fourier_fit",
     "kalman_differentiated",

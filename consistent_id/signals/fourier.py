@@ -1,77 +1,55 @@
-"""Periodic motion as a Fourier series, whose derivatives are exact.
+"""Recorded motion as a Fourier series, whose derivatives are exact.
 
-    q(t) = offset + sum_k  sine_k sin(k w t) + cosine_k cos(k w t),    w = 2 pi / period
-
-is fitted to all samples of all periods by least squares [Swevers1997]_.
+All samples of all periods are fitted by least squares [Swevers1997]_; what comes out
+is a `FourierTrajectory`, with how well it fits.
 """
 
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from consistent_id._arrays import Array, Matrix, Vector, frozen
+from consistent_id._arrays import Matrix, Vector, frozen
 from consistent_id.errors import RecordingError
 from consistent_id.recording import Recording
 from consistent_id.signals.clocks import own_rate
+from consistent_id.trajectory import FourierTrajectory
 
 _MOST = 50  # harmonics tried
+_FASTEST = 0.45  # highest frequency over the sampling rate
+_AMPLIFIED = 10.0  # noise in a coefficient, over that with frequencies far apart
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FourierFit:
-    """A Fourier series for each joint.
+    """A Fourier series for each joint, and how far it is from the recording.
 
     Parameters
     ----------
-    joints : tuple of str
-    period : float, [s]
-    origin : float, [s]
-        Time at which all angles are zero.
-    offset : array_like, shape (joints,), [rad or m]
-    sine, cosine : array_like, shape (harmonics, joints), [rad or m]
+    trajectory : FourierTrajectory
+        From the recording's first sample to its last.
     residual : array_like, shape (joints,), [rad or m]
         Root-mean-square difference from the recorded position.
     criterion : array_like, shape (tried,)
-        Bayesian information criterion of 1, 2, ... harmonics, over all joints.
+        Bayesian information criterion, over all joints, of each series that was tried:
+        of 1, 2, ... harmonics, or of the given frequencies alone.
     """
 
-    joints: tuple[str, ...]
-    period: float
-    origin: float
-    offset: Vector
-    sine: Matrix
-    cosine: Matrix
+    trajectory: FourierTrajectory
     residual: Vector
     criterion: Vector
 
     def __post_init__(self) -> None:
-        n = len(self.joints)
         for name, shape in (
-            ("offset", (n,)),
-            ("sine", (None, n)),
-            ("cosine", (None, n)),
-            ("residual", (n,)),
+            ("residual", (len(self.trajectory.joints),)),
             ("criterion", (None,)),
         ):
             object.__setattr__(self, name, frozen(getattr(self, name), shape, name))
 
     @property
-    def harmonics(self) -> int:
-        """Number of harmonics."""
-        return len(self.sine)
-
-    def evaluate(self, time: Vector) -> Array:
-        """Return position, velocity and acceleration, shape (3, samples, joints)."""
-        rates = 2.0 * np.pi / self.period * np.arange(1, self.harmonics + 1)
-        angles = np.outer(np.asarray(time) - self.origin, rates)
-        s, c = np.sin(angles), np.cos(angles)
-        return np.array(
-            [
-                self.offset + s @ self.sine + c @ self.cosine,
-                (c * rates) @ self.sine - (s * rates) @ self.cosine,
-                -(s * rates**2) @ self.sine - (c * rates**2) @ self.cosine,
-            ]
-        )
+    def period(self) -> float | None:
+        """Time after which the series repeats [s], if it does."""
+        return self.trajectory.period
 
 
 def fourier_fit(
@@ -100,20 +78,19 @@ def fourier_fit(
     >>> time = np.arange(200) / 50.0
     >>> log = Recording(("elbow",), time, 0.5 * np.sin(np.pi * time)[:, None])
     >>> fit = fourier_fit(log, 2.0, harmonics=1)
-    >>> fit.sine.round(12).tolist()
+    >>> fit.trajectory.sine.round(12).tolist()
     [[0.5]]
     """
     if not 0.0 < period < np.inf:
         raise RecordingError(f"period is {period} s, expected a positive number")
-    step = recording.duration / (len(recording) - 1)
-    if recording.duration + step < period * (1.0 - 1e-9):
+    if _span(recording) < period * (1.0 - 1e-9):
         raise RecordingError(
             f"{recording.name} lasts {recording.duration:.6g} s, expected at least one "
             f"period of {period:g} s"
         )
     n = len(recording)
     # Beyond Nyquist, and with as many terms as samples, columns are dependent.
-    most = min((n - 2) // 4, int(0.45 * period * own_rate(recording)))
+    most = min((n - 2) // 4, int(_FASTEST * period * own_rate(recording)))
     if harmonics is not None and not 1 <= harmonics <= most:
         raise RecordingError(
             f"{recording.name}: {harmonics} harmonics of {period:g} s, expected "
@@ -122,29 +99,139 @@ def fourier_fit(
     tried = min(most, _MOST) if harmonics is None else harmonics
     if tried < 1:
         raise RecordingError(f"{recording.name}: {n} samples are too few for a period")
-    origin = float(recording.time[0])
-    Q, R = np.linalg.qr(series_columns(recording.time - origin, period, tried))
-    z = Q.T @ recording.position
-    total = (recording.position**2).sum(axis=0)
-    explained = np.cumsum(z**2, axis=0)[2::2]  # with 1, 2, ... harmonics
-    # Digits that cancel in the difference are below rounding of the position.
-    floor = n * (1e-15 * abs(recording.position).max()) ** 2 + 1e-300
-    left = np.maximum(total - explained, floor)
-    terms = 2 * np.arange(1, tried + 1) + 1
-    criterion = (n * np.log(left / n) + terms[:, None] * np.log(n)).sum(axis=1)
+    series = _Series.of(recording, np.arange(1, tried + 1) / period)
+    criterion = series.criteria()
     chosen = int(np.argmin(criterion)) + 1 if harmonics is None else harmonics
-    size = 2 * chosen + 1
-    x = np.linalg.solve(R[:size, :size], z[:size])
-    residual = recording.position - Q[:, :size] @ z[:size]
-    return FourierFit(
-        joints=recording.joints,
-        period=float(period),
-        origin=origin,
-        offset=x[0],
-        sine=x[1::2],
-        cosine=x[2::2],
-        residual=np.sqrt((residual**2).mean(axis=0)),
-        criterion=criterion,
+    return series.fit(chosen, criterion)
+
+
+def fit_trajectory(recording: Recording, frequencies: ArrayLike) -> FourierFit:
+    """Fit sines and cosines of given frequencies to the recorded position.
+
+    Parameters
+    ----------
+    recording : Recording
+        Its clock need not be uniform.
+    frequencies : array_like, shape (terms,), [Hz]
+        Any, such as `harmonics_of` several base frequencies.
+
+    Raises
+    ------
+    RecordingError
+        If samples are too few or too far apart, or if frequencies are nearer to each
+        other, or to zero, than the recording's length can tell: noise in a coefficient
+        would be more than ten times what it is with frequencies far apart.
+
+    Examples
+    --------
+    >>> time = np.arange(400) / 50.0
+    >>> two = np.sin(np.pi * time) + 0.2 * np.cos(1.5 * np.pi * time)
+    >>> log = Recording(("elbow",), time, two[:, None])
+    >>> fit_trajectory(log, [0.5, 0.75]).trajectory.cosine.round(12).tolist()
+    [[0.0], [0.2]]
+    """
+    wanted = frozen(frequencies, (None,), f"{recording.name}: frequencies")
+    if not len(wanted) or not (np.diff(wanted, prepend=0.0) > 0.0).all():
+        raise RecordingError(
+            f"{recording.name}: frequencies are {wanted.tolist()} Hz, expected "
+            "positive and increasing ones"
+        )
+    fastest = _FASTEST * own_rate(recording)
+    if wanted[-1] > fastest:
+        raise RecordingError(
+            f"{recording.name}: a frequency of {wanted[-1]:g} Hz, expected at most "
+            f"{fastest:.4g} Hz, 0.45 of the sampling rate"
+        )
+    if len(recording) < 4 * len(wanted) + 2:
+        raise RecordingError(
+            f"{recording.name}: {len(recording)} samples for {len(wanted)} "
+            f"frequencies, expected at least {4 * len(wanted) + 2}"
+        )
+    series = _Series.of(recording, wanted)
+    _refuse_near_ones(recording, wanted, series.R)
+    return series.fit(len(wanted), series.criteria()[-1:])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Series:
+    """A recording's position in the orthonormalised columns of a series.
+
+    Parameters
+    ----------
+    recording : Recording
+    frequencies : ndarray, shape (terms,), [Hz]
+    Q, R : ndarray
+        Factors of `series_columns`.
+    z : ndarray, shape (2 terms + 1, joints)
+        Q^T position.
+    """
+
+    recording: Recording
+    frequencies: Vector
+    Q: Matrix
+    R: Matrix
+    z: Matrix
+
+    @classmethod
+    def of(cls, recording: Recording, frequencies: Vector) -> "_Series":
+        time = recording.time - recording.time[0]
+        Q, R = np.linalg.qr(series_columns(time, frequencies))
+        return cls(recording, frequencies, Q, R, Q.T @ recording.position)
+
+    def criteria(self) -> Vector:
+        """Return Bayes' criterion of the first, the first two, ... frequencies."""
+        position, n = self.recording.position, len(self.recording)
+        explained = np.cumsum(self.z**2, axis=0)[2::2]
+        # Digits that cancel in the difference are below rounding of the position.
+        floor = n * (1e-15 * abs(position).max()) ** 2 + 1e-300
+        left = np.maximum((position**2).sum(axis=0) - explained, floor)
+        terms = 2 * np.arange(1, len(self.frequencies) + 1) + 1
+        values = n * np.log(left / n) + terms[:, None] * np.log(n)
+        return np.asarray(values.sum(axis=1))
+
+    def fit(self, terms: int, criterion: Vector) -> FourierFit:
+        """Return the series of the first so many frequencies."""
+        size = 2 * terms + 1
+        x = np.asarray(np.linalg.solve(self.R[:size, :size], self.z[:size]), float)
+        residual = self.recording.position - self.Q[:, :size] @ self.z[:size]
+        trajectory = FourierTrajectory(
+            joints=self.recording.joints,
+            frequencies=self.frequencies[:terms],
+            offset=x[0],
+            sine=x[1::2],
+            cosine=x[2::2],
+            duration=self.recording.duration,
+            start=float(self.recording.time[0]),
+        )
+        return FourierFit(trajectory, np.sqrt((residual**2).mean(axis=0)), criterion)
+
+
+def _span(recording: Recording) -> float:
+    """Return the time that the samples stand for: one mean step more than between."""
+    return recording.duration * len(recording) / (len(recording) - 1)
+
+
+def _refuse_near_ones(recording: Recording, frequencies: Vector, R: Matrix) -> None:
+    """Refuse frequencies whose columns are so alike that noise decides.
+
+    The covariance of the coefficients is ``sigma^2 (R^T R)^-1``; with frequencies far
+    apart its diagonal is ``2 sigma^2 / samples``.
+    """
+    _, s, Vt = np.linalg.svd(R)
+    s = np.maximum(s, s[0] * np.finfo(np.float64).eps)
+    covariance = ((Vt.T / s) ** 2).sum(axis=1)
+    noise = np.sqrt(covariance[1:].reshape(-1, 2).max(axis=1) * len(recording) / 2.0)
+    worst = int(np.argmax(noise))
+    if noise[worst] <= _AMPLIFIED:
+        return
+    others = np.append(np.delete(frequencies, worst), 0.0)
+    nearest = others[np.argmin(abs(others - frequencies[worst]))]
+    apart = abs(nearest - frequencies[worst])
+    raise RecordingError(
+        f"{recording.name}: {frequencies[worst]:g} Hz and {nearest:g} Hz are "
+        f"{apart:.3g} Hz apart, too near to tell in {_span(recording):.4g} s: noise "
+        f"in their coefficients would be {noise[worst]:.2g} times what it should be. "
+        f"Record about {1.0 / apart:.3g} s, or leave one out"
     )
 
 
@@ -158,13 +245,13 @@ def fourier_differentiated(
     is not in the series, and belongs cut off.
     """
     fit = fourier_fit(recording, period, harmonics)
-    q, dq, ddq = fit.evaluate(recording.time)
+    q, dq, ddq = fit.trajectory.evaluate(recording.time)
     return replace(recording, position=q, velocity=dq, acceleration=ddq)
 
 
-def series_columns(time: Vector, period: float, harmonics: int) -> Matrix:
-    """Return 1, then sine and cosine of each harmonic, a column each."""
-    angles = np.outer(2.0 * np.pi / period * time, np.arange(1, harmonics + 1))
-    columns = np.ones((len(time), 2 * harmonics + 1))
+def series_columns(time: Vector, frequencies: Vector) -> Matrix:
+    """Return 1, then sine and cosine of each frequency, a column each."""
+    angles = np.outer(2.0 * np.pi * time, frequencies)
+    columns = np.ones((len(time), 2 * len(frequencies) + 1))
     columns[:, 1::2], columns[:, 2::2] = np.sin(angles), np.cos(angles)
     return columns

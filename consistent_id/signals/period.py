@@ -53,7 +53,8 @@ def estimated_period(
 
     def misfit(period: float) -> float:
         terms = min(harmonics, int(0.45 * period / step))
-        columns = series_columns(recording.time - recording.time[0], period, terms)
+        frequencies = np.arange(1, terms + 1) / period
+        columns = series_columns(recording.time - recording.time[0], frequencies)
         Q, _ = np.linalg.qr(columns)
         centred = recording.position - recording.position.mean(axis=0)
         scale = np.maximum((centred**2).sum(axis=0), 1e-300)

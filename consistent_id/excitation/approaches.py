@@ -1,0 +1,110 @@
+"""From rest to a state of motion, and back to rest, in a pose that suits.
+
+With a duration given, the coefficients of the polynomial are linear in the pose at
+rest; so each limit leaves an interval of poses, known without a search.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from consistent_id._arrays import Array, Vector, checked
+from consistent_id.excitation import bernstein
+from consistent_id.excitation.limits import MotionLimits
+from consistent_id.excitation.motion_state import MotionState
+from consistent_id.excitation.polynomial_path import PolynomialPath
+from consistent_id.excitation.transfers import allowed_by, limits_of, shortest
+
+_ROUNDING = 1e-10  # share of a limit that is left when a pose is chosen
+
+
+def approach(
+    end: MotionState,
+    limits: MotionLimits,
+    *,
+    near: ArrayLike | None = None,
+    continuous_jerk: bool = False,
+) -> PolynomialPath:
+    """Return the shortest polynomial path within limits from rest to a state.
+
+    Parameters
+    ----------
+    end : MotionState
+    limits : MotionLimits
+    near : array_like, shape (joints,), optional, [rad or m]
+        Of the poses at rest from which it can be done in this time, the nearest to this
+        one is taken; by default the middle one.
+    continuous_jerk : bool
+        Keep the jerk of the state too.
+
+    Raises
+    ------
+    ProblemError
+        As `transfer`.
+    """
+    orders = 4 if continuous_jerk else 3
+    limits = limits_of(limits, end.joints)
+    allowed = allowed_by((end,), limits, orders) * (1.0 - _ROUNDING)
+    wanted = None if near is None else checked(near, (len(end.joints),), "near")
+
+    def family(duration: Vector) -> Array:
+        control = bernstein.hermite(
+            np.zeros((orders, len(end.joints))), end.values[:orders], duration
+        )
+        low, high = _poses(control, orders, duration, limits, allowed)
+        pose = (low + high) / 2.0
+        if wanted is not None:
+            pose = np.where(low <= high, np.clip(wanted, low, high), pose)
+        control[:orders] += pose
+        return control
+
+    return shortest(family, (end,), limits, orders)
+
+
+def departure(
+    begin: MotionState,
+    limits: MotionLimits,
+    *,
+    near: ArrayLike | None = None,
+    continuous_jerk: bool = False,
+) -> PolynomialPath:
+    """Return the shortest polynomial path within limits from a state to rest.
+
+    It is the `approach` of the same state, seen in a mirror of time.
+    """
+    mirror = np.array([[1.0], [-1.0], [1.0], [-1.0]])
+    mirrored = replace(begin, values=mirror * begin.values)
+    path = approach(mirrored, limits, near=near, continuous_jerk=continuous_jerk)
+    return replace(path, control=path.control[::-1])
+
+
+def _poses(
+    control: Array, orders: int, duration: Vector, limits: MotionLimits, allowed: Array
+) -> Array:
+    """Return the least and the greatest pose that limits leave, (2, durations, joints).
+
+    Parameters
+    ----------
+    control : ndarray, shape (degree + 1, durations, joints)
+        Coefficients of the path from pose 0.
+    orders : int
+        How many of them, the first, a pose at rest adds to.
+    allowed : ndarray, shape (4, joints)
+    """
+    unit = np.zeros((len(control), len(duration), 1))
+    unit[:orders] = 1.0
+    low = np.full(control.shape[1:], -np.inf)
+    high = np.full(control.shape[1:], np.inf)
+    for k in range(4):
+        fixed = control - limits.middle if k == 0 else control
+        a = bernstein.finer(bernstein.derivative(fixed, duration, k))
+        b = bernstein.finer(bernstein.derivative(unit, duration, k))
+        # |a + b pose| <= allowed; where b is 0 it is no matter of the pose.
+        with np.errstate(divide="ignore", invalid="ignore"):
+            one, other = (-allowed[k] - a) / b, (allowed[k] - a) / b
+        counts = b != 0.0
+        least = np.where(counts, np.minimum(one, other), -np.inf)
+        most = np.where(counts, np.maximum(one, other), np.inf)
+        low, high = np.fmax(low, least.max(axis=0)), np.fmin(high, most.min(axis=0))
+    return np.array([low, high])

@@ -1,0 +1,175 @@
+"""Run-in and run-out: what makes a trajectory one that a robot can play."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from consistent_id._arrays import Vector, checked
+from consistent_id.errors import ProblemError
+from consistent_id.excitation.approaches import approach, departure
+from consistent_id.excitation.limits import MotionLimits
+from consistent_id.excitation.motion_state import MotionState
+from consistent_id.excitation.move import Move, end_of
+from consistent_id.excitation.polynomial_path import PolynomialPath
+from consistent_id.excitation.transfers import limits_of, transfer
+from consistent_id.parameters import did_you_mean
+from consistent_id.trajectory import FourierTrajectory
+
+_SAME = 1e-9  # difference, over the trajectory's bound, that is rounding
+
+Pose = ArrayLike | Mapping[str, float]
+
+
+def move_along(
+    trajectory: FourierTrajectory,
+    limits: MotionLimits,
+    *,
+    from_pose: Pose | None = None,
+    to_pose: Pose | None = None,
+    periods: int | None = None,
+    continuous_jerk: bool = False,
+) -> Move:
+    """Return a move from rest through a trajectory to rest, within limits on the way.
+
+    A run-in is one polynomial where that stays within the limits; else a point-to-point
+    one, and a swing from a pose nearby.  Where acceleration or jerk has no
+    limit, the trajectory's own bound is that of run-in and run-out.  The trajectory
+    itself is not checked; torque and collisions on the way are not either.
+
+    Parameters
+    ----------
+    trajectory : FourierTrajectory
+        Periodic, or at rest at its ends.
+    limits : MotionLimits
+    from_pose, to_pose : array_like, shape (joints,), or mapping by joint, optional
+        Where the robot rests before and after [rad or m]; by default the nearest poses
+        from which and to which it can swing.
+    periods : int, optional
+        How often the trajectory is repeated; by default as its duration says.
+    continuous_jerk : bool
+        Keep the jerk continuous too.
+
+    Raises
+    ------
+    ProblemError
+        If a pose or a state is outside the limits, or no way is within them.
+
+    Examples
+    --------
+    >>> swing = FourierTrajectory(("joint1",), [0.5], [0.0], [[0.0]], [[0.1]], 4.0)
+    >>> from consistent_id import DHRow, JointLimits, from_modified_dh, motion_limits
+    >>> arm = from_modified_dh("arm", [DHRow(0, 0, limits=JointLimits(-1, 2))])
+    >>> limits = motion_limits(arm, velocity=1.0)
+    >>> move = move_along(swing, limits, from_pose=[0.5], to_pose=[0.5])
+    >>> [len(move.run_in), len(move.run_out)]
+    [1, 1]
+    >>> move.evaluate([0.0, move.duration])[:2, :, 0].round(9).tolist()
+    [[0.5, 0.5], [0.0, 0.0]]
+    """
+    limits = _with_own_bounds(limits_of(limits, trajectory.joints), trajectory)
+    if periods is not None:
+        trajectory = _repeated(trajectory, periods)
+    begin = MotionState.of(trajectory, trajectory.start)
+    end = MotionState.of(trajectory, end_of(trajectory))
+    first = _pose(from_pose, trajectory.joints, "from_pose")
+    last = _pose(to_pose, trajectory.joints, "to_pose")
+    run_in: tuple[PolynomialPath, ...] = ()
+    run_out: tuple[PolynomialPath, ...] = ()
+    if not _resting(begin, trajectory, first):
+        run_in = (
+            (approach(begin, limits, continuous_jerk=continuous_jerk),)
+            if first is None
+            else _way(first, begin, limits, continuous_jerk)
+        )
+    if not _resting(end, trajectory, last):
+        run_out = (
+            (departure(end, limits, continuous_jerk=continuous_jerk),)
+            if last is None
+            else _way(end, last, limits, continuous_jerk)
+        )
+    return _in_sequence(run_in, trajectory, run_out)
+
+
+def _way(
+    begin: MotionState, end: MotionState, limits: MotionLimits, continuous_jerk: bool
+) -> tuple[PolynomialPath, ...]:
+    """Return one piece, or where none is within limits, two that meet at rest."""
+    try:
+        return (transfer(begin, end, limits, continuous_jerk=continuous_jerk),)
+    except ProblemError:
+        if not (begin.values[1:].any() or end.values[1:].any()):
+            raise
+    if end.values[1:].any():
+        near = begin.values[0]
+        swing = approach(end, limits, near=near, continuous_jerk=continuous_jerk)
+        meet = MotionState.at_rest(end.joints, swing.control[0])
+        return transfer(begin, meet, limits, continuous_jerk=continuous_jerk), swing
+    near = end.values[0]
+    swing = departure(begin, limits, near=near, continuous_jerk=continuous_jerk)
+    meet = MotionState.at_rest(end.joints, swing.control[-1])
+    return swing, transfer(meet, end, limits, continuous_jerk=continuous_jerk)
+
+
+def _resting(
+    state: MotionState, trajectory: FourierTrajectory, pose: MotionState | None
+) -> bool:
+    """Return whether a state of the trajectory is at rest, and in the pose if given."""
+    wanted = np.zeros((3, len(state.joints)))
+    wanted[0] = (state if pose is None else pose).values[0]
+    bounds = [trajectory.derivative_bound(k) for k in range(3)]
+    small = _SAME * np.array(bounds) + np.finfo(float).tiny
+    return bool((abs(state.values[:3] - wanted) <= small).all())
+
+
+def _pose(pose: Pose | None, joints: tuple[str, ...], name: str) -> MotionState | None:
+    if pose is None:
+        return None
+    if not isinstance(pose, Mapping):
+        return MotionState.at_rest(joints, checked(pose, (len(joints),), name))
+    for joint in (*pose, *joints):
+        if joint not in pose or joint not in joints:
+            near = did_you_mean(joint, joints)
+            what = "says nothing of" if joint not in pose else "names"
+            raise ProblemError(f"{name} {what} joint {joint!r}; {near}")
+    return MotionState.at_rest(joints, [pose[joint] for joint in joints])
+
+
+def _repeated(trajectory: FourierTrajectory, periods: int) -> FourierTrajectory:
+    if trajectory.period is None or periods < 1:
+        raise ProblemError(
+            f"{periods} periods of a trajectory whose period is {trajectory.period} s; "
+            "expected at least one, and frequencies that share a base"
+        )
+    return replace(trajectory, duration=periods * trajectory.period)
+
+
+def _with_own_bounds(
+    limits: MotionLimits, trajectory: FourierTrajectory
+) -> MotionLimits:
+    """Return limits that bound what the trajectory's own bounds bound."""
+
+    def bound(order: int) -> Vector:
+        own, given = trajectory.derivative_bound(order), limits.derivative(order)
+        return np.where(np.isinf(given) & (own > 0.0), own, given)
+
+    return replace(limits, acceleration=bound(2), jerk=bound(3))
+
+
+def _in_sequence(
+    run_in: tuple[PolynomialPath, ...],
+    trajectory: FourierTrajectory,
+    run_out: tuple[PolynomialPath, ...],
+) -> Move:
+    """Return the move whose pieces follow each other from time 0."""
+    before, time = [], 0.0
+    for piece in run_in:
+        before.append(replace(piece, start=time))
+        time = end_of(before[-1])
+    middle = replace(trajectory, start=time)
+    after, time = [], end_of(middle)
+    for piece in run_out:
+        after.append(replace(piece, start=time))
+        time = end_of(after[-1])
+    return Move(tuple(before), middle, tuple(after))

@@ -1,0 +1,207 @@
+"""The shortest polynomial from one state of motion to another, within limits.
+
+Quintic where position, velocity and acceleration are given at both ends, septic with
+the jerk.  That a duration is long enough is proven by Bernstein coefficients.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from consistent_id._arrays import Array, IntArray, Matrix, Vector
+from consistent_id.errors import ProblemError
+from consistent_id.excitation import bernstein
+from consistent_id.excitation.limits import MotionLimits
+from consistent_id.excitation.motion_state import MotionState
+from consistent_id.excitation.polynomial_path import PolynomialPath
+from consistent_id.parameters import did_you_mean
+
+_ORDERS = ("position", "velocity", "acceleration", "jerk")
+_RATIO = 1.03  # between durations that are tried
+_REACH = (1e-4, 1e3)  # shortest and longest of them, over what limits suggest
+_SHORTEST = 1e-3  # duration, over that of crossing a joint's range; below is rounding
+_TOLERANCE = 1e-6  # relative, of the shortest duration
+_INSIDE = 1e-9  # share of a limit that is left, so that rounding cannot exceed it
+
+# Durations (t,) -> Bernstein coefficients (degree + 1, t, joints).
+Family = Callable[[Vector], Array]
+
+
+def transfer(
+    begin: MotionState,
+    end: MotionState,
+    limits: MotionLimits,
+    *,
+    continuous_jerk: bool = False,
+) -> PolynomialPath:
+    """Return the shortest polynomial path from one state to another within limits.
+
+    All joints take the same time.  Durations 3 % apart are tried from short to long,
+    and the first that is proven to keep position, velocity, acceleration and jerk
+    within their limits is refined to a millionth.  None is shorter than a thousandth
+    of what crossing a joint's range takes at its limits.
+
+    Parameters
+    ----------
+    begin, end : MotionState
+    limits : MotionLimits
+        Of these joints, and maybe others.
+    continuous_jerk : bool
+        Keep the jerk of both states too, by a polynomial of degree 7 instead of 5.
+
+    Raises
+    ------
+    ProblemError
+        If a state is outside the limits, or no duration is within; with joint and
+        limit.
+
+    Examples
+    --------
+    >>> from consistent_id import DHRow, JointLimits, from_modified_dh, motion_limits
+    >>> arm = from_modified_dh("arm", [DHRow(0, 0, limits=JointLimits(-1, 2))])
+    >>> limits = motion_limits(arm, velocity=1.875)
+    >>> here, there = (MotionState.at_rest(arm.joint_names, [q]) for q in (0.0, 1.0))
+    >>> round(transfer(here, there, limits).duration, 2)
+    1.0
+    """
+    orders = 4 if continuous_jerk else 3
+
+    def family(duration: Vector) -> Array:
+        return bernstein.hermite(begin.values[:orders], end.values[:orders], duration)
+
+    return shortest(family, (begin, end), limits_of(limits, begin.joints), orders)
+
+
+def limits_of(limits: MotionLimits, joints: tuple[str, ...]) -> MotionLimits:
+    """Return the limits of these joints, in this order."""
+    for name in joints:
+        if name not in limits.joints:
+            near = did_you_mean(name, limits.joints)
+            raise ProblemError(f"limits: nothing is said of joint {name!r}; {near}")
+    at: IntArray = np.array([limits.joints.index(name) for name in joints])
+    names = ("lower", "upper", "velocity", "acceleration", "jerk", "effort")
+    chosen = {name: getattr(limits, name)[at] for name in names}
+    return MotionLimits(joints=joints, **chosen)
+
+
+def shortest(
+    family: Family,
+    states: tuple[MotionState, ...],
+    limits: MotionLimits,
+    orders: int,
+) -> PolynomialPath:
+    """Return the shortest member of a family that is proven to be within limits.
+
+    Parameters
+    ----------
+    family : function
+        From durations to Bernstein coefficients.
+    states : tuple of MotionState
+        That the family meets at its ends.
+    limits : MotionLimits
+    orders : int
+        How many of position, velocity, acceleration and jerk it meets.
+    """
+    if any(state.joints != limits.joints for state in states):
+        raise ProblemError("states are of different joints; expected the same")
+    for state in states:
+        _check_state(state, limits)
+    allowed = allowed_by(states, limits, orders)
+
+    def excess(duration: Vector) -> Array:
+        control = family(duration)
+        return _reached(control, duration, limits) / allowed[:, None]
+
+    tried = _durations(states, limits)
+    over = excess(tried)
+    good = np.flatnonzero((over <= 1.0).all(axis=(0, 2)))
+    if not len(good):
+        raise _impossible(tried, over, limits)
+    long = float(tried[good[0]])
+    short = float(tried[good[0] - 1]) if good[0] else long
+    while long - short > _TOLERANCE * long:
+        middle = (short + long) / 2.0
+        if (excess(np.array([middle])) <= 1.0).all():
+            long = middle
+        else:
+            short = middle
+    return PolynomialPath(limits.joints, family(np.array([long]))[:, 0], long)
+
+
+def _reached(control: Array, duration: Vector, limits: MotionLimits) -> Array:
+    """Return bounds of position (from the middle of its range) and its derivatives.
+
+    Shape (4, durations, joints).
+    """
+    centred = control - limits.middle
+    return np.array(
+        [
+            abs(bernstein.finer(bernstein.derivative(centred, duration, k))).max(axis=0)
+            for k in range(4)
+        ]
+    )
+
+
+def allowed_by(
+    states: tuple[MotionState, ...], limits: MotionLimits, orders: int
+) -> Matrix:
+    """Return what may be reached: the limits less rounding, and the states."""
+    allowed = np.array([limits.derivative(k) for k in range(4)]) * (1.0 - _INSIDE)
+    for state in states:
+        own = abs(_centred(state, limits)) * (1.0 + _INSIDE)
+        allowed[:orders] = np.maximum(allowed[:orders], own[:orders])
+    return allowed
+
+
+def _centred(state: MotionState, limits: MotionLimits) -> Matrix:
+    return np.vstack([state.values[:1] - limits.middle, state.values[1:]])
+
+
+def _check_state(state: MotionState, limits: MotionLimits) -> None:
+    most = np.array([limits.derivative(k) for k in range(4)])
+    over = abs(_centred(state, limits)) > most * (1.0 + _INSIDE)
+    # The jerk of a state counts with its path, not with the way to it.
+    if over[:3].any():
+        k, j = (int(i) for i in np.argwhere(over[:3])[0])
+        raise ProblemError(
+            f"transfer: {_ORDERS[k]} of joint {limits.joints[j]!r} is "
+            f"{state.values[k, j]:.6g}, expected {_range(limits, k, j)}; choose "
+            "another pose or trajectory, or correct the limit"
+        )
+
+
+def _durations(states: tuple[MotionState, ...], limits: MotionLimits) -> Vector:
+    """Return the durations to try [s], around what states and limits suggest."""
+    apart = np.max([abs(state.values) for state in states], axis=0)
+    apart[0] = abs(states[-1].values[0] - states[0].values[0])
+    most = [limits.derivative(k) for k in range(4)]
+    needed = [
+        (apart[low] / most[high]) ** (1.0 / (high - low))
+        for low in range(3)
+        for high in range(low + 1, 4)
+    ]
+    crossing = [(2.0 * most[0] / most[k]) ** (1.0 / k) for k in range(1, 4)]
+    shortest = _SHORTEST * float(np.max(crossing))
+    suggested = max(shortest, float(np.max(needed)))
+    low, high = max(shortest, _REACH[0] * suggested), _REACH[1] * suggested
+    return np.exp(np.arange(np.log(low), np.log(high), np.log(_RATIO)))
+
+
+def _range(limits: MotionLimits, k: int, j: int) -> str:
+    if k == 0:
+        return f"between {limits.lower[j]:.6g} and {limits.upper[j]:.6g}"
+    return f"at most {limits.derivative(k)[j]:.6g}"
+
+
+def _impossible(tried: Vector, over: Array, limits: MotionLimits) -> ProblemError:
+    """Return the error that names the limit nearest to being met."""
+    t = int(np.argmin(over.max(axis=(0, 2))))
+    k, j = np.unravel_index(int(np.argmax(over[:, t])), over[:, t].shape)
+    limit = _range(limits, int(k), int(j))
+    return ProblemError(
+        f"transfer: no duration from {tried[0]:.2g} to {tried[-1]:.2g} s is within all "
+        f"limits; at best, in {tried[t]:.4g} s, {_ORDERS[k]} of joint "
+        f"{limits.joints[j]!r} is {over[k, t, j]:.4g} times its limit ({limit}). "
+        "Leave more room between trajectory and limits, or begin and end it at rest, "
+        "or where it moves more slowly"
+    )
