@@ -57,9 +57,24 @@ from consistent_id.estimators.least_squares import (
 from consistent_id.estimators.payload import Payload, identify_payload
 from consistent_id.estimators.robust import huber
 from consistent_id.estimators.smooth import smooth_least_squares
+from consistent_id.excitation.bodies import (
+    Body,
+    Box,
+    Capsule,
+    Cylinder,
+    HalfSpace,
+    Hull,
+    Sphere,
+    plane,
+)
+from consistent_id.excitation.clearance import ClearanceReport, prove_clearance
+from consistent_id.excitation.scene import Scene
+from consistent_id.excitation.scene_building import build_scene
+from consistent_id.excitation.scene_file import scene_from_urdf
 from consistent_id.friction import DriveTerms, GearCoupling
 from consistent_id.inertia import InertialParameters
 from consistent_id.intervals import ConsistentIntervals, consistent_intervals
+from consistent_id.kinematics import frame_places
 from consistent_id.link_condition import LinkCondition, link_conditions
 from consistent_id.loaders import (
     DHRow,
@@ -138,10 +153,14 @@ __version__ = "0.1.0"
 __all__ = [
     "JOINT_STATE",
     "BaseParameters",
+    "Body",
     "Bootstrap",
+    "Box",
+    "Capsule",
     "CentreOfMassBoxes",
     "CentreOfMassIn",
     "Certificate",
+    "ClearanceReport",
     "Columns",
     "Comparison",
     "ConsistentIdError",
@@ -149,6 +168,7 @@ __all__ = [
     "Contradiction",
     "CrossCheck",
     "CutoffChoice",
+    "Cylinder",
     "DHRow",
     "Datasheet",
     "Delay",
@@ -166,6 +186,8 @@ __all__ = [
     "FixedParameters",
     "FourierFit",
     "GearCoupling",
+    "HalfSpace",
+    "Hull",
     "InertialParameters",
     "InfeasibleError",
     "Joint",
@@ -193,10 +215,12 @@ __all__ = [
     "RegularisationPath",
     "RobotModel",
     "RotorInertias",
+    "Scene",
     "ShadowPrice",
     "ShapeFit",
     "SharedMotors",
     "SolverError",
+    "Sphere",
     "Study",
     "SymmetricLink",
     "TorqueModel",
@@ -210,6 +234,7 @@ __all__ = [
     "body_from_log_cholesky",
     "bootstrap",
     "build_regression",
+    "build_scene",
     "casadi_regressor",
     "chain",
     "compare",
@@ -229,6 +254,7 @@ __all__ = [
     "fit_shapes",
     "fourier_differentiated",
     "fourier_fit",
+    "frame_places",
     "from_classical_dh",
     "from_modified_dh",
     "held",
@@ -250,6 +276,8 @@ __all__ = [
     "low_passed",
     "mesh_vertices",
     "motion_noise",
+    "plane",
+    "prove_clearance",
     "read_recording",
     "recording_from",
     "resampled",
@@ -257,6 +285,7 @@ __all__ = [
     "run_study",
     "saturated",
     "savitzky_golay_differentiated",
+    "scene_from_urdf",
     "segment_regressions",
     "shadow_prices",
     "shapes_of",

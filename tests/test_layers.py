@@ -35,7 +35,9 @@ signals.cuts signals.savitzky_golay signals.smoother signals.track signals.align
 signals.delay signals cutoff preparation diagnosis.tell sinusoids problem published
 published_estimate study diagnosis.coverage diagnosis.diagnose diagnosis
 published_summary summary record commands excitation excitation.limits trajectory paths
-kinematics
+excitation.bodies excitation.pieces excitation.urdf_bodies kinematics excitation.scene
+excitation.reach excitation.separation excitation.clearance excitation.scene_building
+excitation.scene_file
 """.split()
 
 HEAVY = {
