@@ -57,15 +57,30 @@ from consistent_id.estimators.least_squares import (
 from consistent_id.estimators.payload import Payload, identify_payload
 from consistent_id.estimators.robust import huber
 from consistent_id.estimators.smooth import smooth_least_squares
+from consistent_id.excitation.bodies import (
+    Body,
+    Box,
+    Capsule,
+    Cylinder,
+    HalfSpace,
+    Hull,
+    Sphere,
+    plane,
+)
+from consistent_id.excitation.clearance import ClearanceReport, prove_clearance
 from consistent_id.excitation.limits import MotionLimits, motion_limits
 from consistent_id.excitation.motion_state import MotionState
 from consistent_id.excitation.move import Move
 from consistent_id.excitation.move_along import move_along
 from consistent_id.excitation.polynomial_path import PolynomialPath
+from consistent_id.excitation.scene import Scene
+from consistent_id.excitation.scene_building import build_scene
+from consistent_id.excitation.scene_file import scene_from_urdf
 from consistent_id.excitation.transfers import transfer
 from consistent_id.friction import DriveTerms, GearCoupling
 from consistent_id.inertia import InertialParameters
 from consistent_id.intervals import ConsistentIntervals, consistent_intervals
+from consistent_id.kinematics import frame_places
 from consistent_id.link_condition import LinkCondition, link_conditions
 from consistent_id.loaders import (
     DHRow,
@@ -152,10 +167,14 @@ __all__ = [
     "JOINT_STATE",
     "TRAJECTORY_COLUMNS",
     "BaseParameters",
+    "Body",
     "Bootstrap",
+    "Box",
+    "Capsule",
     "CentreOfMassBoxes",
     "CentreOfMassIn",
     "Certificate",
+    "ClearanceReport",
     "Columns",
     "Comparison",
     "ConsistentIdError",
@@ -163,6 +182,7 @@ __all__ = [
     "Contradiction",
     "CrossCheck",
     "CutoffChoice",
+    "Cylinder",
     "DHRow",
     "Datasheet",
     "Delay",
@@ -181,6 +201,8 @@ __all__ = [
     "FourierFit",
     "FourierTrajectory",
     "GearCoupling",
+    "HalfSpace",
+    "Hull",
     "InertialParameters",
     "InfeasibleError",
     "Joint",
@@ -212,10 +234,12 @@ __all__ = [
     "RegularisationPath",
     "RobotModel",
     "RotorInertias",
+    "Scene",
     "ShadowPrice",
     "ShapeFit",
     "SharedMotors",
     "SolverError",
+    "Sphere",
     "Study",
     "SymmetricLink",
     "TorqueModel",
@@ -229,6 +253,7 @@ __all__ = [
     "body_from_log_cholesky",
     "bootstrap",
     "build_regression",
+    "build_scene",
     "casadi_regressor",
     "chain",
     "compare",
@@ -249,6 +274,7 @@ __all__ = [
     "fit_trajectory",
     "fourier_differentiated",
     "fourier_fit",
+    "frame_places",
     "from_classical_dh",
     "from_modified_dh",
     "harmonics_of",
@@ -273,6 +299,8 @@ __all__ = [
     "motion_limits",
     "motion_noise",
     "move_along",
+    "plane",
+    "prove_clearance",
     "read_recording",
     "read_trajectory",
     "recording_from",
@@ -281,6 +309,7 @@ __all__ = [
     "run_study",
     "saturated",
     "savitzky_golay_differentiated",
+    "scene_from_urdf",
     "segment_regressions",
     "shadow_prices",
     "shapes_of",

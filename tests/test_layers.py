@@ -45,7 +45,9 @@ excitation.validating excitation.bernstein excitation.polynomial_path excitation
 trajectory_files.content trajectory_files.document trajectory_files.ros
 trajectory_files.tables trajectory_files.urscript trajectory_files.files
 trajectory_files excitation.motion_state excitation.transfers excitation.approaches
-excitation.move_along
+excitation.move_along excitation.bodies excitation.pieces excitation.urdf_bodies
+kinematics excitation.scene excitation.reach excitation.separation excitation.clearance
+excitation.scene_building excitation.scene_file
 """.split()
 
 HEAVY = {

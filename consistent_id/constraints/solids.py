@@ -180,16 +180,31 @@ def mesh_vertices(path: str | Path, *, scale: float = 1.0) -> Array:
     ProblemError
         If the file cannot be read.
     """
+    return np.asarray(_mesh(path, scale).vertices(), dtype=np.float64)
+
+
+def mesh_triangles(path: str | Path, *, scale: float = 1.0) -> Array:
+    """Return the corners of a mesh file's faces, shape (faces, 3, 3), [m].
+
+    Parameters and errors are those of `mesh_vertices`.
+    """
+    mesh = _mesh(path, scale)
+    triangles = [mesh.tri_indices(i) for i in range(mesh.num_tris)]
+    faces = [(t[0], t[1], t[2]) for t in triangles]
+    corners = np.asarray(mesh.vertices(), dtype=np.float64)
+    return corners[np.array(faces, dtype=np.intp).reshape(-1, 3)]
+
+
+def _mesh(path: str | Path, scale: float) -> Any:
     import coal
 
     if not 0.0 < scale < np.inf:
         raise ProblemError(f"{path}: scale is {scale}, expected a positive number")
     try:
-        mesh = coal.MeshLoader().load(str(path), np.full(3, float(scale)))
+        return coal.MeshLoader().load(str(path), np.full(3, float(scale)))
     except ValueError as cause:
         reason = str(cause).partition("message: ")[2].replace("\n", " ").strip()
         raise ProblemError(f"{path}: no mesh could be read: {reason}") from None
-    return np.asarray(mesh.vertices(), dtype=np.float64)
 
 
 def _hull(points: ArrayLike) -> Any:
