@@ -1,4 +1,4 @@
-"""The shell tool: ``consistent-id info | check | identify | compare``.
+"""The shell tool: ``consistent-id info | check | excite | identify | compare``.
 
 Exit codes: 0 done, 1 refused (no usable estimate, or a faulty log), 2 wrong usage or
 input, 3 solver failure, 130 interrupted.
@@ -16,6 +16,7 @@ _EPILOG = """examples:
   consistent-id info problems/rx60
   consistent-id check problems/ur10e
   consistent-id check robot.urdf log.csv --position q_{joint} --torque tau_{joint}
+  consistent-id excite problems/rx60 --time-limit 3 --output results/motion
   consistent-id identify problems/ur10e --uncertainty --output results/ur10e
   consistent-id compare problems/rx60
 """
@@ -55,6 +56,7 @@ def _parser() -> argparse.ArgumentParser:
     for name, text in (
         ("info", "show a problem's robot, datasheet and base parameters"),
         ("check", "look for what is wrong with a log"),
+        ("excite", "design an exciting trajectory within the robot's limits"),
         ("identify", "estimate a problem's parameters by every method"),
         ("compare", "compare least squares with constrained estimates"),
     ):
@@ -76,8 +78,10 @@ def _parser() -> argparse.ArgumentParser:
             command.add_argument(
                 "--seed", type=int, default=0, help="of the bootstrap (default: 0)"
             )
-        if name in ("identify", "compare"):
-            default = " (default: results/NAME)" if name == "compare" else ""
+        if name == "excite":
+            _add_design_options(command)
+        if name in ("excite", "identify", "compare"):
+            default = "" if name == "identify" else " (default: results/NAME)"
             command.add_argument(
                 "--output", type=Path, help=f"folder to write results to{default}"
             )
@@ -102,6 +106,26 @@ def _add_log_options(command: argparse.ArgumentParser) -> None:
         )
     command.add_argument(
         "--cutoff", type=float, default=10.0, help="low-pass in Hz (default: 10)"
+    )
+
+
+def _add_design_options(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--seed", type=int, default=0, help="of the random starts (default: 0)"
+    )
+    command.add_argument(
+        "--starts", type=int, default=4, help="searches from random paths (default: 4)"
+    )
+    command.add_argument(
+        "--time-limit", type=float, default=10.0, help="in seconds (default: 10)"
+    )
+    command.add_argument(
+        "--workers", type=int, help="processes (default: one per processor)"
+    )
+    command.add_argument(
+        "--sequential",
+        action="store_true",
+        help="count what the problem's training recordings tell already",
     )
 
 
@@ -136,6 +160,32 @@ def _info(options: argparse.Namespace) -> int:
         print(json.dumps([_as_dict(table) for table in tables], indent=1))
     else:
         print("\n\n".join(table.text() for table in tables))
+    return 0
+
+
+def _excite(options: argparse.Namespace) -> int:
+    from consistent_id.excitation.record import design_record, design_tables
+    from consistent_id.excite import excite, write_excited
+    from consistent_id.problem import load_problem
+
+    problem = load_problem(options.problem)
+    excited = excite(
+        problem,
+        starts=options.starts,
+        time_limit=options.time_limit,
+        seed=options.seed,
+        workers=options.workers,
+        sequential=options.sequential,
+        progress=sys.stderr.isatty(),
+    )
+    folder = options.output or Path("results") / problem.name
+    written = write_excited(excited, folder)
+    if options.json:
+        record = design_record(excited.design, excited.validation)
+        print(json.dumps(record, indent=1, allow_nan=False))
+    else:
+        print("\n\n".join(table.text() for table in design_tables(excited.design)))
+        print("\nwritten: " + ", ".join(str(path) for path in written))
     return 0
 
 
@@ -183,4 +233,10 @@ def _as_dict(table: object) -> dict[str, object]:
     return asdict(table)  # type: ignore[call-overload, no-any-return]
 
 
-_COMMANDS = {"info": _info, "check": _check, "identify": _identify, "compare": _compare}
+_COMMANDS = {
+    "info": _info,
+    "check": _check,
+    "excite": _excite,
+    "identify": _identify,
+    "compare": _compare,
+}

@@ -10,6 +10,7 @@ import msgspec
 from msgspec import Meta
 
 from consistent_id.errors import ProblemError
+from consistent_id.excitation_file import ExcitationTable
 
 Positive = Annotated[float, Meta(gt=0.0)]
 NonNegative = Annotated[float, Meta(ge=0.0)]
@@ -282,6 +283,7 @@ class ProblemTable(Table, frozen=True, kw_only=True):
     motions: dict[str, MotionTable] = {}
     simulation: SimulationTable | None = None
     published: PublishedTable | None = None
+    excitation: ExcitationTable = ExcitationTable()
 
 
 def read_problem_table(path: Path) -> ProblemTable:

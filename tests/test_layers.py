@@ -14,7 +14,7 @@ chains loaders.findings loaders._xml loaders._urdf_tree loaders._urdf_parts
 loaders._urdf_lint loaders.urdf loaders._mjcf_checks loaders.mjcf loaders.dh loaders
 _joint_geometry recording scaling conic constraints.solids priors cones cone_program
 second_opinion certificate feasibility conflict estimators.body_variables
-estimators.smooth_fit estimators problem_file diagnosis.findings diagnosis.clock
+estimators.smooth_fit estimators diagnosis.findings diagnosis.clock
 diagnosis.corrections tables readers.mat_lint readers.merging readers.units
 readers.columns readers.arrays readers.csv readers.frames readers.hdf5
 readers.jointstate readers.bag readers.mat readers.npz readers.parquet readers.files
@@ -27,27 +27,29 @@ estimators.scaled_fit estimators.best_fit estimators.penalised estimators.neares
 estimators.contradiction estimators.settled estimators.constrained
 estimators.constraint_variables estimators.smooth cross_check cross_validation bootstrap
 intervals sensitivity uncertainty constraint_costs shadow_prices comparison
-problem_constraints diagnosis.explain estimators.gain_search loaded_robot
-estimators.gains loaded_constraints estimators.payload shapes shaped_regression
-shape_misfit shape_profile shape_fit signals.clocks signals.differences signals.filters
+diagnosis.explain estimators.gain_search loaded_robot estimators.gains
+loaded_constraints estimators.payload shapes shaped_regression shape_misfit
+shape_profile shape_fit signals.clocks signals.differences signals.filters
 signals.kalman signals.resolution signals.masks signals.cuts signals.savitzky_golay
 signals.smoother signals.track signals.alignment signals.delay diagnosis.tell sinusoids
 excitation excitation.limits paths trajectory signals.fourier signals.period signals
-cutoff preparation problem published published_estimate study diagnosis.coverage
-diagnosis.diagnose diagnosis published_summary summary record commands
-excitation._callbacks excitation.basis excitation.criteria excitation.kernels
+cutoff excitation._callbacks excitation.basis excitation.criteria excitation.kernels
 excitation.information excitation.limit_rows excitation.programme excitation.aims
-excitation.guards excitation.grids excitation.interval excitation.jets excitation.peaks
+excitation.grids excitation.interval excitation.jets excitation.peaks
 excitation.extremes excitation.friction_bounds excitation.torque_motion
-excitation.torque_bounds excitation.margins excitation.accuracy excitation.search_task
-excitation.search excitation.starts excitation.verification excitation.design
-excitation.validating excitation.bernstein excitation.polynomial_path excitation.move
-trajectory_files.content trajectory_files.document trajectory_files.ros
-trajectory_files.tables trajectory_files.urscript trajectory_files.files
-trajectory_files excitation.motion_state excitation.transfers excitation.approaches
-excitation.move_along excitation.bodies excitation.pieces excitation.urdf_bodies
-kinematics excitation.scene excitation.reach excitation.separation excitation.clearance
-excitation.scene_building excitation.scene_file
+excitation.torque_bounds excitation.margins excitation.accuracy excitation.bernstein
+excitation.polynomial_path excitation.move trajectory_files.content
+trajectory_files.document trajectory_files.ros trajectory_files.tables
+trajectory_files.urscript trajectory_files.files trajectory_files
+excitation.motion_state excitation.transfers excitation.approaches excitation.move_along
+excitation.bodies excitation.pieces excitation.urdf_bodies kinematics excitation.scene
+excitation.reach excitation.separation excitation.guards excitation.search_task
+excitation.search excitation.starts excitation.clearance excitation.verification
+excitation.design excitation.validating excitation.scene_building excitation.scene_file
+excitation.figure excitation.record excitation_file problem_file problem_constraints
+preparation problem published published_estimate study diagnosis.coverage
+diagnosis.diagnose diagnosis published_summary summary record commands excitation.asked
+excite
 """.split()
 
 HEAVY = {

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from consistent_id._arrays import Matrix, Vector
+from consistent_id._threads import single_threaded
 from consistent_id.base import BaseParameters, ConditionNumber, condition_number
 from consistent_id.errors import NotExcitedError, ProblemError
 from consistent_id.excitation.aims import Aim
@@ -128,6 +129,7 @@ class PredictedAccuracy:
         )
 
 
+@single_threaded
 def predicted_accuracy(
     model: TorqueModel, base: BaseParameters, path: JointPath, aim: Aim | None = None
 ) -> PredictedAccuracy:

@@ -12,25 +12,24 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._arrays import checked
+from consistent_id._threads import single_threaded
 from consistent_id.base import BaseParameters, ConditionNumber, base_parameters
 from consistent_id.errors import InfeasibleError, NotExcitedError, ProblemError
 from consistent_id.excitation.accuracy import PredictedAccuracy, predicted_accuracy
 from consistent_id.excitation.aims import Aim, PathForm
 from consistent_id.excitation.criteria import Objective
-from consistent_id.excitation.guards import Guard, TorqueGuard
 from consistent_id.excitation.limits import MotionLimits, motion_limits
+from consistent_id.excitation.scene import Scene
 from consistent_id.excitation.search import BOUND_POWER, Found, Searcher
 from consistent_id.excitation.search_task import SearchTask, search_task
 from consistent_id.excitation.starts import Job, Outcome, run_searches
-from consistent_id.excitation.verification import Demands, Proof
+from consistent_id.excitation.verification import Demands, Proof, demands
 from consistent_id.model import RobotModel
 from consistent_id.regressor import TorqueModel
 from consistent_id.trajectory import FourierTrajectory
 
 _FIRST = 0.6  # share of the time limit after which the first stage ends
 _SECOND = 0.9  # share after which the second stage ends
-_REACH = 0.99  # share of a torque limit that may be used at samples
 _ATTEMPTS = 4  # at a proof, each with less of the limits to use
 _LEAST = 0.01  # rad or m; a joint that can move less is not excited
 
@@ -73,7 +72,7 @@ class ExcitationDesign:
     aim : Aim
     stages : tuple of Stage
         The last one's trajectory is the design's.
-    unoptimised : ConditionNumber
+    unoptimised : PredictedAccuracy
         Of the best of the random paths that the searches began with.
     seed, starts : int
     seconds : float
@@ -86,7 +85,7 @@ class ExcitationDesign:
     form: PathForm
     aim: Aim
     stages: tuple[Stage, ...]
-    unoptimised: ConditionNumber
+    unoptimised: PredictedAccuracy
     seed: int
     starts: int
     seconds: float
@@ -118,6 +117,7 @@ class ExcitationDesign:
         return self.stages[-1].proof
 
 
+@single_threaded
 def design_trajectory(
     model: TorqueModel | RobotModel,
     form: PathForm | None = None,
@@ -125,6 +125,7 @@ def design_trajectory(
     *,
     limits: MotionLimits | None = None,
     parameters: ArrayLike | None = None,
+    scene: Scene | None = None,
     starts: int = 4,
     time_limit: float = 10.0,
     seed: int = 0,
@@ -146,6 +147,8 @@ def design_trajectory(
     parameters : array_like, shape (parameters,) or (members, parameters), optional
         With which torque is predicted and held to its limits, for the worst of them; by
         default the nominal robot without friction.
+    scene : Scene, optional
+        Bodies that must stay apart; without it collisions are not looked at.
     starts : int
         Searches from random paths.
     time_limit : float, [s]
@@ -171,11 +174,11 @@ def design_trajectory(
     form, aim = form or PathForm(), aim or Aim()
     limits = motion_limits(model.robot) if limits is None else limits
     _require_long_enough(form, aim, limits)
-    demands, notes = _demands(model, limits, parameters)
-    base = base_parameters(model)
-    task = search_task(model, base, form, aim, limits, _guards(demands))
+    asked = demands(model, limits, parameters, scene)
+    base, notes = base_parameters(model), asked.notes
+    task = search_task(model, base, form, aim, limits, asked.guards)
     workers = min(workers or _processors(), max(starts, 1))
-    workshop = _Workshop(task, demands, aim, workers, time_limit, progress)
+    workshop = _Workshop(task, asked, aim, workers, time_limit, progress)
     jobs = [Job(aim.objective, seed + k) for k in range(starts)]
     first = workshop.stage(jobs, now + _FIRST * time_limit)
     stages, outcomes = [first.stage], [first.outcome]
@@ -195,7 +198,7 @@ def design_trajectory(
     return ExcitationDesign(
         model=model,
         base=base,
-        demands=demands,
+        demands=asked,
         form=form,
         aim=aim,
         stages=tuple(stages),
@@ -251,11 +254,7 @@ class _Workshop:
                 for one in usable[: self.workers]
             ]
             deadline = max(deadline, clock.time() + 0.3 * self.time_limit)
-        path = self._path(usable[0])
-        try:
-            self.demands.proof(path).require()
-        except ProblemError as cause:
-            raise InfeasibleError(f"no path was found: {cause}") from None
+        self.demands.proof(self._path(usable[0])).require()
         raise InfeasibleError("no path was found that keeps all limits")
 
     def refining(self, first: _Settled) -> list[Job]:
@@ -293,39 +292,6 @@ class _Workshop:
         return Stage(objective, path, value, accuracy, proof, found.seed)
 
 
-def _demands(
-    model: TorqueModel, limits: MotionLimits, parameters: ArrayLike | None
-) -> tuple[Demands, tuple[str, ...]]:
-    """Return what a path must keep to, and notes on what is not looked at."""
-    size = len(model.layout)
-    if parameters is not None:
-        members = np.atleast_2d(checked(parameters, np.shape(parameters), "parameters"))
-        if members.ndim != 2 or members.shape[1] != size:
-            raise ProblemError(
-                f"parameters have shape {np.shape(parameters)}, expected ({size},) or "
-                f"(members, {size}) for this torque model"
-            )
-        return Demands(limits, model, members), ()
-    rows = [model.robot.joint_names.index(name) for name in model.torque_joints]
-    if not np.isfinite(limits.effort[rows]).any():
-        return Demands(limits, model, None), ("torque has no limit",)
-    nominal = model.robot.nominal
-    if nominal is None:
-        unknown = ("torque is not looked at: some links' nominal bodies are unknown",)
-        return Demands(limits, model, None), unknown
-    members = np.zeros((1, size))
-    members[0, : len(nominal)] = nominal
-    return Demands(limits, model, members), ("torque is the nominal robot's",)
-
-
-def _guards(demands: Demands) -> tuple[Guard, ...]:
-    model, parameters = demands.model, demands.parameters
-    if parameters is None:
-        return ()
-    rows = [model.robot.joint_names.index(name) for name in model.torque_joints]
-    return (TorqueGuard(model, parameters, demands.limits.effort[rows], _REACH),)
-
-
 def _require_long_enough(form: PathForm, aim: Aim, limits: MotionLimits) -> None:
     highest = form.frequencies[-1]
     if highest > 0.5 * aim.rate:
@@ -361,13 +327,11 @@ def _nothing_found(found: tuple[Found, ...]) -> InfeasibleError:
     )
 
 
-def _unoptimised(task: SearchTask, aim: Aim, jobs: list[Job]) -> ConditionNumber:
+def _unoptimised(task: SearchTask, aim: Aim, jobs: list[Job]) -> PredictedAccuracy:
     searcher = Searcher(task)
     paths = [task.basis.trajectory(searcher.random(job.seed)) for job in jobs[:8]]
-    conditions = [
-        predicted_accuracy(task.model, task.base, path, aim).condition for path in paths
-    ]
-    return min(conditions, key=lambda condition: condition.value)
+    told = [predicted_accuracy(task.model, task.base, path, aim) for path in paths]
+    return min(told, key=lambda accuracy: accuracy.condition.value)
 
 
 def _processors() -> int:

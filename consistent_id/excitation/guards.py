@@ -5,18 +5,30 @@ path; what is above zero is not allowed.  Rows are made only at times where an i
 comes near to that.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol, Self
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from consistent_id._arrays import Array, IntArray, Matrix, Vector
 from consistent_id.excitation.basis import FourierBasis
 from consistent_id.excitation.kernels import TorqueKernel
+from consistent_id.excitation.scene import Scene
+from consistent_id.excitation.separation import nearest
 from consistent_id.regressor import TorqueModel
 
 _TIGHTER = 0.03  # share of a limit given up where a proof has failed
+_CLOSE = 0.1  # m; unit of distances, and beyond it they need not be known well
+_FURTHER = 0.01  # m; distance added where a proof has failed
 _NEAR = 0.05  # share of what is allowed within which an item gets a row
+
+
+class ItemRows(NamedTuple):
+    """Values, shape (samples,), and derivatives, shape (samples, 3 orders, joints)."""
+
+    values: Vector
+    slopes: Array
 
 
 class Guard(Protocol):
@@ -25,8 +37,8 @@ class Guard(Protocol):
     def measure(self, motion: Array) -> Matrix:
         """Return how far each item is above what is allowed, (samples, items)."""
 
-    def slopes(self, motion: Array, items: IntArray) -> Array:
-        """Return derivatives of one item per sample, (samples, 3 orders, joints)."""
+    def rows(self, motion: Array, items: IntArray) -> "ItemRows":
+        """Return one item per sample, with its derivatives."""
 
     def told(self, item: int) -> str:
         """Name an item for people."""
@@ -35,7 +47,7 @@ class Guard(Protocol):
         """Return a guard that allows a little less."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class TorqueGuard:
     """Torque of every parameter vector of a set, in shares of the limit.
 
@@ -52,20 +64,20 @@ class TorqueGuard:
     parameters: Matrix
     effort: Vector
     reach: float
-    _kernels: dict[int, TorqueKernel] = field(default_factory=dict, init=False)
 
     def measure(self, motion: Array) -> Matrix:
         """Return how far each torque is above its limit."""
         torque = self._kernel(motion).torque(motion)
         return (abs(torque) / self.effort - self.reach).reshape(len(torque), -1)
 
-    def slopes(self, motion: Array, items: IntArray) -> Array:
-        """Return derivatives of the chosen torques' sizes."""
+    def rows(self, motion: Array, items: IntArray) -> ItemRows:
+        """Return the sizes of the chosen torques, with derivatives."""
         kernel, samples = self._kernel(motion), np.arange(motion.shape[1])
         member, joint = np.divmod(items, len(self.effort))
-        sign = np.sign(kernel.torque(motion)[samples, member, joint])
+        torque = kernel.torque(motion)[samples, member, joint]
         slopes = kernel.slopes(motion)[samples, member, joint]
-        return slopes * (sign / self.effort[joint])[:, None, None]
+        share = np.sign(torque) / self.effort[joint]
+        return ItemRows(torque * share - self.reach, slopes * share[:, None, None])
 
     def told(self, item: int) -> str:
         """Name the joint."""
@@ -76,10 +88,55 @@ class TorqueGuard:
         return replace(self, reach=self.reach - _TIGHTER)
 
     def _kernel(self, motion: Array) -> TorqueKernel:
-        samples = motion.shape[1]
-        if samples not in self._kernels:
-            self._kernels[samples] = TorqueKernel(self.model, self.parameters, samples)
-        return self._kernels[samples]
+        kernels, samples = _KERNELS.setdefault(self, {}), motion.shape[1]
+        if samples not in kernels:
+            kernels[samples] = TorqueKernel(self.model, self.parameters, samples)
+        return kernels[samples]
+
+
+# CasADi functions on memory of their own, which no guard takes to another process.
+_KERNELS: WeakKeyDictionary[TorqueGuard, dict[int, TorqueKernel]] = WeakKeyDictionary()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ClearanceGuard:
+    """Bodies that must stay apart, in tenths of a metre.
+
+    Parameters
+    ----------
+    scene : Scene
+    spare : float, [m]
+        Distance beyond what is wanted that is kept at samples.
+    """
+
+    scene: Scene
+    spare: float = 0.002
+
+    def measure(self, motion: Array) -> Matrix:
+        """Return how much nearer than allowed each pair of bodies is."""
+        slack = nearest(self.scene, motion[0], within=_CLOSE).slack
+        return np.asarray((self.spare - slack) / _CLOSE)
+
+    def rows(self, motion: Array, items: IntArray) -> ItemRows:
+        """Return the chosen pairs, with derivatives."""
+        values = np.empty(len(items))
+        slopes = np.zeros((len(items), *np.delete(motion.shape, 1)))
+        for item in np.unique(items):
+            which = items == item
+            pair = (self.scene.pairs[item],)
+            found = nearest(self.scene, motion[0, which], pair)
+            values[which] = (self.spare - found.slack[:, 0]) / _CLOSE
+            slopes[which, 0] = -found.gradient[:, 0] / _CLOSE
+        return ItemRows(values, slopes)
+
+    def told(self, item: int) -> str:
+        """Name the two bodies."""
+        first, second = self.scene.names(self.scene.pairs[item])
+        return f"the distance of {first!r} and {second!r}"
+
+    def tightened(self) -> Self:
+        """Return a guard that keeps bodies a little further apart."""
+        return replace(self, spare=self.spare + _FURTHER)
 
 
 class Place(NamedTuple):
@@ -118,8 +175,7 @@ def guard_rows(
     at = time[[place.time for place in places]]
     items = np.array([place.item for place in places])
     motion = basis.motion(variables, at)
-    values = guard.measure(motion)[np.arange(len(places)), items]
-    slopes = guard.slopes(motion, items)
+    values, slopes = guard.rows(motion, items)
     jacobian = np.zeros((len(places), *variables.shape))
     for order in range(3):
         columns = basis.columns(order, at)

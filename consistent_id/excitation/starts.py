@@ -1,6 +1,7 @@
 """Searches from many starts, side by side, none of whose work is lost."""
 
 import time as clock
+from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -68,7 +69,7 @@ def run_searches(
     task : SearchTask
     jobs : sequence of Job
     workers : int
-        Processes; with one, everything happens in this one.
+        Processes, this one among them.
     deadline : float, [s]
         Time of the clock.
     progress : bool
@@ -82,49 +83,54 @@ def run_searches(
         TemporaryDirectory(prefix="excitation-") as folder,
         tqdm(total=len(jobs), disable=not progress, unit="start") as bar,
     ):
-        run = _here if workers == 1 or len(jobs) == 1 else _side_by_side
         try:
-            for one in run(task, jobs, deadline, Path(folder), workers):
+            for one in _shared_out(task, jobs, workers, deadline, Path(folder)):
                 found.append(one)
                 bar.update()
                 best = min(f.score for f in found)
-                bar.set_postfix_str(f"{jobs[0].objective}: {np.exp(best):.4g}")
+                bar.set_postfix_str(f"best {jobs[0].objective}: {np.exp(best):.4g}")
         except KeyboardInterrupt:
             interrupted = True
         done = {one.seed for one in found}
         found += [one for one in _left_behind(Path(folder)) if one.seed not in done]
-    usable = sorted(found, key=lambda one: (one.score, one.seed))
-    late = clock.time() > deadline
-    return Outcome(tuple(usable), interrupted, late)
+    best_first = sorted(found, key=lambda one: (one.score, one.seed))
+    late = clock.time() > deadline or len(found) < len(jobs)
+    return Outcome(tuple(best_first), interrupted, late and not interrupted)
 
 
-def _here(
-    task: SearchTask, jobs: Sequence[Job], deadline: float, folder: Path, _: int
+def _shared_out(
+    task: SearchTask,
+    jobs: Sequence[Job],
+    workers: int,
+    deadline: float,
+    folder: Path,
 ) -> Iterator[Found]:
-    for job in jobs:
-        if clock.time() > deadline:
-            return
-        yield _run(task, job, deadline, folder)
+    """Yield results as they come; this process searches while others start and do."""
+    waiting = deque(jobs)
+    if workers == 1 or len(jobs) == 1:
+        while waiting and clock.time() < deadline:
+            yield _run(task, waiting.popleft(), deadline, folder)
+        return
+    from loky import get_reusable_executor
 
-
-def _side_by_side(
-    task: SearchTask, jobs: Sequence[Job], deadline: float, folder: Path, workers: int
-) -> Iterator[Found]:
-    from joblib import Parallel, delayed
-
-    parallel = Parallel(
-        n_jobs=workers, return_as="generator_unordered", pre_dispatch=workers
-    )
-    waiting = (
-        delayed(_in_worker)(task, job, deadline, folder)
-        for job in jobs
-        if clock.time() < deadline
-    )
-    results: Any = parallel(waiting)
+    executor = get_reusable_executor(max_workers=workers - 1)
+    running: list[Any] = []
     try:
-        yield from (one for one in results if one is not None)
-    finally:
-        results.close()
+        while (waiting or running) and not (clock.time() > deadline and not running):
+            while len(running) < workers - 1 and len(waiting) > 1:
+                job = waiting.popleft()
+                running.append(executor.submit(_in_worker, task, job, deadline, folder))
+            if waiting and clock.time() < deadline:
+                yield _run(task, waiting.popleft(), deadline, folder)
+            elif running:
+                running[0].exception()  # waits
+            for future in [future for future in running if future.done()]:
+                running.remove(future)
+                if (one := future.result()) is not None:
+                    yield one
+    except BaseException:
+        executor.shutdown(wait=False, kill_workers=True)
+        raise
 
 
 def _in_worker(

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from consistent_id._arrays import Vector
+from consistent_id._threads import single_threaded
 from consistent_id.errors import InfeasibleError
 from consistent_id.excitation.accuracy import predicted_accuracy
 from consistent_id.excitation.basis import FourierBasis
@@ -38,6 +39,7 @@ class ValidationPath:
     likeness: Vector
 
 
+@single_threaded
 def validation_trajectory(
     design: ExcitationDesign, *, seed: int = 0, candidates: int = 24
 ) -> ValidationPath:

@@ -1,12 +1,22 @@
-"""The last word on a path: what is proven of it, over its whole duration."""
+"""What is demanded of a path, and what is proven of it over its whole duration."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-from consistent_id._arrays import Matrix
+import numpy as np
+from numpy.typing import ArrayLike
+
+from consistent_id._arrays import Matrix, checked
+from consistent_id.errors import InfeasibleError, ProblemError
+from consistent_id.excitation.clearance import ClearanceReport, prove_clearance
+from consistent_id.excitation.guards import ClearanceGuard, Guard, TorqueGuard
 from consistent_id.excitation.limits import MotionLimits
 from consistent_id.excitation.margins import MotionMargins, motion_margins
+from consistent_id.excitation.scene import Scene
 from consistent_id.paths import JointPath
 from consistent_id.regressor import TorqueModel
+
+_REACH = 0.99  # share of a torque limit that may be used at samples
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -19,22 +29,45 @@ class Demands:
     model : TorqueModel
     parameters : ndarray, shape (members, parameters), optional
         With which torque is predicted; without them it is not looked at.
+    scene : Scene, optional
+        Bodies that must stay apart; without it collisions are not looked at.
+    notes : tuple of str
+        On what is not looked at, and why.
     """
 
     limits: MotionLimits
     model: TorqueModel
     parameters: Matrix | None
+    scene: Scene | None
+    notes: tuple[str, ...]
 
-    def proof(self, path: JointPath) -> "Proof":
-        """Prove what can be proven of a path."""
+    @property
+    def guards(self) -> tuple[Guard, ...]:
+        """What keeps a search from what is no linear limit."""
+        guards: list[Guard] = []
+        if self.parameters is not None:
+            effort = self.limits.effort[_rows(self.model)]
+            guards.append(TorqueGuard(self.model, self.parameters, effort, _REACH))
+        if self.scene is not None and self.scene.pairs:
+            guards.append(ClearanceGuard(self.scene))
+        return tuple(guards)
+
+    def proof(self, paths: JointPath | Sequence[JointPath]) -> "Proof":
+        """Prove what can be proven of a path, or of several played one by one."""
+        every = list(paths) if isinstance(paths, Sequence) else [paths]
         predicted = self.parameters is not None
-        margins = motion_margins(
-            path,
-            self.limits,
-            model=self.model if predicted else None,
-            parameters=self.parameters,
-        )
-        return Proof(margins)
+        margins = [
+            motion_margins(
+                path,
+                self.limits,
+                model=self.model if predicted else None,
+                parameters=self.parameters,
+            )
+            for path in every
+        ]
+        worst = min(margins, key=lambda found: found.least.relative)
+        apart = None if self.scene is None else prove_clearance(self.scene, every)
+        return Proof(worst, apart)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,15 +77,75 @@ class Proof:
     Parameters
     ----------
     margins : MotionMargins
+        From limits of motion and torque; of several paths, of the one with the least.
+    clearance : ClearanceReport, optional
+        How far apart bodies stay, if there is a scene.
     """
 
     margins: MotionMargins
+    clearance: ClearanceReport | None
 
     @property
     def holds(self) -> bool:
         """Tell whether everything that was demanded is proven."""
-        return self.margins.holds
+        apart = self.clearance is None or self.clearance.holds
+        return self.margins.holds and apart
 
     def require(self) -> None:
-        """Raise unless everything is proven; the error names the worst."""
-        self.margins.require()
+        """Raise unless everything is proven.
+
+        Raises
+        ------
+        InfeasibleError
+            Naming joint and limit, or the two bodies, with time and value.
+        """
+        try:
+            self.margins.require()
+        except ProblemError as cause:
+            raise InfeasibleError(str(cause)) from None
+        if self.clearance is not None:
+            self.clearance.require()
+
+
+def demands(
+    model: TorqueModel,
+    limits: MotionLimits,
+    parameters: ArrayLike | None = None,
+    scene: Scene | None = None,
+) -> Demands:
+    """Return what a path must keep to.
+
+    Parameters
+    ----------
+    model : TorqueModel
+    limits : MotionLimits
+    parameters : array_like, shape (parameters,) or (members, parameters), optional
+        By default the nominal robot without friction, if torque has limits.
+    scene : Scene, optional
+    """
+    notes: tuple[str, ...] = ()
+    if scene is None:
+        notes = ("collisions are not looked at: no scene",)
+    size = len(model.layout)
+    if parameters is not None:
+        members = np.atleast_2d(checked(parameters, np.shape(parameters), "parameters"))
+        if members.ndim != 2 or members.shape[1] != size:
+            raise ProblemError(
+                f"parameters have shape {np.shape(parameters)}, expected ({size},) or "
+                f"(members, {size}) for this torque model"
+            )
+        return Demands(limits, model, members, scene, notes)
+    if not np.isfinite(limits.effort[_rows(model)]).any():
+        return Demands(limits, model, None, scene, (*notes, "torque has no limit"))
+    nominal = model.robot.nominal
+    if nominal is None:
+        notes += ("torque is not looked at: some links' nominal bodies are unknown",)
+        return Demands(limits, model, None, scene, notes)
+    members = np.zeros((1, size))
+    members[0, : len(nominal)] = nominal
+    notes += ("torque limits are kept by the nominal robot without friction",)
+    return Demands(limits, model, members, scene, notes)
+
+
+def _rows(model: TorqueModel) -> list[int]:
+    return [model.robot.joint_names.index(name) for name in model.torque_joints]

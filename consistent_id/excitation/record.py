@@ -1,0 +1,132 @@
+"""A design as plain values for JSON, and as tables for people."""
+
+from typing import Any
+
+import numpy as np
+
+from consistent_id.base import ConditionNumber
+from consistent_id.excitation.design import ExcitationDesign, Stage
+from consistent_id.excitation.limits import MotionLimits
+from consistent_id.excitation.margins import Margin
+from consistent_id.excitation.validating import ValidationPath
+from consistent_id.tables import Table
+
+
+def design_record(
+    design: ExcitationDesign, validation: ValidationPath | None = None
+) -> dict[str, Any]:
+    """Return all there is to know of a design, for a file that outlives it."""
+    aim, form = design.aim, design.form
+    return {
+        "robot": design.model.robot.name,
+        "seed": design.seed,
+        "starts": design.starts,
+        "seconds": design.seconds,
+        "notes": list(design.notes),
+        "form": {
+            "duration_s": form.duration,
+            "frequencies_hz": form.frequencies.tolist(),
+            "rest": form.rest,
+        },
+        "aim": {
+            "objective": aim.objective,
+            "refine": aim.refine,
+            "growth": aim.growth,
+            "column_scaling": aim.scaling,
+            "noise": None
+            if aim.noise is None
+            else aim.noise_of(design.model.torque_joints).tolist(),
+            "rate_hz": aim.rate,
+            "earlier_recordings": len(aim.recordings),
+        },
+        "limits": _limits(design.limits),
+        "before": _condition(design.unoptimised.condition),
+        "stages": [_stage(stage) for stage in design.stages],
+        "base_parameters": list(design.base.groupings),
+        "validation": None
+        if validation is None
+        else {
+            "trajectory": validation.trajectory.to_dict(),
+            "margins": [_margin(m) for m in validation.proof.margins.margins],
+            "velocity_correlation": validation.likeness.tolist(),
+        },
+    }
+
+
+def design_tables(design: ExcitationDesign) -> list[Table]:
+    """Return a design as tables: what is reached, what is proven, what it tells."""
+    rows = [("random path", "-", f"{design.unoptimised.condition.value:.4g}", "-")]
+    rows += [
+        (
+            f"{stage.objective}, search {stage.seed}",
+            f"{stage.value:.4g}",
+            f"{stage.accuracy.condition.value:.4g}",
+            f"{100.0 * stage.proof.margins.least.relative:.2f} %",
+        )
+        for stage in design.stages
+    ]
+    found = Table(
+        f"Exciting trajectory of {design.model.robot.name}: "
+        f"{design.form.duration:g} s, {len(design.form.frequencies)} frequencies",
+        ("stage", "its objective", "condition number", "least margin"),
+        tuple(rows),
+        (
+            f"condition number of {design.condition.basis}; column scaling: "
+            f"{design.condition.scaling}",
+            f"{design.starts} starts from seed {design.seed}, {design.seconds:.1f} s",
+            *design.notes,
+        ),
+    )
+    return [found, design.proof.margins.table(), design.accuracy.table()]
+
+
+def _stage(stage: Stage) -> dict[str, Any]:
+    return {
+        "objective": stage.objective,
+        "value": stage.value,
+        "seed": stage.seed,
+        "condition": _condition(stage.accuracy.condition),
+        "singular_values": np.linalg.svd(
+            stage.accuracy.factor, compute_uv=False
+        ).tolist(),
+        "standard_errors": stage.accuracy.standard_errors().tolist(),
+        "standard_errors_per_unit_noise": stage.accuracy.unit_noise,
+        "margins": [_margin(m) for m in stage.proof.margins.margins],
+        "proven": stage.proof.holds,
+        "trajectory": stage.trajectory.to_dict(),
+    }
+
+
+def _condition(condition: ConditionNumber) -> dict[str, Any]:
+    value = condition.value
+    return {
+        "value": value if np.isfinite(value) else None,
+        "basis": condition.basis,
+        "column_scaling": condition.scaling,
+    }
+
+
+def _margin(margin: Margin) -> dict[str, Any]:
+    return {
+        "joint": margin.joint,
+        "quantity": margin.quantity,
+        "limit": margin.limit,
+        "proven": margin.bound,
+        "at_s": margin.time,
+        "margin": margin.margin,
+    }
+
+
+def _limits(limits: MotionLimits) -> dict[str, Any]:
+    def finite(values: Any) -> list[float | None]:
+        return [float(v) if np.isfinite(v) else None for v in values]
+
+    return {
+        "joints": list(limits.joints),
+        "lower": finite(limits.lower),
+        "upper": finite(limits.upper),
+        "velocity": finite(limits.velocity),
+        "acceleration": finite(limits.acceleration),
+        "jerk": finite(limits.jerk),
+        "effort": finite(limits.effort),
+    }

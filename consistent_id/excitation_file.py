@@ -1,0 +1,43 @@
+"""The ``[excitation]`` table of a problem file: what motion to design, within what."""
+
+from typing import Annotated, Literal
+
+import msgspec
+from msgspec import Meta
+
+Positive = Annotated[float, Meta(gt=0.0)]
+Pair = Annotated[list[float], Meta(min_length=2, max_length=2)]
+PerJoint = Positive | list[Positive] | dict[str, Positive]
+
+
+class Table(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
+    """A table of the file; a key that it does not name is an error."""
+
+
+class LimitsTable(Table, frozen=True, kw_only=True):
+    """Limits in place of the robot file's; one for all joints, or by name."""
+
+    position: dict[str, Pair] = {}
+    velocity: PerJoint | None = None
+    acceleration: PerJoint | None = None
+    jerk: PerJoint | None = None
+    effort: PerJoint | None = None
+    share: Annotated[float, Meta(gt=0.0, le=1.0)] = 1.0
+
+
+class ExcitationTable(Table, frozen=True, kw_only=True):
+    """Form, aim and limits of an exciting trajectory."""
+
+    duration: Positive = 10.0
+    harmonics: Annotated[int, Meta(ge=1)] = 5
+    base_frequencies: list[Positive] | None = None
+    rest: bool = True
+    periods: Annotated[int, Meta(ge=1)] = 1
+    objective: Literal["condition", "D", "A", "E"] = "condition"
+    refine: Literal["D", "A", "E", "none"] = "D"
+    growth: Annotated[float, Meta(ge=1.0)] = 1.5
+    scaling: Literal["none", "unit columns"] = "none"
+    noise: PerJoint | None = None
+    rate: Positive = 100.0
+    start_pose: dict[str, float] = {}
+    limits: LimitsTable = LimitsTable()
