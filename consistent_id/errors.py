@@ -21,6 +21,43 @@ class ProblemError(ConsistentIdError):
     """A problem file, or a call, asks for something that makes no sense."""
 
 
+class PathError(ProblemError):
+    """A robot cannot follow a path; the attributes say where.
+
+    Parameters
+    ----------
+    reason : str
+    arc_length : float, [m]
+        From the path's start.
+    time : float, [s]
+    point : tuple of float, [m]
+        Where the path is then, in the base frame.
+    joint : str, optional
+        Whose limit is in the way.
+    value : float
+        What was seen: of a joint's position or rate; of a condition number; of the
+        distance [m] to the nearest point within reach.
+    """
+
+    def __init__(
+        self,
+        reason: str,
+        *,
+        arc_length: float,
+        time: float,
+        point: tuple[float, float, float],
+        value: float,
+        joint: str | None = None,
+    ) -> None:
+        x, y, z = point
+        super().__init__(
+            f"{arc_length:.4g} m along the path (t = {time:.4g} s, "
+            f"x = {x:.4g}, y = {y:.4g}, z = {z:.4g} m): {reason}"
+        )
+        self.arc_length, self.time, self.point = arc_length, time, point
+        self.joint, self.value = joint, value
+
+
 class NotExcitedError(ConsistentIdError):
     """The motion carries no information on what is asked for."""
 

@@ -35,6 +35,7 @@ signals.cuts signals.savitzky_golay signals.smoother signals.track signals.align
 signals.delay signals cutoff preparation diagnosis.tell sinusoids problem published
 published_estimate study diagnosis.coverage diagnosis.diagnose diagnosis
 published_summary summary record commands excitation excitation.limits trajectory paths
+curves frame_motion writing_tasks path_refusals writer inverse_kinematics
 """.split()
 
 HEAVY = {
