@@ -36,6 +36,8 @@ signals.delay signals cutoff preparation diagnosis.tell sinusoids problem publis
 published_estimate study diagnosis.coverage diagnosis.diagnose diagnosis
 published_summary summary record commands excitation excitation.limits trajectory paths
 curves frame_motion writing_tasks path_refusals writer inverse_kinematics
+laboratory.control laboratory.robot laboratory.sensors laboratory.closed_loop
+laboratory.experiment laboratory.one_clock laboratory
 """.split()
 
 HEAVY = {
