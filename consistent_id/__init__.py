@@ -41,6 +41,7 @@ from consistent_id.errors import (
     InfeasibleError,
     ModelError,
     NotExcitedError,
+    PathError,
     ProblemError,
     RecordingError,
     SolverError,
@@ -60,6 +61,7 @@ from consistent_id.estimators.smooth import smooth_least_squares
 from consistent_id.friction import DriveTerms, GearCoupling
 from consistent_id.inertia import InertialParameters
 from consistent_id.intervals import ConsistentIntervals, consistent_intervals
+from consistent_id.inverse_kinematics import TaskPath, follow
 from consistent_id.link_condition import LinkCondition, link_conditions
 from consistent_id.loaders import (
     DHRow,
@@ -132,6 +134,8 @@ from consistent_id.signals import (
 from consistent_id.simulation import simulate_torque
 from consistent_id.study import Study, identify, run_study
 from consistent_id.uncertainty import Uncertainty, uncertainty
+from consistent_id.writer import Writer
+from consistent_id.writing_tasks import Orientation, WritingTask
 
 __version__ = "0.1.0"
 
@@ -179,7 +183,9 @@ __all__ = [
     "Motor",
     "NonNegativeDrive",
     "NotExcitedError",
+    "Orientation",
     "ParameterBounds",
+    "PathError",
     "Payload",
     "Penalty",
     "PhysicalConsistency",
@@ -199,10 +205,13 @@ __all__ = [
     "SolverError",
     "Study",
     "SymmetricLink",
+    "TaskPath",
     "TorqueModel",
     "TotalMass",
     "Track",
     "Uncertainty",
+    "Writer",
+    "WritingTask",
     "aligned",
     "base_feasibility",
     "base_parameters",
@@ -227,6 +236,7 @@ __all__ = [
     "estimate_delay",
     "estimated_period",
     "fit_shapes",
+    "follow",
     "fourier_differentiated",
     "fourier_fit",
     "from_classical_dh",

@@ -14,7 +14,7 @@ chains loaders.findings loaders._xml loaders._urdf_tree loaders._urdf_parts
 loaders._urdf_lint loaders.urdf loaders._mjcf_checks loaders.mjcf loaders.dh loaders
 _joint_geometry recording scaling conic constraints.solids priors cones cone_program
 second_opinion certificate feasibility conflict estimators.body_variables
-estimators.smooth_fit estimators problem_file diagnosis.findings diagnosis.clock
+estimators.smooth_fit estimators diagnosis.findings diagnosis.clock
 diagnosis.corrections tables readers.mat_lint readers.merging readers.units
 readers.columns readers.arrays readers.csv readers.frames readers.hdf5
 readers.jointstate readers.bag readers.mat readers.npz readers.parquet readers.files
@@ -27,17 +27,18 @@ estimators.scaled_fit estimators.best_fit estimators.penalised estimators.neares
 estimators.contradiction estimators.settled estimators.constrained
 estimators.constraint_variables estimators.smooth cross_check cross_validation bootstrap
 intervals sensitivity uncertainty constraint_costs shadow_prices comparison
-problem_constraints diagnosis.explain estimators.gain_search loaded_robot
-estimators.gains loaded_constraints estimators.payload shapes shaped_regression
-shape_misfit shape_profile shape_fit signals.clocks signals.differences signals.filters
+diagnosis.explain estimators.gain_search loaded_robot estimators.gains
+loaded_constraints estimators.payload shapes shaped_regression shape_misfit
+shape_profile shape_fit signals.clocks signals.differences signals.filters
 signals.fourier signals.kalman signals.period signals.resolution signals.masks
 signals.cuts signals.savitzky_golay signals.smoother signals.track signals.alignment
-signals.delay signals cutoff preparation diagnosis.tell sinusoids problem published
+signals.delay signals cutoff diagnosis.tell sinusoids excitation excitation.limits
+trajectory paths curves frame_motion writing_tasks path_refusals writer
+inverse_kinematics laboratory.control laboratory.robot laboratory.sensors
+laboratory.closed_loop laboratory.experiment laboratory.one_clock laboratory file_tables
+laboratory_file problem_file problem_constraints preparation problem published
 published_estimate study diagnosis.coverage diagnosis.diagnose diagnosis
-published_summary summary record commands excitation excitation.limits trajectory paths
-curves frame_motion writing_tasks path_refusals writer inverse_kinematics
-laboratory.control laboratory.robot laboratory.sensors laboratory.closed_loop
-laboratory.experiment laboratory.one_clock laboratory
+published_summary summary record commands problem_laboratory reproduction
 """.split()
 
 HEAVY = {

@@ -57,7 +57,10 @@ class Laboratory:
                 )
 
     def without_friction(self) -> Self:
-        """Return the laboratory with the robot's friction switched off."""
+        """Return the laboratory with the robot's friction switched off.
+
+        The controller believes in it still.
+        """
         return replace(self, robot=self.robot.without_friction())
 
 
