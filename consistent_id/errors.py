@@ -4,6 +4,9 @@ Each message says what was seen (file, row, joint, value, unit), what was
 expected, and what to do about it.
 """
 
+from collections.abc import Callable
+from functools import partial
+
 
 class ConsistentIdError(Exception):
     """Root of every error that the package raises on purpose."""
@@ -54,8 +57,16 @@ class PathError(ProblemError):
             f"{arc_length:.4g} m along the path (t = {time:.4g} s, "
             f"x = {x:.4g}, y = {y:.4g}, z = {z:.4g} m): {reason}"
         )
+        self.reason, self.joint, self.value = reason, joint, value
         self.arc_length, self.time, self.point = arc_length, time, point
-        self.joint, self.value = joint, value
+
+    def __reduce__(self) -> tuple[Callable[..., "PathError"], tuple[str]]:
+        """Let it come back from another process, which keywords alone would not."""
+        place = {
+            name: getattr(self, name)
+            for name in ("arc_length", "time", "point", "value", "joint")
+        }
+        return partial(PathError, **place), (self.reason,)
 
 
 class NotExcitedError(ConsistentIdError):

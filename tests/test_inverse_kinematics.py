@@ -1,5 +1,6 @@
 """Joint motion that writes: on the curve, with exact derivatives, or refused."""
 
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -193,6 +194,8 @@ def test_a_point_out_of_reach_is_refused_with_its_place():
     with pytest.raises(PathError, match=r"nearest misses it by 0\.4") as refusal:
         follow(WRIST, WritingTask(circle(0.1, centre=[0.9, 0, 0.3]), 4.0))
     assert refusal.value.arc_length == 0.0
+    again = pickle.loads(pickle.dumps(error))
+    assert (str(again), again.point) == (str(error), error.point)
 
 
 def test_a_singularity_on_the_way_is_refused_with_its_place():

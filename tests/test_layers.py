@@ -39,6 +39,7 @@ laboratory.closed_loop laboratory.experiment laboratory.one_clock laboratory fil
 laboratory_file problem_file problem_constraints preparation problem published
 published_estimate study diagnosis.coverage diagnosis.diagnose diagnosis
 published_summary summary record commands problem_laboratory reproduction
+reproduction_tables
 """.split()
 
 HEAVY = {

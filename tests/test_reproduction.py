@@ -19,6 +19,7 @@ from consistent_id.problem_laboratory import (
 )
 from consistent_id.published import check_published
 from consistent_id.reproduction import reproduce_experiments
+from consistent_id.reproduction_tables import deviations_table, experiments_table
 
 PROBLEM = load_problem("problems/rx60")
 PEN = {"frame": "link3", "duration": 1.0, "rate": 100.0}
@@ -131,6 +132,19 @@ def test_tables_hold_mean_and_sample_deviation():
     assert table.mean == pytest.approx((table.vectors[0] + table.vectors[1]) / 2)
     half = abs(table.vectors[0] - table.vectors[1]) / np.sqrt(2)
     assert table.standard_deviation == pytest.approx(half)
+
+
+def test_tables_are_printed_as_in_the_paper():
+    done = _reproduced(True)
+    first = done.tables[0]
+    third = experiments_table(first)
+    assert third.header == ("parameter", "free", "circle")
+    assert third.rows[4] == ("alpha5", *(f"{v:.4f}" for v in first.vectors[:, 4]))
+    fourth = deviations_table(done)
+    assert len(fourth.rows) == 16
+    assert fourth.rows[3][:4] == ("alpha4", "0.1255", "0.1255", "0.0000")
+    assert fourth.rows[0][3] == f"{first.standard_deviation[0]:.4f}"
+    assert "standard deviation" in fourth.markdown()
 
 
 def test_an_experiment_is_the_same_whatever_others_are_done():
