@@ -13,6 +13,7 @@ from consistent_id.recording import Recording
 from consistent_id.signals.clocks import uniform_rate
 
 _TICKS = 1000  # per call of the compiled loop
+_POSES = 50  # of the motion at which friction is looked at
 _STABLE = 2.5  # of Runge-Kutta's fourth order: steps over time constants, up to 2.78
 
 
@@ -65,7 +66,8 @@ def controlled(
     wanted = wanted.of(robot.joints)
     tick = 1.0 / uniform_rate(wanted)
     dynamics = robot.forward_dynamics()
-    _require_stable(robot, dynamics, wanted.position[0], tick, substeps)
+    poses = wanted.position[:: max(len(wanted) // _POSES, 1)]
+    _require_stable(robot, dynamics, poses, tick, substeps)
     step = _tick(robot, controller, encoders, wanted, dynamics, tick, substeps)
     feedforward = controller.feedforward(wanted)
     inputs = np.hstack([wanted.position, feedforward]).T
@@ -155,18 +157,19 @@ def _run(step: Any, state: Vector, inputs: Array) -> Array:
 
 
 def _require_stable(
-    robot: SimulatedRobot, dynamics: Any, q: Vector, tick: float, substeps: int
+    robot: SimulatedRobot, dynamics: Any, q: Array, tick: float, substeps: int
 ) -> None:
     """Refuse steps longer than what friction near standstill, the steepest, takes."""
     import casadi as ca
 
     if substeps < 1:
         raise ProblemError(f"laboratory: {substeps} substeps, expected 1 or more")
-    n = len(q)
-    rate, held = ca.SX.sym("dq", n), np.zeros(n)
-    slope = ca.jacobian(dynamics(ca.DM(q), rate, held), rate)
-    at_rest = np.array(ca.Function("slope", [rate], [slope])(held))
-    fastest = float(abs(np.linalg.eigvals(at_rest)).max())
+    n = len(robot.joints)
+    pose, rate, none = ca.SX.sym("q", n), ca.SX.sym("dq", n), np.zeros(n)
+    slope = ca.jacobian(dynamics(pose, rate, none), rate)
+    braking = ca.Function("braking", [pose, rate], [slope])
+    at_rest = [np.array(braking(row, none)) for row in q]
+    fastest = float(abs(np.linalg.eigvals(np.array(at_rest))).max())
     needed = int(np.ceil(fastest * tick / _STABLE))
     if needed > substeps:
         raise ProblemError(
