@@ -41,6 +41,7 @@ from consistent_id.errors import (
     InfeasibleError,
     ModelError,
     NotExcitedError,
+    PathError,
     ProblemError,
     RecordingError,
     SolverError,
@@ -80,6 +81,7 @@ from consistent_id.excitation.transfers import transfer
 from consistent_id.friction import DriveTerms, GearCoupling
 from consistent_id.inertia import InertialParameters
 from consistent_id.intervals import ConsistentIntervals, consistent_intervals
+from consistent_id.inverse_kinematics import TaskPath, follow
 from consistent_id.kinematics import frame_places
 from consistent_id.link_condition import LinkCondition, link_conditions
 from consistent_id.loaders import (
@@ -160,6 +162,8 @@ from consistent_id.trajectory_files import (
     write_trajectory,
 )
 from consistent_id.uncertainty import Uncertainty, uncertainty
+from consistent_id.writer import Writer
+from consistent_id.writing_tasks import Orientation, WritingTask
 
 __version__ = "0.1.0"
 
@@ -219,7 +223,9 @@ __all__ = [
     "Move",
     "NonNegativeDrive",
     "NotExcitedError",
+    "Orientation",
     "ParameterBounds",
+    "PathError",
     "Payload",
     "Penalty",
     "PhysicalConsistency",
@@ -242,10 +248,13 @@ __all__ = [
     "Sphere",
     "Study",
     "SymmetricLink",
+    "TaskPath",
     "TorqueModel",
     "TotalMass",
     "Track",
     "Uncertainty",
+    "Writer",
+    "WritingTask",
     "aligned",
     "base_feasibility",
     "base_parameters",
@@ -272,6 +281,7 @@ __all__ = [
     "estimated_period",
     "fit_shapes",
     "fit_trajectory",
+    "follow",
     "fourier_differentiated",
     "fourier_fit",
     "frame_places",

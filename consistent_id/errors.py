@@ -4,6 +4,9 @@ Each message says what was seen (file, row, joint, value, unit), what was
 expected, and what to do about it.
 """
 
+from collections.abc import Callable
+from functools import partial
+
 
 class ConsistentIdError(Exception):
     """Root of every error that the package raises on purpose."""
@@ -19,6 +22,51 @@ class RecordingError(ConsistentIdError):
 
 class ProblemError(ConsistentIdError):
     """A problem file, or a call, asks for something that makes no sense."""
+
+
+class PathError(ProblemError):
+    """A robot cannot follow a path; the attributes say where.
+
+    Parameters
+    ----------
+    reason : str
+    arc_length : float, [m]
+        From the path's start.
+    time : float, [s]
+    point : tuple of float, [m]
+        Where the path is then, in the base frame.
+    joint : str, optional
+        Whose limit is in the way.
+    value : float
+        What was seen: of a joint's position or rate; of a condition number; of the
+        distance [m] to the nearest point within reach.
+    """
+
+    def __init__(
+        self,
+        reason: str,
+        *,
+        arc_length: float,
+        time: float,
+        point: tuple[float, float, float],
+        value: float,
+        joint: str | None = None,
+    ) -> None:
+        x, y, z = point
+        super().__init__(
+            f"{arc_length:.4g} m along the path (t = {time:.4g} s, "
+            f"x = {x:.4g}, y = {y:.4g}, z = {z:.4g} m): {reason}"
+        )
+        self.reason, self.joint, self.value = reason, joint, value
+        self.arc_length, self.time, self.point = arc_length, time, point
+
+    def __reduce__(self) -> tuple[Callable[..., "PathError"], tuple[str]]:
+        """Let it come back from another process, which keywords alone would not."""
+        place = {
+            name: getattr(self, name)
+            for name in ("arc_length", "time", "point", "value", "joint")
+        }
+        return partial(PathError, **place), (self.reason,)
 
 
 class NotExcitedError(ConsistentIdError):

@@ -2,16 +2,11 @@
 
 from typing import Annotated, Literal
 
-import msgspec
 from msgspec import Meta
 
-Positive = Annotated[float, Meta(gt=0.0)]
-Pair = Annotated[list[float], Meta(min_length=2, max_length=2)]
+from consistent_id.file_tables import Pair, Positive, Table
+
 PerJoint = Positive | list[Positive] | dict[str, Positive]
-
-
-class Table(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """A table of the file; a key that it does not name is an error."""
 
 
 class LimitsTable(Table, frozen=True, kw_only=True):

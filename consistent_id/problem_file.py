@@ -11,15 +11,8 @@ from msgspec import Meta
 
 from consistent_id.errors import ProblemError
 from consistent_id.excitation_file import ExcitationTable
-
-Positive = Annotated[float, Meta(gt=0.0)]
-NonNegative = Annotated[float, Meta(ge=0.0)]
-Three = Annotated[list[float], Meta(min_length=3, max_length=3)]
-Pair = Annotated[list[float], Meta(min_length=2, max_length=2)]
-
-
-class Table(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """A table of the file; a key that it does not name is an error."""
+from consistent_id.file_tables import NonNegative, Pair, Positive, Table, Three
+from consistent_id.laboratory_file import LaboratoryTable, TaskTable
 
 
 class DHTable(Table, frozen=True, kw_only=True):
@@ -281,6 +274,8 @@ class ProblemTable(Table, frozen=True, kw_only=True):
     prior: PriorTable = PriorTable()
     data: DataTable | None = None
     motions: dict[str, MotionTable] = {}
+    tasks: dict[str, TaskTable] = {}
+    laboratory: LaboratoryTable | None = None
     simulation: SimulationTable | None = None
     published: PublishedTable | None = None
     excitation: ExcitationTable = ExcitationTable()

@@ -123,5 +123,5 @@ def test_every_error_of_the_package_has_one_root():
     import consistent_id
 
     errors = [getattr(consistent_id, n) for n in consistent_id.__all__ if "Error" in n]
-    assert len(errors) == 7
+    assert len(errors) == 8
     assert all(issubclass(error, ConsistentIdError) for error in errors)

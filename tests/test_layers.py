@@ -46,10 +46,13 @@ excitation.bodies excitation.pieces excitation.urdf_bodies kinematics excitation
 excitation.reach excitation.separation excitation.guards excitation.search_task
 excitation.search excitation.starts excitation.clearance excitation.verification
 excitation.design excitation.validating excitation.scene_building excitation.scene_file
-excitation.figure excitation.record excitation_file problem_file problem_constraints
+excitation.figure excitation.record curves frame_motion writing_tasks path_refusals
+writer inverse_kinematics laboratory.control laboratory.robot laboratory.sensors
+laboratory.closed_loop laboratory.experiment laboratory.one_clock laboratory file_tables
+excitation_file excitation.asked laboratory_file problem_file problem_constraints
 preparation problem published published_estimate study diagnosis.coverage
-diagnosis.diagnose diagnosis published_summary summary record commands excitation.asked
-excite
+diagnosis.diagnose diagnosis published_summary summary record commands excite
+problem_laboratory reproduction reproduction_tables
 """.split()
 
 HEAVY = {

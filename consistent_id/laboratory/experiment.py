@@ -1,0 +1,172 @@
+"""An experiment: a robot follows a motion, sensors write it down, each on its clock."""
+
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+
+from consistent_id._arrays import Vector
+from consistent_id.errors import ProblemError
+from consistent_id.laboratory.closed_loop import controlled
+from consistent_id.laboratory.control import Controller
+from consistent_id.laboratory.robot import SimulatedRobot
+from consistent_id.laboratory.sensors import Cameras, Encoders, LoadCell
+from consistent_id.recording import Recording
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Laboratory:
+    """A robot, its controller and what it is measured with.
+
+    Parameters
+    ----------
+    robot : SimulatedRobot
+    controller : Controller
+    encoders : Encoders
+    load_cell : LoadCell
+    cameras : Cameras
+    substeps : int
+        Integration steps between two ticks of the controller.
+    """
+
+    robot: SimulatedRobot
+    controller: Controller
+    encoders: Encoders
+    load_cell: LoadCell
+    cameras: Cameras
+    substeps: int = 2
+
+    def __post_init__(self) -> None:
+        n = len(self.robot.joints)
+        if self.controller.model.robot.joint_names != self.robot.joints:
+            raise ProblemError(
+                f"laboratory: the controller's joints are "
+                f"{self.controller.model.robot.joint_names}, the robot's "
+                f"{self.robot.joints}"
+            )
+        for what, values in (
+            ("encoders: step", self.encoders.step),
+            ("load cell: noise", self.load_cell.noise),
+            ("load cell: offset", self.load_cell.offset),
+            ("cameras: position_noise", self.cameras.position_noise),
+            ("cameras: acceleration_noise", self.cameras.acceleration_noise),
+        ):
+            if values.shape not in ((), (n,)):
+                raise ProblemError(
+                    f"{what} has shape {values.shape}, expected one number or {n}"
+                )
+
+    def without_friction(self) -> Self:
+        """Return the laboratory with the robot's friction switched off.
+
+        The controller believes in it still.
+        """
+        return replace(self, robot=self.robot.without_friction())
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ExperimentLog:
+    """What an experiment left behind.
+
+    Parameters
+    ----------
+    wanted : Recording
+        The motion that was asked for.
+    truth : Recording
+        Position, velocity, acceleration and torque as they were; no sensor knows them.
+    encoders : Recording
+        Positions in whole steps and the load cell's torques, on the controller's clock.
+    cameras : Recording
+        Positions and accelerations, on the cameras' clock.
+    """
+
+    wanted: Recording
+    truth: Recording
+    encoders: Recording
+    cameras: Recording
+
+    @property
+    def tracking_error(self) -> Vector:
+        """Root-mean-square difference of wanted and true positions, [rad or m]."""
+        wanted = self.wanted.of(self.truth.joints).position
+        error = np.mean((wanted - self.truth.position) ** 2, axis=0)
+        return np.asarray(np.sqrt(error))
+
+
+def perform(
+    laboratory: Laboratory, motion: Recording, rng: np.random.Generator
+) -> ExperimentLog:
+    """Run an experiment.
+
+    Parameters
+    ----------
+    laboratory : Laboratory
+    motion : Recording
+        To be followed: position, velocity and acceleration, uniformly sampled at the
+        rate at which the controller runs and the encoders are read.
+    rng : numpy.random.Generator
+        Each sensor draws from a stream of its own, so that a change of one leaves the
+        noise of the others as it was.
+
+    Examples
+    --------
+    >>> from consistent_id import DHRow, from_modified_dh
+    >>> from consistent_id.laboratory import with_friction
+    >>> from consistent_id.sinusoids import Sinusoid, SinusoidalMotion
+    >>> arm = from_modified_dh("rod", [DHRow(0, 0)])
+    >>> rod = with_friction(arm, [1, 0.5, 0, 0, 0, 0, 0.3, 0, 0, 0.3], viscous=0.2)
+    >>> motion = SinusoidalMotion(2.0, 1000.0, ((Sinusoid(0.5, 0.5, 0.5),),))
+    >>> laboratory = Laboratory(
+    ...     rod,
+    ...     Controller(rod.model, rod.parameters),
+    ...     Encoders(1e-4),
+    ...     LoadCell(noise=0.01),
+    ...     Cameras(delay=0.02),
+    ... )
+    >>> rng = np.random.default_rng(0)
+    >>> log = perform(laboratory, motion.recording(arm.joint_names), rng)
+    >>> len(log.encoders), len(log.cameras), log.cameras.time[0].item()
+    (2001, 601, 0.02)
+    """
+    cell_noise, camera_noise = rng.spawn(2)
+    loop = controlled(
+        laboratory.robot,
+        laboratory.controller,
+        laboratory.encoders,
+        motion,
+        substeps=laboratory.substeps,
+    )
+    truth = loop.motion
+    encoders = Recording(
+        truth.joints,
+        truth.time,
+        loop.readings,
+        torque=laboratory.load_cell.reads(loop.torque, cell_noise),
+        name=f"{motion.name} (encoders)",
+    )
+    cameras = _filmed(truth, laboratory.cameras, camera_noise, motion.name)
+    return ExperimentLog(motion, truth, encoders, cameras)
+
+
+def _filmed(
+    truth: Recording, cameras: Cameras, rng: np.random.Generator, name: str
+) -> Recording:
+    """Look at the motion between ticks: positions by cubic pieces of exact slope."""
+    from scipy.interpolate import CubicHermiteSpline
+
+    start, stop, frame = truth.time[0], truth.time[-1], 1.0 / cameras.rate
+    times, stamps = cameras.stamps(start, stop)
+    path = CubicHermiteSpline(truth.time, truth.position, truth.velocity)
+    q = path(times)
+    # The first and the last picture have no neighbour: a picture further in stands in.
+    middle = np.clip(times, start + frame, stop - frame)
+    ends = path(middle + frame) + path(middle - frame)
+    ddq = (ends - 2.0 * path(middle)) / frame**2
+    noise = rng.normal(size=(2, *q.shape))
+    return Recording(
+        truth.joints,
+        stamps,
+        q + cameras.position_noise * noise[0],
+        acceleration=ddq + cameras.acceleration_noise * noise[1],
+        name=f"{name} (cameras)",
+    )

@@ -1,0 +1,61 @@
+"""An experiment's two logs brought to one clock, ready for a regression."""
+
+from dataclasses import dataclass, replace
+
+from consistent_id.laboratory.experiment import ExperimentLog
+from consistent_id.recording import Recording
+from consistent_id.signals.alignment import aligned
+from consistent_id.signals.cuts import trimmed
+from consistent_id.signals.delay import Delay, estimate_delay
+from consistent_id.signals.differences import differentiated
+from consistent_id.signals.filters import low_passed
+from consistent_id.signals.track import track
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OneClock:
+    """Motion and torque on one clock, and the delay that was taken out.
+
+    Parameters
+    ----------
+    recording : Recording
+        Position, velocity, acceleration and torque, at the slower of the two rates.
+    delay : Delay
+        Of the cameras, as estimated.
+    """
+
+    recording: Recording
+    delay: Delay
+
+
+def on_one_clock(
+    log: ExperimentLog, *, cutoff: float, trim: float = 0.0, longest: float = 0.5
+) -> OneClock:
+    """Bring encoders, load cell and cameras to one clock.
+
+    The delay comes from the encoders' positions and the cameras' accelerations;
+    velocities are differences of encoder positions; all channels pass the same filters,
+    which leaves what is linear in them true.
+
+    Parameters
+    ----------
+    log : ExperimentLog
+    cutoff : float, [Hz]
+        Of a low-pass without phase, below the slower clock's Nyquist frequency.
+    trim : float, [s]
+        Cut off at either end, where filters see one side only.
+    longest : float, [s]
+        Longest delay that is looked for.
+    """
+    delay = estimate_delay(
+        track(log.encoders, "position"),
+        track(log.cameras, "acceleration"),
+        longest=longest,
+    )
+    moving = replace(log.encoders, velocity=differentiated(log.encoders).velocity)
+    seen = track(log.cameras, "acceleration")
+    together = aligned(moving, seen, delay=delay.seconds)
+    smooth = low_passed(together, motion_cutoff=cutoff, torque_cutoff=cutoff)
+    start, stop = smooth.time[0] + trim, smooth.time[-1] - trim
+    name = f"{log.wanted.name} (on one clock)"
+    return OneClock(replace(trimmed(smooth, start, stop), name=name), delay)
