@@ -12,7 +12,12 @@ import numpy as np
 
 from consistent_id._arrays import Matrix, Vector
 from consistent_id._threads import single_threaded
-from consistent_id.base import BaseParameters, ConditionNumber, condition_number
+from consistent_id.base import (
+    BaseParameters,
+    ConditionNumber,
+    condition_number,
+    linear_combination,
+)
 from consistent_id.errors import NotExcitedError, ProblemError
 from consistent_id.excitation.aims import Aim
 from consistent_id.parameters import did_you_mean
@@ -21,6 +26,7 @@ from consistent_id.regression import triangle
 from consistent_id.regressor import TorqueModel
 from consistent_id.tables import Table
 
+_PART = 0.2  # of the largest part of a combination; less is not told
 _MOST = 1e9  # repetitions; more would not be played
 
 
@@ -102,6 +108,21 @@ class PredictedAccuracy:
             low, high = (low, middle) if enough(middle) else (middle, high)
         return high
 
+    @property
+    def weakest(self) -> str:
+        """The combination of base parameters that one repetition tells least of.
+
+        Of unit length where each parameter is measured in the inverse of its column's
+        norm; its largest parts.
+        """
+        norms = np.linalg.norm(self.factor, axis=0)
+        units = np.where(norms > 0.0, norms, 1.0)
+        _, _, Vt = np.linalg.svd(self.factor / units)
+        direction = Vt[-1] / abs(Vt[-1]).max()
+        return linear_combination(
+            np.where(abs(direction) > _PART, direction, 0.0), self.base.names, digits=2
+        )
+
     def _place(self, name: str) -> int:
         if name not in self.base.names:
             near = did_you_mean(name, self.base.names)
@@ -124,6 +145,7 @@ class PredictedAccuracy:
             ),
             (
                 f"condition number {self.condition}",
+                f"told least of: {self.weakest} (in units of the columns' norms)",
                 "noise is taken to be independent from sample to sample",
             ),
         )

@@ -285,8 +285,9 @@ class _Workshop:
         accuracy = predicted_accuracy(self.task.model, self.task.base, path, self.aim)
         if not np.isfinite(accuracy.condition.value) and not self.aim.recordings:
             raise NotExcitedError(
-                "no motion within the limits tells all base parameters apart; look at "
-                "ranges, velocities and friction terms"
+                "no motion within the limits tells all base parameters apart; nothing "
+                f"is known of {accuracy.weakest}. Look at the ranges and velocities of "
+                "the joints that these belong to, and at their friction terms"
             )
         value = float(np.exp(found.score))
         return Stage(objective, path, value, accuracy, proof, found.seed)
