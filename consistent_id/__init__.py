@@ -104,10 +104,12 @@ from consistent_id.shape_fit import ShapeFit, fit_shapes
 from consistent_id.shapes import shapes_of, with_shapes
 from consistent_id.signals import (
     Delay,
+    Fold,
     FourierFit,
     MotionNoise,
     Track,
     aligned,
+    blocked_folds,
     decimated,
     differentiated,
     encoder_resolution,
@@ -164,6 +166,7 @@ __all__ = [
     "FixedFrame",
     "FixedMasses",
     "FixedParameters",
+    "Fold",
     "FourierFit",
     "GearCoupling",
     "InertialParameters",
@@ -207,6 +210,7 @@ __all__ = [
     "base_feasibility",
     "base_parameters",
     "best_cutoff",
+    "blocked_folds",
     "body_from_log_cholesky",
     "bootstrap",
     "build_regression",

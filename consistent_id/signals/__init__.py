@@ -14,6 +14,7 @@ from consistent_id.signals.cuts import (
 from consistent_id.signals.delay import Delay, estimate_delay
 from consistent_id.signals.differences import differentiated
 from consistent_id.signals.filters import decimated, low_passed
+from consistent_id.signals.folds import Fold, blocked_folds
 from consistent_id.signals.fourier import (
     FourierFit,
     fourier_differentiated,
@@ -32,10 +33,12 @@ from consistent_id.signals.track import Track, track
 
 __all__ = [
     "Delay",
+    "Fold",
     "FourierFit",
     "MotionNoise",
     "Track",
     "aligned",
+    "blocked_folds",
     "decimated",
     "differentiated",
     "encoder_resolution",
