@@ -8,6 +8,10 @@ import argparse
 from pathlib import Path
 from time import perf_counter
 
+import blocks
+import numpy as np
+import pairs
+
 import consistent_id as ci
 
 ROBOTS = ("ur10e", "kuka_kr300", "staubli_tx40", "tiago")
@@ -17,6 +21,7 @@ SHOWN = {
     "Huber": "Huber",
     "bounded": "QP",
     "constrained": "constrained",
+    "weighted constrained": "weighted constrained",
     "cross-validated": "cross-validated prior",
 }
 BEGIN, END = "<!-- accuracy: begin -->", "<!-- accuracy: end -->"
@@ -56,6 +61,21 @@ def rows(name: str) -> tuple[list[str], list[str]]:
     return summary, [*title, *detail, ""]
 
 
+def across_recordings(every: pairs.Pairs, held_out: blocks.Blocks) -> list[str]:
+    """Return summary rows of the UR10e's pairs and of the TX40's blocks."""
+    errors = {method: every.held_out(method) for method in SHOWN}
+    number = len(errors["constrained"])
+    shown = {
+        f"ur10e, median of {number} pairs": [np.median(e) for e in errors.values()],
+        f"ur10e, worst of {number} pairs": [np.max(e) for e in errors.values()],
+        f"staubli_tx40, {blocks.COUNT} blocks": [held_out.overall[m] for m in SHOWN],
+    }
+    return [
+        f"| {label} | {' | '.join(f'{share:.2%}' for share in shares)} |"
+        for label, shares in shown.items()
+    ]
+
+
 def measure() -> tuple[str, str]:
     """Return the summary table, and the page."""
     header = [
@@ -67,6 +87,9 @@ def measure() -> tuple[str, str]:
         summary, detail = rows(name)
         summaries += summary
         details += detail
+    every, held_out = pairs.measure(), blocks.measure()
+    summaries += across_recordings(every, held_out)
+    details += pairs.section(every, SHOWN) + blocks.section(held_out, SHOWN)
     table = "\n".join([*header, *summaries])
     page = "\n".join(
         [

@@ -110,6 +110,25 @@ class Problem:
             for raw, span in self._logged(role)
         )
 
+    def read(self, file: str | Path) -> Recording:
+        """Read a log as the problem's own recordings are read.
+
+        Parameters
+        ----------
+        file : str or Path
+            In the folder of the recordings, unless it is absolute.
+        """
+        data = self._data()
+        return read_recording(
+            self.folder / _expanded(data.folder, self.name) / file,
+            self.model.robot.joint_names,
+            None
+            if data.columns is None
+            else Columns(**msgspec.structs.asdict(data.columns)),
+            torque_gain=data.torque_gain,
+            topic=data.topic,
+        )
+
     def prepare(self, recording: Recording) -> Recording:
         """Prepare a recording as the file asks; the longest part if it has gaps."""
         data = self._data()
@@ -133,11 +152,9 @@ class Problem:
 
     def _logged(self, role: str) -> Iterator[tuple[Recording, tuple[float, float]]]:
         """Yield recordings as logged, and the times between which they count."""
-        data = self._data()
-        folder = self.folder / _expanded(data.folder, self.name)
-        for entry in data.recordings:
+        for entry in self._data().recordings:
             if entry.role == role:
-                raw = _read(folder, entry, data, self.model.robot)
+                raw = self.read(entry.file)
                 yield raw, _span(raw, entry)
 
 
@@ -276,20 +293,6 @@ def _expanded(path: str, problem: str) -> str:
         ) from None
     except ValueError as cause:
         raise ProblemError(f"problem {problem!r}: {path}: {cause}") from None
-
-
-def _read(
-    folder: Path, entry: RecordingTable, data: DataTable, robot: RobotModel
-) -> Recording:
-    return read_recording(
-        folder / entry.file,
-        robot.joint_names,
-        None
-        if data.columns is None
-        else Columns(**msgspec.structs.asdict(data.columns)),
-        torque_gain=data.torque_gain,
-        topic=data.topic,
-    )
 
 
 def _span(raw: Recording, entry: RecordingTable) -> tuple[float, float]:
