@@ -14,7 +14,7 @@ import pairs
 
 import consistent_id as ci
 
-ROBOTS = ("ur10e", "kuka_kr300", "staubli_tx40", "tiago")
+PROBLEMS = ("ur10e", "ur10e/payload.toml", "kuka_kr300", "staubli_tx40", "tiago")
 SHOWN = {
     "least squares": "least squares",
     "weighted least squares": "weighted",
@@ -27,11 +27,12 @@ SHOWN = {
 BEGIN, END = "<!-- accuracy: begin -->", "<!-- accuracy: end -->"
 
 
-def rows(name: str) -> tuple[list[str], list[str]]:
-    """Return one robot's summary rows, and its rows joint by joint."""
+def rows(file: str) -> tuple[list[str], list[str]]:
+    """Return one problem's summary rows, and its rows joint by joint."""
     started = perf_counter()
-    study = ci.run_study(ci.load_problem(f"problems/{name}"))
+    study = ci.run_study(ci.load_problem(f"problems/{file}"))
     seconds = perf_counter() - started
+    name = study.problem.name
     reports = {r.estimate.method: r for r in study.comparison.reports}
     summary, detail = [], []
     for i, recording in enumerate(study.validation):
@@ -83,7 +84,7 @@ def measure() -> tuple[str, str]:
         "|---|" + "---:|" * len(SHOWN),
     ]
     summaries, details = [], []
-    for name in ROBOTS:
+    for name in PROBLEMS:
         summary, detail = rows(name)
         summaries += summary
         details += detail

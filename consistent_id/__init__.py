@@ -84,7 +84,7 @@ from consistent_id.model import (
     RobotModel,
 )
 from consistent_id.priors import Penalty, PointToSet
-from consistent_id.problem import Problem, load_problem
+from consistent_id.problem import Problem, load_problem, load_problems
 from consistent_id.readers import (
     JOINT_STATE,
     Columns,
@@ -248,6 +248,7 @@ __all__ = [
     "lint_urdf",
     "load_mjcf",
     "load_problem",
+    "load_problems",
     "load_urdf",
     "log_cholesky_from_body",
     "log_cholesky_jacobian",

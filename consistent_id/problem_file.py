@@ -194,11 +194,16 @@ class PreparationTable(Table, frozen=True, kw_only=True):
 
 
 class RecordingTable(Table, frozen=True, kw_only=True):
-    """One recording and its part in the study; rows are counted from 1, both kept."""
+    """One recording and its part in the study.
+
+    Rows are counted from 1, as the file has them; the first and the last are kept,
+    those to omit are not.
+    """
 
     file: str
     role: Literal["training", "validation"]
     rows: Annotated[list[int], Meta(min_length=2, max_length=2)] | None = None
+    omit: list[int] = []
 
 
 class DataTable(Table, frozen=True, kw_only=True):

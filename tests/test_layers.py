@@ -32,9 +32,9 @@ estimators.gains loaded_constraints estimators.payload shapes shaped_regression
 shape_misfit shape_profile shape_fit signals.clocks signals.differences signals.filters
 signals.fourier signals.kalman signals.period signals.resolution signals.masks
 signals.cuts signals.savitzky_golay signals.smoother signals.track signals.alignment
-signals.delay diagnosis.tell signals.folds signals cutoff preparation problem published
-published_estimate study diagnosis.coverage diagnosis.diagnose diagnosis
-published_summary summary record commands
+signals.delay diagnosis.tell signals.folds signals cutoff preparation problem_folder
+problem_model problem published published_estimate study diagnosis.coverage
+diagnosis.diagnose diagnosis published_summary summary record commands problem_list
 """.split()
 
 HEAVY = {

@@ -110,6 +110,19 @@ def test_recordings_are_prepared_and_cut_to_rows_counted_from_one(tmp_path):
     assert np.allclose(log.acceleration[:, 0], -9 * np.sin(3 * log.time), atol=2e-2)
 
 
+def test_broken_rows_are_left_out_and_rows_stay_those_of_the_file(tmp_path):
+    problem = _with_log(tmp_path, "rows = [101, 300]\nomit = [2, 3, 101]")
+    lines = (tmp_path / "log.csv").read_text().splitlines()
+    lines[2] = "2.7e154,0.0,0.0"  # two samples merged into one by a broken logger
+    (tmp_path / "log.csv").write_text("\n".join(lines))
+    (log,) = problem.logs("training")
+    assert (len(log), log.time[0], log.time[-1]) == (199, 1.01, 2.99)
+    with pytest.raises(RecordingError, match=r"time of sample 1 .* omit = \[2\]"):
+        problem.read("log.csv")
+    with pytest.raises(RecordingError, match="row 401, but there are 400"):
+        problem.read("log.csv", omit=[401])
+
+
 def test_rows_outside_the_file_and_missing_files_are_refused(tmp_path):
     with pytest.raises(ProblemError, match="rows 0 to 500, but the file has 400"):
         _ = _with_log(tmp_path, "rows = [0, 500]").training
