@@ -93,8 +93,11 @@ def _numbers(arrays: Arrays, name: str, where: str) -> Array:
     raw = arrays[name]
     if np.ma.isMaskedArray(raw) or raw.dtype.kind not in "iuf":
         kind = "a masked array" if np.ma.isMaskedArray(raw) else raw.dtype
+        hint = ""
+        if raw.dtype.kind in "mM":
+            hint = f". Take the seconds: ({name} - {name}[0]) / np.timedelta64(1, 's')"
         raise RecordingError(
-            f"{where}: column {name!r} holds {kind}, expected numbers in SI units"
+            f"{where}: column {name!r} holds {kind}, expected numbers in SI units{hint}"
         )
     return raw.astype(np.float64)
 
