@@ -24,6 +24,7 @@ from consistent_id.signals import (
     trim_standstill,
     trimmed,
 )
+from consistent_id.signals.fourier import require_repeating
 
 # Keys that belong to one method alone; those marked must be given with it.
 _KEYS = {
@@ -154,7 +155,9 @@ def _with_motion(
         # The way to the start of a periodic motion is not part of it.
         kept = trimmed(part, start, stop)
         period = estimated_period(kept) if table.period == "estimated" else table.period
-        q, dq, ddq = fourier_fit(kept, period, table.harmonics).evaluate(part.time)
+        fit = fourier_fit(kept, period, table.harmonics)
+        require_repeating(kept, fit)
+        q, dq, ddq = fit.evaluate(part.time)
         return replace(part, position=q, velocity=dq, acceleration=ddq)
     return differentiated(part)
 
