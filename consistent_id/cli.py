@@ -62,12 +62,13 @@ def _run(options: argparse.Namespace) -> int:
 
 def _each(options: argparse.Namespace, files: Sequence[Path]) -> int:
     """Work through several problems; one that fails does not stop the others."""
-    from consistent_id.problem import load_problem, require_distinct
+    from consistent_id.problem import require_distinct
+    from consistent_id.problem_file import read_problem_table
 
     answer_to, codes, records, names = _COMMANDS[options.command], [], {}, []
     for file in files:
         try:
-            names.append(load_problem(file).name)
+            names.append(read_problem_table(file).name)
             require_distinct(names)
             answer = answer_to(_of(options, file, names[-1]))
         except ConsistentIdError as error:

@@ -17,6 +17,9 @@ Three = Annotated[list[float], Meta(min_length=3, max_length=3)]
 Pair = Annotated[list[float], Meta(min_length=2, max_length=2)]
 
 
+_ROBOTS = (".urdf", ".xml", ".mjcf", ".xacro")
+
+
 class Table(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
     """A table of the file; a key that it does not name is an error."""
 
@@ -297,6 +300,11 @@ def read_problem_table(path: Path) -> ProblemTable:
     ProblemError
         If it cannot be read or does not fit; with the path of the faulty key.
     """
+    if path.suffix.lower() in _ROBOTS:
+        raise ProblemError(
+            f"{path} is a robot's file, expected a problem's. Name it in the [model] of a "
+            "problem.toml; consistent-id check takes it with a log"
+        )
     try:
         text = path.read_bytes()
     except OSError as cause:
