@@ -89,6 +89,7 @@ from consistent_id.readers import (
     JOINT_STATE,
     Columns,
     read_recording,
+    read_track,
     recording_from,
 )
 from consistent_id.recording import Recording
@@ -256,6 +257,7 @@ __all__ = [
     "mesh_vertices",
     "motion_noise",
     "read_recording",
+    "read_track",
     "recording_from",
     "resampled",
     "row_weights",

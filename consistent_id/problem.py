@@ -11,7 +11,7 @@ import numpy as np
 from consistent_id.constraints import Constraint, lowered
 from consistent_id.errors import ProblemError
 from consistent_id.parameters import did_you_mean
-from consistent_id.preparation import check_preparation, prepared
+from consistent_id.preparation import check_preparation, check_tracks, joined, prepared
 from consistent_id.priors import Penalty, PointToSet, Prior
 from consistent_id.problem_constraints import constraints_of
 from consistent_id.problem_file import (
@@ -20,14 +20,15 @@ from consistent_id.problem_file import (
     PriorTable,
     ProblemTable,
     RecordingTable,
+    TrackTable,
     read_problem_table,
 )
 from consistent_id.problem_folder import problem_files
 from consistent_id.problem_model import expanded, torque_model
-from consistent_id.readers import Columns, read_recording
+from consistent_id.readers import Columns, read_recording, read_track
 from consistent_id.recording import Recording
 from consistent_id.regressor import TorqueModel
-from consistent_id.signals import trimmed
+from consistent_id.signals import Track, trimmed
 from consistent_id.trajectory import Sinusoid, SinusoidalMotion
 
 
@@ -107,8 +108,11 @@ class Problem:
     def missing(self) -> tuple[str, ...]:
         """Recordings of the file that are not there."""
         data = self.table.data
-        entries = () if data is None else data.recordings
-        return tuple(e.file for e in entries if not self._path(e.file).exists())
+        if data is None:
+            return ()
+        files = [entry.file for entry in data.recordings]
+        files += [other.file for entry in data.recordings for other in entry.tracks]
+        return tuple(file for file in files if not self._path(file).exists())
 
     def read(self, file: str | Path, *, omit: Sequence[int] = ()) -> Recording:
         """Read a log as the problem's own recordings are read.
@@ -138,6 +142,16 @@ class Problem:
         parts = prepared(recording, data.preparation, -np.inf, np.inf)
         return max(parts, key=len)
 
+    def _track(self, entry: TrackTable) -> Track:
+        return read_track(
+            self._path(entry.file),
+            self.model.robot.joint_names,
+            entry.channel,
+            entry.column,
+            time=entry.time,
+            torque_gain=self._data().torque_gain,
+        )
+
     def _path(self, file: str | Path) -> Path:
         return self.folder / expanded(self._data().folder, self.name) / file
 
@@ -161,7 +175,10 @@ class Problem:
         for entry in self._data().recordings:
             if entry.role == role:
                 raw = self.read(entry.file, omit=entry.omit)
-                yield raw, _span(raw, entry)
+                span = _span(raw, entry)
+                for other in entry.tracks:
+                    raw = joined(raw, self._track(other), other.delay)
+                yield raw, span
 
 
 def load_problem(path: str | Path) -> Problem:
@@ -188,6 +205,8 @@ def load_problem(path: str | Path) -> Problem:
     if table.data is not None:
         columns = table.data.columns or ColumnsTable()
         check_preparation(table.data.preparation, columns)
+        tracks = [track for entry in table.data.recordings for track in entry.tracks]
+        check_tracks(tracks, table.data.preparation)
     constraints = constraints_of(table.constraints, file.parent, table.joints)
     lowered(constraints, model)  # a name that is wrong is found here, not after hours
     return Problem(

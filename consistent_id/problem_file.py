@@ -196,6 +196,16 @@ class PreparationTable(Table, frozen=True, kw_only=True):
     trim_standstill: bool | Positive = False
 
 
+class TrackTable(Table, frozen=True, kw_only=True):
+    """A channel of a recording that was written into a file of its own."""
+
+    file: str
+    channel: Literal["velocity", "acceleration", "torque"]
+    column: str
+    time: str = "time"
+    delay: float | Literal["estimated"] = 0.0
+
+
 class RecordingTable(Table, frozen=True, kw_only=True):
     """One recording and its part in the study.
 
@@ -207,6 +217,7 @@ class RecordingTable(Table, frozen=True, kw_only=True):
     role: Literal["training", "validation"]
     rows: Annotated[list[int], Meta(min_length=2, max_length=2)] | None = None
     omit: list[int] = []
+    tracks: list[TrackTable] = []
 
 
 class DataTable(Table, frozen=True, kw_only=True):
@@ -302,8 +313,8 @@ def read_problem_table(path: Path) -> ProblemTable:
     """
     if path.suffix.lower() in _ROBOTS:
         raise ProblemError(
-            f"{path} is a robot's file, expected a problem's. Name it in the [model] of a "
-            "problem.toml; consistent-id check takes it with a log"
+            f"{path} is a robot's file, expected a problem's. Name it in the [model] "
+            "of a problem.toml; consistent-id check takes it with a log"
         )
     try:
         text = path.read_bytes()

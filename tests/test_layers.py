@@ -18,13 +18,12 @@ estimators.smooth_fit estimators problem_file diagnosis.findings diagnosis.clock
 diagnosis.corrections tables readers.mat_lint readers.merging readers.units
 readers.columns readers.arrays readers.csv readers.frames readers.hdf5
 readers.jointstate readers.bag readers.mat readers.npz readers.parquet readers.files
-readers correlation drive_terms friction regressor base regression simulation
-constraints._rows constraints.datasheet constraints.parameters constraints.shape
-constraints.symmetry distances estimate link_condition mass_matrix
-estimators.least_squares estimators.robust segments parametrisation
-diagnosis.small_shifts figures constraints.motors constraints base_feasibility
-estimators.scaled_fit estimators.best_fit estimators.penalised estimators.nearest
-estimators.contradiction estimators.settled estimators.constrained
+correlation drive_terms friction regressor base regression simulation constraints._rows
+constraints.datasheet constraints.parameters constraints.shape constraints.symmetry
+distances estimate link_condition mass_matrix estimators.least_squares estimators.robust
+segments parametrisation diagnosis.small_shifts figures constraints.motors constraints
+base_feasibility estimators.scaled_fit estimators.best_fit estimators.penalised
+estimators.nearest estimators.contradiction estimators.settled estimators.constrained
 estimators.constraint_variables estimators.smooth cross_check cross_validation bootstrap
 intervals sensitivity uncertainty constraint_costs shadow_prices comparison
 problem_constraints diagnosis.explain estimators.gain_search loaded_robot
@@ -33,8 +32,9 @@ shape_misfit shape_profile shape_fit signals.clocks signals.differences signals.
 signals.fourier signals.kalman signals.period signals.resolution signals.masks
 signals.cuts signals.savitzky_golay signals.smoother signals.track signals.alignment
 signals.delay diagnosis.tell signals.folds signals cutoff preparation problem_folder
-problem_model problem published published_estimate study diagnosis.coverage
-diagnosis.diagnose diagnosis published_summary summary record commands problem_list
+problem_model readers.tracks readers problem published published_estimate study
+diagnosis.coverage diagnosis.diagnose diagnosis published_summary summary record
+commands problem_list
 """.split()
 
 HEAVY = {
