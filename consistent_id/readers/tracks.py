@@ -43,6 +43,7 @@ def read_track(
         As `read_recording`.
     """
     # A recording has a position; here it stands for whatever was written.
-    columns = replace(Columns(time, column), **{channel: column})
+    columns = Columns(time, column)
+    columns = replace(columns, **{channel: column})  # type: ignore[arg-type]
     recording = read_recording(path, joints, columns, torque_gain=torque_gain)
     return track(recording, channel)
