@@ -20,7 +20,7 @@ from consistent_id.signals.fourier import (
     fourier_differentiated,
     fourier_fit,
 )
-from consistent_id.signals.masks import row_weights, saturated, standstill
+from consistent_id.signals.masks import mask_onto, row_weights, saturated, standstill
 from consistent_id.signals.period import estimated_period
 from consistent_id.signals.resolution import encoder_resolution
 from consistent_id.signals.savitzky_golay import savitzky_golay_differentiated
@@ -48,6 +48,7 @@ __all__ = [
     "fourier_fit",
     "kalman_differentiated",
     "low_passed",
+    "mask_onto",
     "motion_noise",
     "resampled",
     "row_weights",
