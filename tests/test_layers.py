@@ -18,23 +18,23 @@ estimators.smooth_fit estimators problem_file diagnosis.findings diagnosis.clock
 diagnosis.corrections tables readers.mat_lint readers.merging readers.units
 readers.columns readers.arrays readers.csv readers.frames readers.hdf5
 readers.jointstate readers.bag readers.mat readers.npz readers.parquet readers.files
-correlation drive_terms friction regressor base regression simulation constraints._rows
+correlation drive_terms friction regressor base simulation constraints._rows
 constraints.datasheet constraints.parameters constraints.shape constraints.symmetry
-distances estimate link_condition mass_matrix estimators.least_squares estimators.robust
-segments parametrisation diagnosis.small_shifts figures constraints.motors constraints
-base_feasibility estimators.scaled_fit estimators.best_fit estimators.penalised
-estimators.nearest estimators.contradiction estimators.settled estimators.constrained
-estimators.constraint_variables estimators.smooth cross_check cross_validation bootstrap
-intervals sensitivity uncertainty constraint_costs shadow_prices comparison
-problem_constraints diagnosis.explain estimators.gain_search loaded_robot
-estimators.gains loaded_constraints estimators.payload shapes shaped_regression
-shape_misfit shape_profile shape_fit signals.clocks signals.differences signals.filters
+distances estimate link_condition mass_matrix diagnosis.small_shifts figures
+constraints.motors constraints base_feasibility estimators.constraint_variables
+comparison problem_constraints shapes signals.clocks signals.differences signals.filters
 signals.fourier signals.kalman signals.period signals.resolution signals.masks
 signals.cuts signals.savitzky_golay signals.smoother signals.track signals.alignment
-signals.delay diagnosis.tell signals.folds signals cutoff preparation problem_folder
-problem_model readers.tracks readers problem published published_estimate study
-diagnosis.coverage diagnosis.diagnose diagnosis published_summary summary record
-commands problem_list
+signals.delay diagnosis.tell signals.folds signals preparation problem_folder
+problem_model readers.tracks readers problem problem_list row_filter regression
+estimators.least_squares estimators.robust segments parametrisation
+estimators.scaled_fit estimators.best_fit estimators.penalised estimators.nearest
+estimators.contradiction estimators.settled estimators.constrained estimators.smooth
+cross_check cross_validation bootstrap intervals sensitivity uncertainty
+constraint_costs shadow_prices diagnosis.explain estimators.gain_search loaded_robot
+estimators.gains loaded_constraints estimators.payload shaped_regression shape_misfit
+shape_profile shape_fit cutoff published published_estimate study diagnosis.coverage
+diagnosis.diagnose diagnosis published_summary summary record commands
 """.split()
 
 HEAVY = {
