@@ -8,25 +8,31 @@ import argparse
 from pathlib import Path
 from time import perf_counter
 
+import blocks
+import numpy as np
+import pairs
+
 import consistent_id as ci
 
-ROBOTS = ("ur10e", "kuka_kr300", "staubli_tx40", "tiago")
+PROBLEMS = ("ur10e", "ur10e/payload.toml", "kuka_kr300", "staubli_tx40", "tiago")
 SHOWN = {
     "least squares": "least squares",
     "weighted least squares": "weighted",
     "Huber": "Huber",
     "bounded": "QP",
     "constrained": "constrained",
+    "weighted constrained": "weighted constrained",
     "cross-validated": "cross-validated prior",
 }
 BEGIN, END = "<!-- accuracy: begin -->", "<!-- accuracy: end -->"
 
 
-def rows(name: str) -> tuple[list[str], list[str]]:
-    """Return one robot's summary rows, and its rows joint by joint."""
+def rows(file: str) -> tuple[list[str], list[str]]:
+    """Return one problem's summary rows, and its rows joint by joint."""
     started = perf_counter()
-    study = ci.run_study(ci.load_problem(f"problems/{name}"))
+    study = ci.run_study(ci.load_problem(f"problems/{file}"))
     seconds = perf_counter() - started
+    name = study.problem.name
     reports = {r.estimate.method: r for r in study.comparison.reports}
     summary, detail = [], []
     for i, recording in enumerate(study.validation):
@@ -56,6 +62,21 @@ def rows(name: str) -> tuple[list[str], list[str]]:
     return summary, [*title, *detail, ""]
 
 
+def across_recordings(every: pairs.Pairs, held_out: blocks.Blocks) -> list[str]:
+    """Return summary rows of the UR10e's pairs and of the TX40's blocks."""
+    errors = {method: every.held_out(method) for method in SHOWN}
+    number = len(errors["constrained"])
+    shown = {
+        f"ur10e, median of {number} pairs": [np.median(e) for e in errors.values()],
+        f"ur10e, worst of {number} pairs": [np.max(e) for e in errors.values()],
+        f"staubli_tx40, {blocks.COUNT} blocks": [held_out.overall[m] for m in SHOWN],
+    }
+    return [
+        f"| {label} | {' | '.join(f'{share:.2%}' for share in shares)} |"
+        for label, shares in shown.items()
+    ]
+
+
 def measure() -> tuple[str, str]:
     """Return the summary table, and the page."""
     header = [
@@ -63,10 +84,13 @@ def measure() -> tuple[str, str]:
         "|---|" + "---:|" * len(SHOWN),
     ]
     summaries, details = [], []
-    for name in ROBOTS:
+    for name in PROBLEMS:
         summary, detail = rows(name)
         summaries += summary
         details += detail
+    every, held_out = pairs.measure(), blocks.measure()
+    summaries += across_recordings(every, held_out)
+    details += pairs.section(every, SHOWN) + blocks.section(held_out, SHOWN)
     table = "\n".join([*header, *summaries])
     page = "\n".join(
         [

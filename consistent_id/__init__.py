@@ -107,11 +107,12 @@ from consistent_id.model import (
     RobotModel,
 )
 from consistent_id.priors import Penalty, PointToSet
-from consistent_id.problem import Problem, load_problem
+from consistent_id.problem import Problem, load_problem, load_problems
 from consistent_id.readers import (
     JOINT_STATE,
     Columns,
     read_recording,
+    read_track,
     recording_from,
 )
 from consistent_id.recording import Recording
@@ -127,10 +128,12 @@ from consistent_id.shape_fit import ShapeFit, fit_shapes
 from consistent_id.shapes import shapes_of, with_shapes
 from consistent_id.signals import (
     Delay,
+    Fold,
     FourierFit,
     MotionNoise,
     Track,
     aligned,
+    blocked_folds,
     decimated,
     differentiated,
     encoder_resolution,
@@ -141,6 +144,7 @@ from consistent_id.signals import (
     fourier_fit,
     kalman_differentiated,
     low_passed,
+    mask_onto,
     motion_noise,
     resampled,
     row_weights,
@@ -202,6 +206,7 @@ __all__ = [
     "FixedFrame",
     "FixedMasses",
     "FixedParameters",
+    "Fold",
     "FourierFit",
     "FourierTrajectory",
     "GearCoupling",
@@ -259,6 +264,7 @@ __all__ = [
     "base_feasibility",
     "base_parameters",
     "best_cutoff",
+    "blocked_folds",
     "body_from_log_cholesky",
     "bootstrap",
     "build_regression",
@@ -301,10 +307,12 @@ __all__ = [
     "lint_urdf",
     "load_mjcf",
     "load_problem",
+    "load_problems",
     "load_urdf",
     "log_cholesky_from_body",
     "log_cholesky_jacobian",
     "low_passed",
+    "mask_onto",
     "mesh_vertices",
     "motion_limits",
     "motion_noise",
@@ -312,6 +320,7 @@ __all__ = [
     "plane",
     "prove_clearance",
     "read_recording",
+    "read_track",
     "read_trajectory",
     "recording_from",
     "resampled",

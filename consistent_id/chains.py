@@ -225,6 +225,11 @@ class _Part:
 def _motion(joint: Joint, position: float) -> tuple[Matrix, Vector]:
     if not np.isfinite(position):
         raise ModelError(f"joint {joint.name!r} is locked at {position}")
+    if joint.kind == "revolute" and abs(position) > 2.0 * np.pi:
+        raise ModelError(
+            f"joint {joint.name!r} is locked at {position:g} rad, more than a full "
+            "turn. If these are degrees, convert them"
+        )
     if joint.kind == "prismatic":
         return np.eye(3), position * joint.axis
     return turn(joint.axis, position), np.zeros(3)

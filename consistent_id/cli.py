@@ -9,10 +9,12 @@ import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 from consistent_id.errors import ConsistentIdError, SolverError
 
 _EPILOG = """examples:
+  consistent-id info problems
   consistent-id info problems/rx60
   consistent-id check problems/ur10e
   consistent-id check robot.urdf log.csv --position q_{joint} --torque tau_{joint}
@@ -22,23 +24,87 @@ _EPILOG = """examples:
 """
 
 
+class Answer(NamedTuple):
+    """What a command has to say of one problem."""
+
+    code: int
+    text: str
+    record: object
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the tool; return its exit code."""
     options = _parser().parse_args(arguments)
     try:
-        return int(_COMMANDS[options.command](options))
-    except SolverError as error:
-        print(f"consistent-id: {error}", file=sys.stderr)
-        return 3
+        return _run(options)
     except ConsistentIdError as error:
-        print(f"consistent-id: {error}", file=sys.stderr)
-        return 2
+        return _told(error)
     except KeyboardInterrupt:
         print("consistent-id: interrupted", file=sys.stderr)
         return 130
     except BrokenPipeError:
         sys.stderr.close()  # the reader, such as `head`, has gone
         return 0
+
+
+def _run(options: argparse.Namespace) -> int:
+    from consistent_id.problem_folder import problem_files
+
+    answer_to = _COMMANDS[options.command]
+    if getattr(options, "log", None) is not None:
+        return _shown(options, answer_to(options))
+    files = problem_files(options.problem)
+    if len(files) > 1 and options.command == "info":
+        return _shown(options, _listed(options, files))
+    if len(files) > 1:
+        return _each(options, files)
+    return _shown(options, answer_to(_of(options, files[0])))
+
+
+def _each(options: argparse.Namespace, files: Sequence[Path]) -> int:
+    """Work through several problems; one that fails does not stop the others."""
+    from consistent_id.problem import require_distinct
+    from consistent_id.problem_file import read_problem_table
+
+    answer_to, codes, records, names = _COMMANDS[options.command], [], {}, []
+    for file in files:
+        try:
+            names.append(read_problem_table(file).name)
+            require_distinct(names)
+            answer = answer_to(_of(options, file, names[-1]))
+        except ConsistentIdError as error:
+            codes.append(_told(error))
+            continue
+        codes.append(answer.code)
+        records[names[-1]] = answer.record
+        if not options.json:
+            print(f"=== {names[-1]}\n\n{answer.text}\n", flush=True)
+    if options.json:
+        print(json.dumps(records, indent=1, allow_nan=False))
+    return max(codes)
+
+
+def _of(
+    options: argparse.Namespace, file: Path, name: str | None = None
+) -> argparse.Namespace:
+    """Return the options for one problem; of several, each has its own folder."""
+    chosen = argparse.Namespace(**{**vars(options), "problem": file})
+    if name is not None and getattr(options, "output", None) is not None:
+        chosen.output = options.output / name
+    return chosen
+
+
+def _shown(options: argparse.Namespace, answer: Answer) -> int:
+    if options.json:
+        print(json.dumps(answer.record, indent=1, allow_nan=False))
+    else:
+        print(answer.text)
+    return answer.code
+
+
+def _told(error: ConsistentIdError) -> int:
+    print(f"consistent-id: {error}", file=sys.stderr)
+    return 3 if isinstance(error, SolverError) else 2
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -62,7 +128,9 @@ def _parser() -> argparse.ArgumentParser:
     ):
         command = commands.add_parser(name, help=text, description=text)
         command.add_argument(
-            "problem", type=Path, help="folder with a problem.toml, or the file"
+            "problem",
+            type=Path,
+            help="folder with a problem.toml, the file, or a folder of several",
         )
         if name == "check":
             _add_log_options(command)
@@ -129,7 +197,14 @@ def _add_design_options(command: argparse.ArgumentParser) -> None:
     )
 
 
-def _check(options: argparse.Namespace) -> int:
+def _listed(options: argparse.Namespace, files: Sequence[Path]) -> Answer:
+    from consistent_id.problem_list import list_problems
+
+    table = list_problems(options.problem, files)
+    return Answer(0, table.text(), [_as_dict(table)])
+
+
+def _check(options: argparse.Namespace) -> Answer:
     from consistent_id.commands import check_log, check_problem
     from consistent_id.diagnosis.tell import diagnosis_record
     from consistent_id.problem import load_problem
@@ -144,26 +219,19 @@ def _check(options: argparse.Namespace) -> int:
         found, table = check_log(
             options.problem, options.log, columns, cutoff=options.cutoff
         )
-    if options.json:
-        print(json.dumps(diagnosis_record(found), indent=1))
-    else:
-        print(table.text())
-    return 1 if found.faults else 0
+    return Answer(1 if found.faults else 0, table.text(), diagnosis_record(found))
 
 
-def _info(options: argparse.Namespace) -> int:
+def _info(options: argparse.Namespace) -> Answer:
     from consistent_id.commands import info
     from consistent_id.problem import load_problem
 
     tables = info(load_problem(options.problem))
-    if options.json:
-        print(json.dumps([_as_dict(table) for table in tables], indent=1))
-    else:
-        print("\n\n".join(table.text() for table in tables))
-    return 0
+    text = "\n\n".join(table.text() for table in tables)
+    return Answer(0, text, [_as_dict(table) for table in tables])
 
 
-def _excite(options: argparse.Namespace) -> int:
+def _excite(options: argparse.Namespace) -> Answer:
     from consistent_id.excitation.record import design_record, design_tables
     from consistent_id.excite import excite, write_excited
     from consistent_id.problem import load_problem
@@ -180,16 +248,12 @@ def _excite(options: argparse.Namespace) -> int:
     )
     folder = options.output or Path("results") / problem.name
     written = write_excited(excited, folder)
-    if options.json:
-        record = design_record(excited.design, excited.validation)
-        print(json.dumps(record, indent=1, allow_nan=False))
-    else:
-        print("\n\n".join(table.text() for table in design_tables(excited.design)))
-        print("\nwritten: " + ", ".join(str(path) for path in written))
-    return 0
+    text = "\n\n".join(table.text() for table in design_tables(excited.design))
+    text += "\n\nwritten: " + ", ".join(str(path) for path in written)
+    return Answer(0, text, design_record(excited.design, excited.validation))
 
 
-def _identify(options: argparse.Namespace) -> int:
+def _identify(options: argparse.Namespace) -> Answer:
     from consistent_id.commands import identify_problem, uncertainty_of
     from consistent_id.problem import load_problem
 
@@ -202,15 +266,12 @@ def _identify(options: argparse.Namespace) -> int:
         )
         tables.append(table)
         record["uncertainty"] = found.to_dict()
-    if options.json:
-        print(json.dumps(record, indent=1))
-    else:
-        print("\n\n".join(table.text() for table in tables))
     certified = any(e.certificate.verdict == "certified" for e in estimates)
-    return 0 if certified else 1
+    text = "\n\n".join(table.text() for table in tables)
+    return Answer(0 if certified else 1, text, record)
 
 
-def _compare(options: argparse.Namespace) -> int:
+def _compare(options: argparse.Namespace) -> Answer:
     from consistent_id.commands import compare_problem
     from consistent_id.problem import load_problem
     from consistent_id.record import study_record
@@ -218,13 +279,14 @@ def _compare(options: argparse.Namespace) -> int:
     problem = load_problem(options.problem)
     output = options.output or Path("results") / problem.name
     study, tables, written = compare_problem(problem, output)
-    if options.json:
-        print(json.dumps(study_record(study), indent=1, allow_nan=False))
-    else:
-        print("\n\n".join(table.text() for table in tables))
-        print("\nwritten: " + ", ".join(str(path) for path in written))
+    text = "\n\n".join(
+        [
+            *(table.text() for table in tables),
+            "written: " + ", ".join(str(path) for path in written),
+        ]
+    )
     usable = any(report.verdict == "certified" for report in study.comparison.reports)
-    return 0 if usable else 1
+    return Answer(0 if usable else 1, text, study_record(study))
 
 
 def _as_dict(table: object) -> dict[str, object]:

@@ -1,6 +1,7 @@
 """What the shell commands do, as functions that return values and write files."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 from consistent_id._files import require_writable, write_atomically
@@ -12,6 +13,7 @@ from consistent_id.figures import motion_figure, save_figure, torque_figure
 from consistent_id.friction import DriveTerms
 from consistent_id.loaders import load_mjcf, load_urdf
 from consistent_id.problem import Problem
+from consistent_id.problem_folder import toml_files
 from consistent_id.readers import Columns, read_recording
 from consistent_id.record import study_record
 from consistent_id.recording import Recording
@@ -52,6 +54,10 @@ def info(problem: Problem) -> list[Table]:
             for coupling in model.couplings
         ),
     )
+    here = [file.name for file in toml_files(problem.folder)]
+    if len(here) > 1:
+        note = f"problem files of this folder: {', '.join(here)}"
+        links = replace(links, notes=(*links.notes, note))
     groups = Table(
         f"Base parameters: {len(base)} of {len(model.layout)} (structural rank)",
         ("leading parameter", "grouping"),

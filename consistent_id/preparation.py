@@ -1,13 +1,16 @@
 """What a problem file asks to be done to its recordings, done."""
 
+from collections.abc import Iterable
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 
 from consistent_id.errors import ProblemError
-from consistent_id.problem_file import ColumnsTable, PreparationTable
+from consistent_id.problem_file import ColumnsTable, PreparationTable, TrackTable
 from consistent_id.recording import Recording
 from consistent_id.signals import (
+    Track,
     aligned,
     decimated,
     differentiated,
@@ -24,6 +27,8 @@ from consistent_id.signals import (
     trim_standstill,
     trimmed,
 )
+from consistent_id.signals.clocks import is_uniform, own_rate
+from consistent_id.signals.fourier import require_repeating
 
 # Keys that belong to one method alone; those marked must be given with it.
 _KEYS = {
@@ -32,6 +37,28 @@ _KEYS = {
     "smoother": {"order": False},
     "fourier": {"period": True, "harmonics": False},
 }
+
+
+def check_tracks(tracks: Iterable[TrackTable], table: PreparationTable) -> None:
+    """Refuse channels of their own that would go unused, or a delay unheard of.
+
+    Raises
+    ------
+    ProblemError
+        With the channel.
+    """
+    for entry in tracks:
+        where = f"[[data.recordings.tracks]]: {entry.channel} of {entry.file}"
+        if entry.channel == "torque" and entry.delay == "estimated":
+            raise ProblemError(
+                f"{where}: the delay of torque cannot be found from motion alone; give "
+                "a number of seconds"
+            )
+        if entry.channel != "torque" and table.method != "butterworth":
+            raise ProblemError(
+                f'{where}: method = "{table.method}" takes all motion from the '
+                "position; leave it out"
+            )
 
 
 def check_preparation(table: PreparationTable, columns: ColumnsTable) -> None:
@@ -77,6 +104,23 @@ def check_preparation(table: PreparationTable, columns: ColumnsTable) -> None:
             f"{where}: a series is fitted to the rows that are kept; give the rows of "
             "the recording instead of trim_standstill"
         )
+
+
+def joined(
+    recording: Recording, late: Track, delay: float | Literal["estimated"]
+) -> Recording:
+    """Bring a channel that was written on another clock to a recording.
+
+    Raises
+    ------
+    RecordingError
+        If the recording has gaps, the two do not overlap, or no delay can be found.
+    """
+    if not is_uniform(recording):
+        recording = resampled(recording, own_rate(recording))
+    if delay == "estimated":
+        delay = estimate_delay(track(recording, "position"), late).seconds
+    return aligned(recording, late, delay=delay)
 
 
 def prepared(
@@ -154,8 +198,9 @@ def _with_motion(
         # The way to the start of a periodic motion is not part of it.
         kept = trimmed(part, start, stop)
         period = estimated_period(kept) if table.period == "estimated" else table.period
-        series = fourier_fit(kept, period, table.harmonics).trajectory
-        q, dq, ddq = series.evaluate(part.time)
+        fit = fourier_fit(kept, period, table.harmonics)
+        require_repeating(kept, fit)
+        q, dq, ddq = fit.trajectory.evaluate(part.time)
         return replace(part, position=q, velocity=dq, acceleration=ddq)
     return differentiated(part)
 

@@ -1,47 +1,34 @@
 """An identification problem: robot, data, assumptions, as one value."""
 
-import os
-import string
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
 import msgspec
 import numpy as np
 
-from consistent_id.chains import Selection, selected
 from consistent_id.constraints import Constraint, lowered
 from consistent_id.errors import ProblemError
-from consistent_id.friction import DriveTerms, GearCoupling
-from consistent_id.loaders import (
-    DHRow,
-    from_classical_dh,
-    from_modified_dh,
-    load_mjcf,
-    load_urdf,
-)
-from consistent_id.model import STANDARD_GRAVITY, Datasheet, JointLimits, RobotModel
 from consistent_id.parameters import did_you_mean
-from consistent_id.preparation import check_preparation, prepared
+from consistent_id.preparation import check_preparation, check_tracks, joined, prepared
 from consistent_id.priors import Penalty, PointToSet, Prior
 from consistent_id.problem_constraints import constraints_of
 from consistent_id.problem_file import (
     ColumnsTable,
-    CouplingTable,
     DataTable,
-    DHTable,
-    DriveTable,
-    LinkTable,
     PriorTable,
     ProblemTable,
     RecordingTable,
+    TrackTable,
     read_problem_table,
 )
-from consistent_id.readers import Columns, read_recording
+from consistent_id.problem_folder import problem_files
+from consistent_id.problem_model import expanded, torque_model
+from consistent_id.readers import Columns, read_recording, read_track
 from consistent_id.recording import Recording
 from consistent_id.regressor import TorqueModel
-from consistent_id.signals import trimmed
+from consistent_id.signals import Track, trimmed
 from consistent_id.sinusoids import Sinusoid, SinusoidalMotion
 
 
@@ -110,11 +97,63 @@ class Problem:
             for raw, span in self._logged(role)
         )
 
+    @property
+    def has_data(self) -> bool:
+        """Whether there is something to learn from, recorded or simulated."""
+        table = self.table
+        simulated = table.simulation is not None and table.published is not None
+        return table.data is not None or simulated
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """Recordings of the file that are not there."""
+        data = self.table.data
+        if data is None:
+            return ()
+        files = [entry.file for entry in data.recordings]
+        files += [other.file for entry in data.recordings for other in entry.tracks]
+        return tuple(file for file in files if not self._path(file).exists())
+
+    def read(self, file: str | Path, *, omit: Sequence[int] = ()) -> Recording:
+        """Read a log as the problem's own recordings are read.
+
+        Parameters
+        ----------
+        file : str or Path
+            In the folder of the recordings, unless it is absolute.
+        omit : sequence of int
+            Broken rows to leave out, counted from 1.
+        """
+        data = self._data()
+        return read_recording(
+            self._path(file),
+            self.model.robot.joint_names,
+            None
+            if data.columns is None
+            else Columns(**msgspec.structs.asdict(data.columns)),
+            torque_gain=data.torque_gain,
+            topic=data.topic,
+            omit=omit,
+        )
+
     def prepare(self, recording: Recording) -> Recording:
         """Prepare a recording as the file asks; the longest part if it has gaps."""
         data = self._data()
         parts = prepared(recording, data.preparation, -np.inf, np.inf)
         return max(parts, key=len)
+
+    def _track(self, entry: TrackTable) -> Track:
+        return read_track(
+            self._path(entry.file),
+            self.model.robot.joint_names,
+            entry.channel,
+            entry.column,
+            time=entry.time,
+            torque_gain=self._data().torque_gain,
+        )
+
+    def _path(self, file: str | Path) -> Path:
+        return self.folder / expanded(self._data().folder, self.name) / file
 
     def _data(self) -> DataTable:
         data = self.table.data
@@ -133,12 +172,13 @@ class Problem:
 
     def _logged(self, role: str) -> Iterator[tuple[Recording, tuple[float, float]]]:
         """Yield recordings as logged, and the times between which they count."""
-        data = self._data()
-        folder = self.folder / _expanded(data.folder, self.name)
-        for entry in data.recordings:
+        for entry in self._data().recordings:
             if entry.role == role:
-                raw = _read(folder, entry, data, self.model.robot)
-                yield raw, _span(raw, entry)
+                raw = self.read(entry.file, omit=entry.omit)
+                span = _span(raw, entry)
+                for other in entry.tracks:
+                    raw = joined(raw, self._track(other), other.delay)
+                yield raw, span
 
 
 def load_problem(path: str | Path) -> Problem:
@@ -147,30 +187,26 @@ def load_problem(path: str | Path) -> Problem:
     Raises
     ------
     ProblemError
-        If the file does not fit; with the path of the faulty key.
+        If the file does not fit; with the path of the faulty key.  If the folder has
+        no ``problem.toml`` and holds several problems; with their files.
     ModelError
         If the robot cannot be built.
     """
-    path = Path(path)
-    file = path / "problem.toml" if path.is_dir() else path
+    files = problem_files(path)
+    if len(files) > 1:
+        found = ", ".join(str(file.relative_to(path)) for file in files)
+        raise ProblemError(
+            f"{path} holds {len(files)} problems: {found}. Name one of them, or load "
+            "them all with load_problems"
+        )
+    (file,) = files
     table = read_problem_table(file)
-    robot = _robot(table, file.parent)
-    robot = robot.with_datasheet(
-        {name: _datasheet(robot, name, link) for name, link in table.links.items()}
-    )
-    for name in table.joints:
-        if name not in robot.joint_names:
-            near = did_you_mean(name, robot.joint_names)
-            raise ProblemError(f"{file}: [joints.{name}]: no such joint; {near}")
-    drive = tuple(
-        _drive(table.joints.get(name, table.drive)) for name in robot.joint_names
-    )
-    couplings = tuple(_coupling(coupling) for coupling in table.couplings)
-    measured = () if table.data is None else tuple(table.data.torque_joints)
-    model = TorqueModel(robot, drive, couplings, measured)
+    model = torque_model(table, file)
     if table.data is not None:
         columns = table.data.columns or ColumnsTable()
         check_preparation(table.data.preparation, columns)
+        tracks = [track for entry in table.data.recordings for track in entry.tracks]
+        check_tracks(tracks, table.data.preparation)
     constraints = constraints_of(table.constraints, file.parent, table.joints)
     lowered(constraints, model)  # a name that is wrong is found here, not after hours
     return Problem(
@@ -180,6 +216,39 @@ def load_problem(path: str | Path) -> Problem:
         constraints=constraints,
         prior=_prior(table.prior, file),
     )
+
+
+def load_problems(folder: str | Path) -> tuple[Problem, ...]:
+    """Load every problem of a folder: several robots, or several problems of one.
+
+    Parameters
+    ----------
+    folder : str or Path
+        See `problem_files`.
+
+    Raises
+    ------
+    ProblemError, ModelError
+        See `load_problem`; or if two problems have one name.
+
+    Examples
+    --------
+    >>> [problem.model.robot.name for problem in load_problems("problems/rx60")]
+    ['rx60']
+    """
+    problems = tuple(load_problem(file) for file in problem_files(folder))
+    require_distinct([problem.name for problem in problems])
+    return problems
+
+
+def require_distinct(names: Sequence[str]) -> None:
+    """Refuse problems of one name: their results would overwrite each other."""
+    for name in names:
+        if names.count(name) > 1:
+            raise ProblemError(
+                f"two problems of the folder are named {name!r}; names tell results "
+                "apart"
+            )
 
 
 def _prior(table: PriorTable, file: Path) -> Prior:
@@ -193,115 +262,20 @@ def _prior(table: PriorTable, file: Path) -> Prior:
     return Penalty(table.weight, table.distance)
 
 
-def _robot(table: ProblemTable, folder: Path) -> RobotModel:
-    model = table.model
-    forms = ("urdf", "mjcf", "modified_dh", "classical_dh")
-    given = [form for form in forms if getattr(model, form)]
-    if len(given) != 1:
-        seen = f"has {' and '.join(given)}" if given else "has none"
-        raise ProblemError(
-            f"problem {table.name!r}: [model] needs one of {', '.join(forms)}, {seen}"
-        )
-    selection = Selection(model.base, model.tip, model.joints, model.locked)
-    gravity = STANDARD_GRAVITY if model.gravity is None else model.gravity
-    if model.urdf is not None:
-        file = folder / _expanded(model.urdf, table.name)
-        return load_urdf(file, gravity=gravity, **asdict(selection))
-    if model.mjcf is not None:
-        file = folder / _expanded(model.mjcf, table.name)
-        return load_mjcf(file, gravity=model.gravity, **asdict(selection))
-    rows = [_dh_row(row) for row in model.modified_dh or model.classical_dh]
-    build = from_modified_dh if model.modified_dh else from_classical_dh
-    return selected(build(table.name, rows, gravity=gravity), selection)
-
-
-def _dh_row(row: DHTable) -> DHRow:
-    limits = JointLimits(
-        -np.inf if row.lower is None else row.lower,
-        np.inf if row.upper is None else row.upper,
-        row.velocity or np.inf,
-        row.effort or np.inf,
-    )
-    alpha, theta = np.radians(row.alpha_deg), np.radians(row.theta_deg)
-    return DHRow(float(alpha), row.a, row.d, float(theta), row.kind, limits)
-
-
-def _datasheet(robot: RobotModel, name: str, table: LinkTable) -> Datasheet:
-    """Datasheet of the file over that of the model."""
-    known = {link.name: link.datasheet for link in robot.links}.get(name, Datasheet())
-    bounds = table.mass_bounds
-    return Datasheet(
-        mass=known.mass if table.mass is None else table.mass,
-        mass_bounds=known.mass_bounds if bounds is None else (bounds[0], bounds[1]),
-        com=known.com if table.com is None else np.array(table.com),
-        com_box=known.com_box if table.com_box is None else np.array(table.com_box),
-    )
-
-
-def _drive(table: DriveTable) -> DriveTerms:
-    return DriveTerms(
-        viscous=table.viscous,
-        coulomb=table.coulomb,
-        velocity_scale=table.velocity_scale,
-        offset=table.offset,
-        rotor_inertia=table.rotor_inertia,
-        spring=table.spring,
-        asymmetric=table.asymmetric,
-        stribeck_velocity=table.stribeck_velocity,
-        stribeck_exponent=table.stribeck_exponent,
-        load_friction=table.load_friction,
-    )
-
-
-def _coupling(table: CouplingTable) -> GearCoupling:
-    return GearCoupling(
-        table.first,
-        table.second,
-        table.viscous,
-        table.coulomb,
-        table.velocity_scale,
-        table.rotor_inertia,
-    )
-
-
-def _expanded(path: str, problem: str) -> str:
-    """Replace ``${NAME}`` by environment variables; a missing one is an error."""
-    try:
-        return string.Template(path).substitute(os.environ)
-    except KeyError as missing:
-        name = missing.args[0]
-        raise ProblemError(
-            f"problem {problem!r}: {path} needs the environment variable {name}, which "
-            "is not set. Set it to the folder that holds the data"
-        ) from None
-    except ValueError as cause:
-        raise ProblemError(f"problem {problem!r}: {path}: {cause}") from None
-
-
-def _read(
-    folder: Path, entry: RecordingTable, data: DataTable, robot: RobotModel
-) -> Recording:
-    return read_recording(
-        folder / entry.file,
-        robot.joint_names,
-        None
-        if data.columns is None
-        else Columns(**msgspec.structs.asdict(data.columns)),
-        torque_gain=data.torque_gain,
-        topic=data.topic,
-    )
-
-
 def _span(raw: Recording, entry: RecordingTable) -> tuple[float, float]:
     """Return the times of the first and the last row that count."""
     if entry.rows is None:
         return -np.inf, np.inf
     first, last = entry.rows
-    if not 1 <= first < last <= len(raw):
+    omitted = set(entry.omit)
+    rows = len(raw) + len(omitted)
+    if not 1 <= first < last <= rows:
         raise ProblemError(
-            f"{raw.name}: rows {first} to {last}, but the file has {len(raw)}"
+            f"{raw.name}: rows {first} to {last}, but the file has {rows}"
         )
-    return float(raw.time[first - 1]), float(raw.time[last - 1])
+    start = first - 1 - sum(row < first for row in omitted)
+    stop = last - 1 - sum(row <= last for row in omitted)
+    return float(raw.time[start]), float(raw.time[stop])
 
 
 def _ends(amplitude: float | list[float]) -> tuple[float, float]:

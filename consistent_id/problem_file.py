@@ -14,6 +14,8 @@ from consistent_id.excitation_file import ExcitationTable
 from consistent_id.file_tables import NonNegative, Pair, Positive, Table, Three
 from consistent_id.laboratory_file import LaboratoryTable, TaskTable
 
+_ROBOTS = (".urdf", ".xml", ".mjcf", ".xacro")
+
 
 class DHTable(Table, frozen=True, kw_only=True):
     """One row of Denavit-Hartenberg parameters; angles in degrees."""
@@ -187,12 +189,28 @@ class PreparationTable(Table, frozen=True, kw_only=True):
     trim_standstill: bool | Positive = False
 
 
+class TrackTable(Table, frozen=True, kw_only=True):
+    """A channel of a recording that was written into a file of its own."""
+
+    file: str
+    channel: Literal["velocity", "acceleration", "torque"]
+    column: str
+    time: str = "time"
+    delay: float | Literal["estimated"] = 0.0
+
+
 class RecordingTable(Table, frozen=True, kw_only=True):
-    """One recording and its part in the study; rows are counted from 1, both kept."""
+    """One recording and its part in the study.
+
+    Rows are counted from 1, as the file has them; the first and the last are kept,
+    those to omit are not.
+    """
 
     file: str
     role: Literal["training", "validation"]
     rows: Annotated[list[int], Meta(min_length=2, max_length=2)] | None = None
+    omit: list[int] = []
+    tracks: list[TrackTable] = []
 
 
 class DataTable(Table, frozen=True, kw_only=True):
@@ -289,6 +307,11 @@ def read_problem_table(path: Path) -> ProblemTable:
     ProblemError
         If it cannot be read or does not fit; with the path of the faulty key.
     """
+    if path.suffix.lower() in _ROBOTS:
+        raise ProblemError(
+            f"{path} is a robot's file, expected a problem's. Name it in the [model] "
+            "of a problem.toml; consistent-id check takes it with a log"
+        )
     try:
         text = path.read_bytes()
     except OSError as cause:

@@ -80,8 +80,11 @@ class Recording:
             bad = int(np.argmin(np.isfinite(time)))
             raise RecordingError(f"{self.name}: time of sample {bad} is {time[bad]}")
         if abs(time).max() > _LATEST:
+            bad = int(np.argmax(abs(time)))
             raise RecordingError(
-                f"{self.name}: time reaches {abs(time).max():.3g} s, expected seconds"
+                f"{self.name}: time of sample {bad} is {time[bad]:.3g} s, expected "
+                "seconds. If that row is broken, leave it out: read_recording and "
+                f"[[data.recordings]] take omit = [{bad + 1}]"
             )
         steps = np.diff(time)
         if (steps <= 0.0).any():

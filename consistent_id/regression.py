@@ -25,9 +25,10 @@ from consistent_id.errors import NotExcitedError, ProblemError, RecordingError
 from consistent_id.parameters import ParameterLayout
 from consistent_id.recording import Recording
 from consistent_id.regressor import CHUNK, TorqueModel
+from consistent_id.row_filter import RowFilter
+from consistent_id.signals.clocks import uniform_rate
 
 _WORKERS = 2
-_PIECE = 4 * CHUNK  # samples that one worker compresses before factors are merged
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,6 +118,7 @@ def build_regression(
     recordings: Recording | Sequence[Recording],
     *,
     row_weights: Sequence[Array] | None = None,
+    decimate: int = 1,
 ) -> Regression:
     """Compress recordings into a `Regression`.
 
@@ -129,11 +131,17 @@ def build_regression(
         Factors by which each row and its torque are multiplied, one array for each
         recording, in the order of the model's torque joints.  Rows of weight 0 do not
         count as samples.
+    decimate : int
+        Keep one row of so many, mixed from those around it; torque likewise.  Unlike a
+        filter on motion and torque (`decimated`) this leaves the equations exactly
+        true, also where a joint turns back and friction jumps: filter only the motion
+        before, leave the torque as it was recorded.  See `RowFilter`.
 
     Raises
     ------
     RecordingError
-        If a channel or a joint is missing.
+        If a channel or a joint is missing; of rows to decimate, if the clock is not
+        uniform or the recording too short.
     NotExcitedError
         If there is no recording.
     """
@@ -150,14 +158,16 @@ def build_regression(
         motion_of(model, recording, None if row_weights is None else row_weights[i])
         for i, recording in enumerate(recordings)
     ]
+    thin = RowFilter(decimate)
+    kept = [_centres(recording, thin) for recording in recordings]
     pieces = [
-        (motion, slice(start, start + _PIECE))
-        for motion in motions
-        for start in range(0, len(motion.torque), _PIECE)
+        (motion, piece)
+        for motion, centres in zip(motions, kept, strict=True)
+        for piece in thin.pieces(centres)
     ]
 
     def compressed(piece: tuple[Motion, slice]) -> list[Matrix]:
-        return _compress(model, structure, *piece)
+        return _compress(model, structure, *piece, thin)
 
     # NumPy and LAPACK free the interpreter's lock, so pieces run side by side; threads
     # inside a factorisation of this size make it slower, and change its last bits.
@@ -174,7 +184,8 @@ def build_regression(
         np.hstack([R[:, :-1] @ expand, R[:, -1:]])
         for R, (_, expand) in zip(merged, structure, strict=True)
     )
-    counts = np.sum([_counts(motion) for motion in motions], axis=0)
+    pairs = zip(motions, kept, strict=True)
+    counts = np.sum([_counts(*pair) for pair in pairs], axis=0)
     if not counts.all():
         unseen = model.torque_joints[int(np.argmin(counts))]
         raise NotExcitedError(f"every row of {unseen} has the weight 0")
@@ -261,11 +272,18 @@ def motion_of(
     return Motion(recording.position, dq, ddq, tau, weights)
 
 
-def _counts(motion: Motion) -> IntArray:
+def _centres(recording: Recording, thin: RowFilter) -> range:
+    """Return the samples whose rows are kept."""
+    if thin.factor > 1:
+        uniform_rate(recording)  # else rows around a sample are not evenly around it
+    return thin.centres(len(recording), recording.name)
+
+
+def _counts(motion: Motion, centres: range) -> IntArray:
     """Return how many samples there are of each joint's torque."""
     if motion.weights is None:
-        return np.full(motion.torque.shape[1], len(motion.torque))
-    return np.asarray(np.count_nonzero(motion.weights, axis=0))
+        return np.full(motion.torque.shape[1], len(centres))
+    return np.asarray(np.count_nonzero(motion.weights[centres], axis=0))
 
 
 def _compress(
@@ -273,12 +291,16 @@ def _compress(
     structure: Sequence[tuple[IntArray, Matrix]],
     motion: Motion,
     piece: slice,
+    thin: RowFilter,
 ) -> list[Matrix]:
     """Return, per joint, the triangular factor of its rows in a piece of a motion."""
     tau = motion.torque[piece]
     weights = None if motion.weights is None else motion.weights[piece]
     factors = [np.zeros((0, len(kept) + 1)) for kept, _ in structure]
-    for part, Y in model.chunks(motion.q[piece], motion.dq[piece], motion.ddq[piece]):
+    # Rows to be mixed with each other come in one chunk.
+    size = CHUNK if thin.factor == 1 else len(tau)
+    state = motion.q[piece], motion.dq[piece], motion.ddq[piece]
+    for part, Y in model.chunks(*state, size=size):
         for j, (kept, _) in enumerate(structure):
             done = len(factors[j])
             rows = np.empty((done + Y.shape[2], len(kept) + 1), order="F")
@@ -287,7 +309,7 @@ def _compress(
             rows[done:, -1] = tau[part, j]
             if weights is not None:
                 rows[done:] *= weights[part, j, None]
-            factors[j] = triangle(rows)
+            factors[j] = triangle(thin(rows))
     return factors
 
 

@@ -263,7 +263,7 @@ def recordings_of(
     """Return a problem's training and validation recordings, real or simulated."""
     if problem.table.data is not None:
         return problem.training, problem.validation
-    if problem.table.published is None or problem.table.simulation is None:
+    if not problem.has_data:
         raise ProblemError(
             f"problem {problem.name!r} has neither [data] nor a [simulation] with a "
             "[published] truth; there is nothing to learn from"

@@ -4,7 +4,10 @@ import importlib.util
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+import consistent_id as ci
 
 
 def _benchmark(name):
@@ -24,6 +27,21 @@ def test_our_way_and_the_stacked_way_leave_the_same_residual():
     assert speed.ours(model, data)["residual"] == pytest.approx(
         speed.stacked(model, data)["residual"], rel=1e-9
     )
+
+
+def test_the_stacked_error_comes_out_of_compressed_recordings():
+    speed = _benchmark("speed")
+    model = speed.arm()
+    log = speed.log(model, 3000)
+    halves = [log.samples(slice(0, 1000)), log.samples(slice(1000, 3000))]
+    regressions = [ci.build_regression(model, half) for half in halves]
+    fits = [ci.least_squares(model, r) for r in reversed(regressions)]
+    missed = np.vstack(
+        [h.torque - f.predict(h) for h, f in zip(halves, fits, strict=True)]
+    )
+    error = _benchmark("pairs").stacked_error(regressions, [f.parameters for f in fits])
+    direct = np.linalg.norm(missed) / np.linalg.norm(log.torque)
+    assert error == pytest.approx(direct, rel=1e-9)
 
 
 def test_the_table_of_the_constrained_solve_can_be_made():

@@ -136,3 +136,8 @@ def test_a_merged_links_datasheet_says_what_both_do():
 def test_parts_that_are_none_are_refused(robot, wish, message):
     with pytest.raises(ModelError, match=message):
         selected(robot, Selection(**wish))
+
+
+def test_a_joint_is_not_locked_in_degrees(robot):
+    with pytest.raises(ModelError, match=r"locked at 90 rad.*degrees"):
+        held(robot, {"turn": 90.0})

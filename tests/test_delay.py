@@ -237,6 +237,23 @@ def test_motion_at_even_speed_and_standstill_have_no_step():
     assert not signals.encoder_resolution(log(time, even)).any()
 
 
+def test_a_mask_follows_a_log_through_resampling_and_filters():
+    time = np.arange(1000) * 0.01
+    whole = Recording(("a", "b"), time, np.zeros((1000, 2)))
+    mask = np.zeros((1000, 2), dtype=bool)
+    mask[300:310, 1] = True
+    part = whole.of(("b", "a")).samples(slice(100, 900, 5))
+    for reach, first, last in ((0.0, 3.0, 3.1), (0.2, 2.8, 3.25)):
+        found = signals.mask_onto(whole, mask, part, reach=reach)
+        assert not found[:, 1].any()
+        masked = part.time[found[:, 0]]
+        assert masked[0] == pytest.approx(first)
+        assert masked[-1] == pytest.approx(last)
+    assert not signals.mask_onto(whole, np.zeros(1000, dtype=bool), part).any()
+    with pytest.raises(RecordingError, match="reach is -1"):
+        signals.mask_onto(whole, mask, part, reach=-1.0)
+
+
 def test_masks_that_do_not_fit_are_refused():
     recording = log(np.arange(50) / 10.0, np.zeros((50, 2)))
     for bad in (np.zeros(50), np.zeros(49, bool), np.zeros((50, 3), bool)):

@@ -124,3 +124,6 @@ def test_the_pumas_links_differ_by_their_twists_alone():
 def test_bad_numbers_in_a_table_are_named_by_row(build):
     with pytest.raises(ModelError, match="DH row 2"):
         build("r", [DHRow(0, 0), DHRow(np.nan, 0)])
+    for degrees in (DHRow(90, 0), DHRow(0, 0, theta=-90)):
+        with pytest.raises(ModelError, match=r"DH row 2: .*90 rad.*degrees"):
+            build("r", [DHRow(0, 0), degrees])

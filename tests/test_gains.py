@@ -11,6 +11,7 @@ from test_payload import prepared, ur10e_runs
 from consistent_id import (
     ProblemError,
     RecordingError,
+    SolverError,
     identify_gains,
     identify_payload,
 )
@@ -89,6 +90,12 @@ def test_gains_refuse_what_does_not_fit():
     ]
     with pytest.raises(RecordingError, match="zero throughout for j2"):
         identify_gains(model, *dead, known=KNOWN)
+
+
+def test_exchanged_runs_settle_on_nothing():
+    model, unloaded, loaded = runs(0.05, gains=GAINS)
+    with pytest.raises(SolverError, match="exchanged"):
+        identify_gains(model, unloaded, loaded, known=KNOWN)
 
 
 real = pytest.mark.skipif(

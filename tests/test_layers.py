@@ -18,41 +18,41 @@ estimators.smooth_fit estimators diagnosis.findings diagnosis.clock
 diagnosis.corrections tables readers.mat_lint readers.merging readers.units
 readers.columns readers.arrays readers.csv readers.frames readers.hdf5
 readers.jointstate readers.bag readers.mat readers.npz readers.parquet readers.files
-readers correlation drive_terms friction regressor base regression simulation
-constraints._rows constraints.datasheet constraints.parameters constraints.shape
-constraints.symmetry distances estimate link_condition mass_matrix
-estimators.least_squares estimators.robust segments parametrisation
-diagnosis.small_shifts figures constraints.motors constraints base_feasibility
-estimators.scaled_fit estimators.best_fit estimators.penalised estimators.nearest
-estimators.contradiction estimators.settled estimators.constrained
-estimators.constraint_variables estimators.smooth cross_check cross_validation bootstrap
-intervals sensitivity uncertainty constraint_costs shadow_prices comparison
-diagnosis.explain estimators.gain_search loaded_robot estimators.gains
-loaded_constraints estimators.payload shapes shaped_regression shape_misfit
-shape_profile shape_fit signals.clocks signals.differences signals.filters
-signals.kalman signals.resolution signals.masks signals.cuts signals.savitzky_golay
-signals.smoother signals.track signals.alignment signals.delay diagnosis.tell sinusoids
-excitation excitation.limits paths trajectory signals.fourier signals.period signals
-cutoff excitation._callbacks excitation.basis excitation.criteria excitation.kernels
-excitation.information excitation.limit_rows excitation.programme excitation.aims
-excitation.grids excitation.interval excitation.jets excitation.peaks
-excitation.extremes excitation.friction_bounds excitation.torque_motion
-excitation.torque_bounds excitation.margins excitation.accuracy excitation.bernstein
-excitation.polynomial_path excitation.move trajectory_files.content
-trajectory_files.document trajectory_files.ros trajectory_files.tables
-trajectory_files.urscript trajectory_files.files trajectory_files
+correlation drive_terms friction regressor base simulation constraints._rows
+constraints.datasheet constraints.parameters constraints.shape constraints.symmetry
+distances estimate link_condition mass_matrix diagnosis.small_shifts figures
+constraints.motors constraints base_feasibility estimators.constraint_variables
+comparison shapes signals.clocks signals.differences signals.filters signals.kalman
+signals.resolution signals.masks signals.cuts signals.savitzky_golay signals.smoother
+signals.track signals.alignment signals.delay diagnosis.tell sinusoids excitation
+excitation.limits paths trajectory signals.fourier signals.period excitation._callbacks
+excitation.basis excitation.criteria excitation.kernels excitation.information
+excitation.limit_rows excitation.programme excitation.grids excitation.interval
+excitation.jets excitation.peaks excitation.extremes excitation.friction_bounds
+excitation.torque_motion excitation.torque_bounds excitation.margins
+excitation.bernstein excitation.polynomial_path excitation.move trajectory_files.content
+trajectory_files.document trajectory_files.ros trajectory_files.urscript
 excitation.motion_state excitation.transfers excitation.approaches excitation.move_along
 excitation.bodies excitation.pieces excitation.urdf_bodies kinematics excitation.scene
-excitation.reach excitation.separation excitation.guards excitation.search_task
-excitation.search excitation.starts excitation.clearance excitation.verification
-excitation.design excitation.validating excitation.scene_building excitation.scene_file
-excitation.figure excitation.record curves frame_motion writing_tasks path_refusals
-writer inverse_kinematics laboratory.control laboratory.robot laboratory.sensors
-laboratory.closed_loop laboratory.experiment laboratory.one_clock laboratory file_tables
-excitation_file excitation.asked laboratory_file problem_file problem_constraints
-preparation problem published published_estimate study diagnosis.coverage
+excitation.reach excitation.separation excitation.guards excitation.clearance
+excitation.verification excitation.scene_building excitation.scene_file curves
+frame_motion writing_tasks path_refusals writer inverse_kinematics laboratory.control
+laboratory.robot laboratory.sensors laboratory.closed_loop laboratory.experiment
+laboratory.one_clock laboratory file_tables excitation_file laboratory_file problem_file
+problem_constraints signals.folds signals preparation problem_folder problem_model
+readers.tracks readers trajectory_files.tables trajectory_files.files trajectory_files
+problem problem_laboratory problem_list row_filter regression estimators.least_squares
+estimators.robust segments parametrisation estimators.scaled_fit estimators.best_fit
+estimators.penalised estimators.nearest estimators.contradiction estimators.settled
+estimators.constrained estimators.smooth cross_check cross_validation bootstrap
+intervals sensitivity uncertainty constraint_costs shadow_prices diagnosis.explain
+estimators.gain_search loaded_robot estimators.gains loaded_constraints
+estimators.payload shaped_regression shape_misfit shape_profile shape_fit cutoff
+excitation.aims excitation.accuracy excitation.search_task excitation.search
+excitation.starts excitation.design excitation.validating excitation.figure
+excitation.record excitation.asked published published_estimate study diagnosis.coverage
 diagnosis.diagnose diagnosis published_summary summary record commands excite
-problem_laboratory reproduction reproduction_tables
+reproduction reproduction_tables
 """.split()
 
 HEAVY = {

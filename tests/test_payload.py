@@ -19,6 +19,7 @@ from consistent_id import (
     NotExcitedError,
     ParameterBounds,
     ProblemError,
+    RecordingError,
     TorqueModel,
     TotalMass,
     build_regression,
@@ -112,6 +113,12 @@ def test_a_known_mass_is_kept_and_sharpens_the_rest():
     assert found.estimate["box.m"] == found.body.mass
     residual = found.predict(loaded) - loaded.torque
     assert np.linalg.norm(residual) < 0.08 * np.linalg.norm(loaded.torque)
+
+
+def test_exchanged_runs_are_noticed_by_the_loads_weight():
+    model, unloaded, loaded = runs(0.02)
+    with pytest.raises(RecordingError, match=r"-3\.?\d* \+- .*exchanged"):
+        identify_payload(model, unloaded, loaded)
 
 
 def test_constraints_on_the_robot_leave_the_load_alone_and_the_reverse():

@@ -67,6 +67,8 @@ def test_what_is_wrong_in_a_file_is_said_with_its_path(tmp_path, text, message):
 def test_a_file_that_is_not_there_or_not_text_is_refused(tmp_path):
     with pytest.raises(ProblemError, match="cannot be read"):
         load_problem(tmp_path / "nowhere")
+    with pytest.raises(ProblemError, match=r"robot's file.*check takes it with a log"):
+        load_problem(tmp_path / "robot.urdf")
     (tmp_path / "problem.toml").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(ProblemError, match="not TOML"):
         load_problem(tmp_path)
@@ -108,6 +110,19 @@ def test_recordings_are_prepared_and_cut_to_rows_counted_from_one(tmp_path):
     # The filter passes 0.5 Hz with a loss of (0.5 / 20)^8; differences err by 1.4e-3.
     assert np.allclose(log.velocity[:, 0], 3 * np.cos(3 * log.time), atol=2e-3)
     assert np.allclose(log.acceleration[:, 0], -9 * np.sin(3 * log.time), atol=2e-2)
+
+
+def test_broken_rows_are_left_out_and_rows_stay_those_of_the_file(tmp_path):
+    problem = _with_log(tmp_path, "rows = [101, 300]\nomit = [2, 3, 101]")
+    lines = (tmp_path / "log.csv").read_text().splitlines()
+    lines[2] = "2.7e154,0.0,0.0"  # two samples merged into one by a broken logger
+    (tmp_path / "log.csv").write_text("\n".join(lines))
+    (log,) = problem.logs("training")
+    assert (len(log), log.time[0], log.time[-1]) == (199, 1.01, 2.99)
+    with pytest.raises(RecordingError, match=r"time of sample 1 .* omit = \[2\]"):
+        problem.read("log.csv")
+    with pytest.raises(RecordingError, match="row 401, but there are 400"):
+        problem.read("log.csv", omit=[401])
 
 
 def test_rows_outside_the_file_and_missing_files_are_refused(tmp_path):

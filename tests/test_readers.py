@@ -127,7 +127,7 @@ FAULTY_CSV = {
     "repeated column": ("time,q_elbow,q_elbow\n0,1,1\n", "'q_elbow' stands there twi"),
     "unit row": ("time,q_elbow\ns,rad\n0,1\n", "row 2, column 'time': 's' is not a n"),
     "text": ("time,q_elbow\n0,1\n1,ten\n", "row 3, column 'q_elbow': 'ten'"),
-    "empty field": ("time,q_elbow\n0,\n1,2\n", "row 2, column 'q_elbow': ''"),
+    "empty field": ("time,q_elbow\n0,\n1,2\n", "row 2, column 'q_elbow' is empty"),
     "blank line counts": ("time,q_elbow\n0,1\n\nx,1\n", "row 4, column 'time': 'x'"),
     "decimal comma": ("time,q_elbow\n0,1\n0,5,2\n", "row 3: 3 fields, the header has"),
     "quoted comma": ('time,q_elbow\n"0,5",1\n', r"row 2, column 'time': '0,5'.*'\.'"),

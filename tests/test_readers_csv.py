@@ -192,6 +192,9 @@ FAULTY = {
     "ragged to and fro": ("time,q_elbow\n0,1,2\n1\n", "row 2: 3 fields, the header"),
     "twice": ("time;q_elbow;q_elbow\n0;1;1\n", "'q_elbow' stands there twice"),
     "other separator": ("time;q_elbov\n0;1\n", "no column 'q_elbow'; known: q_elbov"),
+    "commas for all": ("time,q_elbow\n0,5,1,0\n", "4 fields.*If commas mark decimals"),
+    "no header": ("0,1\n1,2\n", "first row holds numbers"),
+    "empty cell": ("time,q_elbow\n0,1\n1,\n", "row 3, column 'q_elbow' is empty"),
     "a huge line": (
         "time,q_elbow\n0," + "1" * 200_000 + "\n1,1",
         "not readable as CSV",

@@ -50,7 +50,10 @@ def frame(**columns):
 BAD_TABLES = {
     "missing": (frame().drop(columns="time"), "no column 'time'; known: q_elbow"),
     "twice": (pd.concat([frame(), frame()], axis=1), "'time' stands there twice"),
-    "dates": (frame(time=pd.date_range("2020", periods=5)), "'time' holds datetime64"),
+    "dates": (
+        frame(time=pd.date_range("2020", periods=5)),
+        "datetime64.*timedelta64\\(1, 's'",
+    ),
     "durations": (frame(time=pd.timedelta_range(0, periods=5)), "holds timedelta64"),
     "text": (frame(q_elbow=list("12345")), "'q_elbow' holds object"),
     "logical": (frame(q_elbow=[True] * 5), "'q_elbow' holds bool"),
@@ -60,6 +63,7 @@ BAD_TABLES = {
     "ragged": ({"time": [[1], [1, 2]], "q_elbow": TIME}, "'time' is no array of num"),
     "scalar": ({"time": 1.0, "q_elbow": TIME}, r"'time' has shape \(\), expected one"),
     "no names": ([TIME, TIME], "list has neither columns nor keys"),
+    "indexed": (frame().set_index("time"), r"'time' is the index.*reset_index\(\)"),
     "numbered": (pd.DataFrame(VALUES), "no column 'time'; known: 0"),
 }
 

@@ -30,9 +30,11 @@ def test_there_is_one_command_to_run_and_one_to_test():
 
 
 @pytest.mark.parametrize("page", [name for name, blocks in PAGES.items() if blocks])
-def test_the_python_of_the_pages_runs(page, capsys):
+def test_the_python_of_the_pages_runs(page, capsys, tmp_path, monkeypatch):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    names = {}  # later blocks of a page go on where the first ended
     for block in PAGES[page]:
-        exec(compile(block, page, "exec"), {})
+        exec(compile(block, page, "exec"), names)
     assert capsys.readouterr().out
 
 

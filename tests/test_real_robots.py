@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from consistent_id import load_problem, run_study
+from consistent_id import load_problem, load_problems, run_study
 
 pytestmark = pytest.mark.skipif(
     "CONSISTENT_ID_DATASETS" not in os.environ,
@@ -63,6 +63,14 @@ def test_least_squares_is_proven_to_belong_to_no_robot(robot):
 def test_the_data_determine_every_base_parameter(robot):
     excitation = _study(robot).excitation
     assert excitation.data_rank == excitation.structural_rank
+
+
+def test_every_robot_of_the_folder_is_there_with_its_recordings():
+    problems = load_problems("problems")
+    robots = [problem.model.robot.name for problem in problems]
+    assert robots.count("ur10e") == 2  # without a load, and with one
+    assert set(KNOWN) < set(robots)
+    assert not any(problem.missing for problem in problems)
 
 
 def test_the_kukas_counterbalance_is_a_spring_that_bodies_make_use_of():

@@ -93,7 +93,8 @@ def most_likely_gains(rows: Currents, regression: Regression, linear: Vector) ->
             return Likely(log_gains, noise, fit, free.shape[1] < len(counts))
     raise SolverError(
         f"gains and noise did not settle in {_ROUNDS} rounds; the runs do not tell "
-        "the gains, or the model is far from the robot"
+        "the gains, those with the load and without are exchanged, or the model is far "
+        "from the robot"
     )
 
 

@@ -20,7 +20,7 @@ from time import perf_counter
 
 import numpy as np
 
-from consistent_id._arrays import Vector, frozen
+from consistent_id._arrays import Matrix, Vector, frozen
 from consistent_id._threads import single_threaded
 from consistent_id.base import independent_columns
 from consistent_id.correlation import correlation_length
@@ -100,7 +100,7 @@ class DriveGains:
             return (
                 "the absolute scale is open: gains and parameters may all be "
                 "multiplied by the same number. Runs with a load of known mass and "
-                "without it are missing"
+                "without it are missing, or exchanged"
             )
         poor = [
             f"{joint} ({error / gain:.0%})"
@@ -190,8 +190,7 @@ def _once(
     correlation = correlation_length(_residuals(robot, runs, x, gains), noise)
     errors = np.full(len(gains), np.inf)
     if not found.scale_open:
-        J = found.fit.jacobian
-        errors = gains * np.sqrt(np.diag(np.linalg.inv(J.T @ J)) * correlation)
+        errors = gains * _spread(found.fit.jacobian) * np.sqrt(correlation)
     return DriveGains(
         joints=regression.joints,
         gains=gains,
@@ -205,6 +204,15 @@ def _once(
         robot=robot,
         seconds=0.0,
     )
+
+
+def _spread(J: Matrix) -> Vector:
+    """Return the roots of the diagonal of ``(J^T J)^-1``, infinite where singular."""
+    R = np.linalg.qr(J, mode="r")
+    size = abs(np.diag(R))
+    if size.min() <= np.finfo(float).eps * size.max():
+        return np.full(len(R), np.inf)
+    return np.asarray(np.linalg.norm(np.linalg.inv(R), axis=1))
 
 
 def _rows(

@@ -18,6 +18,7 @@ from consistent_id.constraints import (
     PhysicalConsistency,
 )
 from consistent_id.correlation import correlation_length
+from consistent_id.errors import RecordingError
 from consistent_id.estimate import Estimate
 from consistent_id.estimators.constrained import (
     DEFAULT_CONSTRAINTS,
@@ -32,6 +33,8 @@ from consistent_id.priors import Prior
 from consistent_id.recording import Recording, several
 from consistent_id.regression import Regression
 from consistent_id.regressor import TorqueModel
+
+_CERTAIN = 5.0  # standard errors
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -127,6 +130,8 @@ def identify_payload(
 
     Raises
     ------
+    RecordingError
+        If the load would weigh less than nothing: the runs are exchanged.
     InfeasibleError, NotExcitedError, SolverError
         See `constrained_least_squares`.
     """
@@ -140,6 +145,11 @@ def identify_payload(
         robot = robot.with_nominal(likely)
         fitted = _fitted(robot, runs, weighted)  # gears feel the load, from now on
     regression, free = fitted
+    correlation = correlation_length(
+        list(robot.residuals(free.parameters, *runs)), regression.sigma
+    )
+    errors = _standard_errors(robot, free) * np.sqrt(correlation)
+    _require_weight(InertialParameters(free.parameters[robot.load_slice]), errors)
     estimate = constrained_least_squares(
         robot.model,
         regression,
@@ -152,12 +162,10 @@ def identify_payload(
         base=robot.base,
         method="payload",
     )
-    residuals = robot.residuals(free.parameters, *runs)
-    correlation = correlation_length(list(residuals), regression.sigma)
     return Payload(
         body=InertialParameters(estimate.parameters[robot.load_slice]),
         free=InertialParameters(free.parameters[robot.load_slice]),
-        standard_errors=_standard_errors(robot, free) * np.sqrt(correlation),
+        standard_errors=errors,
         correlation=correlation,
         robot=robot,
         estimate=estimate,
@@ -198,6 +206,15 @@ def _known_of(load: Link) -> list[Constraint]:
         low, high = sheet.com_box.tolist()
         known.append(CentreOfMassBoxes({load.name: (low, high)}))
     return known
+
+
+def _require_weight(free: InertialParameters, errors: Vector) -> None:
+    """Refuse a load of negative mass, beyond what noise explains."""
+    if free.mass < -_CERTAIN * errors[0]:
+        raise RecordingError(
+            f"the load would weigh {free.mass:.3g} +- {errors[0]:.2g} kg. Are the runs "
+            "with the load and without it exchanged, or is the torque's sign reversed?"
+        )
 
 
 def _standard_errors(robot: LoadedRobot, free: Estimate) -> Vector:

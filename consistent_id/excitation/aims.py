@@ -37,9 +37,9 @@ class PathForm:
 
     Examples
     --------
-    >>> PathForm(10.0, 3).frequencies.tolist()
-    [0.1, 0.2, 0.30000000000000004]
-    >>> PathForm(10.0, 3, between=True).frequencies.tolist()
+    >>> PathForm(10.0, 3).frequencies.round(9).tolist()
+    [0.1, 0.2, 0.3]
+    >>> PathForm(10.0, 3, between=True).frequencies.round(9).tolist()
     [0.05, 0.15, 0.25]
     """
 

@@ -45,7 +45,7 @@ def spread(power: float) -> Criterion:
     --------
     >>> M = np.diag([1.0, 4.0, 100.0])  # of a regressor of condition number 10
     >>> [round(float(np.exp(spread(p)(M).value)), 2) for p in (2, 8, 32)]
-    [10.14, 10.0, 10.0]
+    [10.16, 10.0, 10.0]
     """
 
     def criterion(M: Matrix) -> Value:

@@ -106,6 +106,13 @@ def _checked(rows: Sequence[DHRow]) -> Sequence[DHRow]:
         values = (row.alpha, row.a, row.d, row.theta)
         if not np.isfinite(values).all():
             raise ModelError(f"DH row {number} is {values}, expected finite numbers")
+        for angle in ("alpha", "theta"):
+            value = getattr(row, angle)
+            if abs(value) > 2.0 * np.pi:
+                raise ModelError(
+                    f"DH row {number}: {angle} is {value:g} rad, more than a full "
+                    "turn. If these are degrees, convert them: np.radians"
+                )
     return rows
 
 

@@ -1,12 +1,12 @@
 """Named arrays, as a file holds them, become a recording."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from consistent_id._arrays import Array, Matrix, Vector, frozen
+from consistent_id._arrays import Array, BoolArray, Matrix, Vector, frozen
 from consistent_id.errors import RecordingError
 from consistent_id.readers.columns import Wanted
 from consistent_id.recording import Recording
@@ -15,7 +15,13 @@ Arrays = Mapping[str, NDArray[Any]]
 
 
 def recording_of(
-    arrays: Arrays, want: Wanted, *, where: str, name: str, torque_gain: ArrayLike
+    arrays: Arrays,
+    want: Wanted,
+    *,
+    where: str,
+    name: str,
+    torque_gain: ArrayLike,
+    omit: Sequence[int] = (),
 ) -> Recording:
     """Return the recording that the wanted arrays make.
 
@@ -28,11 +34,13 @@ def recording_of(
     where, name : str
         Of the file: in messages, and of the recording.
     torque_gain : array_like, shape () or (joints,)
+    omit : sequence of int
+        Rows to leave out, counted from 1.
 
     Raises
     ------
     RecordingError
-        If an array holds no numbers, or shapes do not fit.
+        If there is no such row, an array holds no numbers, or shapes do not fit.
     """
     time = _vector(arrays, want.time, where)
     channels: dict[str, Matrix] = {}
@@ -47,6 +55,10 @@ def recording_of(
                     f"{want.time!r} has {len(time)}"
                 )
         channels[channel] = np.column_stack(columns)
+    if len(omit):
+        keep = _kept(len(time), omit, where)
+        time = time[keep]
+        channels = {channel: values[keep] for channel, values in channels.items()}
     return gained(want.joints, time, channels, torque_gain=torque_gain, name=name)
 
 
@@ -66,12 +78,26 @@ def gained(
     return Recording(joints, time, name=name, **channels)
 
 
+def _kept(rows: int, omit: Sequence[int], where: str) -> BoolArray:
+    keep = np.ones(rows, dtype=np.bool_)
+    for row in omit:
+        if not 1 <= row <= rows:
+            raise RecordingError(
+                f"{where}: omit names row {row}, but there are {rows}, counted from 1"
+            )
+        keep[row - 1] = False
+    return keep
+
+
 def _numbers(arrays: Arrays, name: str, where: str) -> Array:
     raw = arrays[name]
     if np.ma.isMaskedArray(raw) or raw.dtype.kind not in "iuf":
         kind = "a masked array" if np.ma.isMaskedArray(raw) else raw.dtype
+        hint = ""
+        if raw.dtype.kind in "mM":
+            hint = f". Take the seconds: ({name} - {name}[0]) / np.timedelta64(1, 's')"
         raise RecordingError(
-            f"{where}: column {name!r} holds {kind}, expected numbers in SI units"
+            f"{where}: column {name!r} holds {kind}, expected numbers in SI units{hint}"
         )
     return raw.astype(np.float64)
 

@@ -60,7 +60,11 @@ def read_csv(path: Path, names: Sequence[str]) -> Arrays:
         values = _fast(text[header.end :], header, places)
         if values is None:
             values = _exact(path, text, header, places)
-    except (csv.Error, UnicodeDecodeError) as cause:
+    except UnicodeDecodeError as cause:
+        raise RecordingError(
+            f"{path}: not readable as CSV: {cause}. Save the file as UTF-8"
+        ) from None
+    except csv.Error as cause:
         raise RecordingError(f"{path}: not readable as CSV: {cause}") from None
     return dict(zip(names, values.T, strict=True))
 
@@ -89,6 +93,12 @@ def _header(path: Path, text: str, names: Sequence[str]) -> _Header:
             "rename columns that contain a separator"
         )
     header = fitting[0] if fitting else max(found, key=lambda h: len(h.names))
+    if not fitting and header.names and all(_is_number(n) for n in header.names):
+        raise RecordingError(
+            f"{path}: the first row holds numbers ({', '.join(header.names[:3])}), "
+            "expected a header that names the columns. Add one: joints are matched by "
+            "name"
+        )
     require(str(path), names, header.names)
     return replace(header, row=skipped + header.row)
 
@@ -148,9 +158,7 @@ def _exact(path: Path, text: str, header: _Header, places: Sequence[int]) -> Mat
     for fields in filter(None, reader):
         place = f"{path}, row {header.row + reader.line_num}"
         if len(fields) != len(header.names):
-            raise RecordingError(
-                f"{place}: {len(fields)} fields, the header has {len(header.names)}"
-            )
+            raise _miscounted(place, fields, header)
         cells = [fields[k] for k in places]
         mark = mark or _decimal_mark(cells)
         row = [_number(cell, mark) for cell in cells]
@@ -161,6 +169,21 @@ def _exact(path: Path, text: str, header: _Header, places: Sequence[int]) -> Mat
     if not rows:
         raise RecordingError(f"{path}: no row below the header")
     return np.array(rows, dtype=np.float64)
+
+
+def _miscounted(place: str, fields: Sequence[str], header: _Header) -> RecordingError:
+    fault = f"{place}: {len(fields)} fields, the header has {len(header.names)}"
+    more = len(fields) > len(header.names)
+    if header.separator == "," and more and not any("." in cell for cell in fields):
+        fault += (
+            ". If commas mark decimals, something else has to separate: export with "
+            "semicolons or tabs"
+        )
+    return RecordingError(fault)
+
+
+def _is_number(cell: str) -> bool:
+    return _number(cell, ".") is not None or _number(cell, ",") is not None
 
 
 def _decimal_mark(cells: Iterable[str]) -> str | None:
@@ -195,6 +218,8 @@ def _fault(
     first: bool,
 ) -> RecordingError:
     fault = f"{place}: {cells[row.index(None)]!r} is not a number"
+    if not cells[row.index(None)]:
+        return RecordingError(f"{place} is empty. Fill it in or delete the row")
     if first and all(cells) and set(row) == {None}:
         units = ", ".join(map(repr, cells))
         return RecordingError(

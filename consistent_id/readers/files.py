@@ -34,6 +34,7 @@ def read_recording(
     *,
     torque_gain: ArrayLike = 1.0,
     topic: str | None = None,
+    omit: Sequence[int] = (),
 ) -> Recording:
     """Read a recording from a file, or from the folder of a ROS 2 bag.
 
@@ -52,6 +53,8 @@ def read_recording(
         Factor from the torque column to torque, such as a drive's N m per ampere.
     topic : str
         Of a bag; by default its only topic of joint states.
+    omit : sequence of int
+        Rows of samples to leave out, counted from 1: broken ones.  Not of bags.
 
     Raises
     ------
@@ -60,6 +63,10 @@ def read_recording(
     """
     path = Path(path)
     if path.is_dir() or path.suffix.lower() in BAGS:
+        if len(omit):
+            raise RecordingError(
+                f"{path}: omit counts the rows of tables; messages of bags have none"
+            )
         columns = columns or JOINT_STATE
         return read_bag(path, joints, columns, torque_gain=torque_gain, topic=topic)
     if topic is not None:
@@ -69,7 +76,12 @@ def read_recording(
     want = wanted(columns or Columns(), joints, str(path))
     arrays = _reader(path)(path, want.names)
     return recording_of(
-        arrays, want, where=str(path), name=path.name, torque_gain=torque_gain
+        arrays,
+        want,
+        where=str(path),
+        name=path.name,
+        torque_gain=torque_gain,
+        omit=omit,
     )
 
 

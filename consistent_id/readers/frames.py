@@ -52,7 +52,13 @@ def recording_from(
     2.0
     """
     want = wanted(columns or Columns(), joints, name)
-    require(name, want.names, _names(table, name))
+    names = _names(table, name)
+    index = getattr(getattr(table, "index", None), "name", None)
+    if index is not None and index in want.names and index not in names:
+        raise RecordingError(
+            f"{name}: {index!r} is the index, expected a column: call reset_index()"
+        )
+    require(name, want.names, names)
     arrays = {column: _array(table[column], column, name) for column in want.names}
     return recording_of(arrays, want, where=name, name=name, torque_gain=torque_gain)
 

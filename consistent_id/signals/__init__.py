@@ -14,13 +14,14 @@ from consistent_id.signals.cuts import (
 from consistent_id.signals.delay import Delay, estimate_delay
 from consistent_id.signals.differences import differentiated
 from consistent_id.signals.filters import decimated, low_passed
+from consistent_id.signals.folds import Fold, blocked_folds
 from consistent_id.signals.fourier import (
     FourierFit,
     fit_trajectory,
     fourier_differentiated,
     fourier_fit,
 )
-from consistent_id.signals.masks import row_weights, saturated, standstill
+from consistent_id.signals.masks import mask_onto, row_weights, saturated, standstill
 from consistent_id.signals.period import estimated_period
 from consistent_id.signals.resolution import encoder_resolution
 from consistent_id.signals.savitzky_golay import savitzky_golay_differentiated
@@ -33,10 +34,12 @@ from consistent_id.signals.track import Track, track
 
 __all__ = [
     "Delay",
+    "Fold",
     "FourierFit",
     "MotionNoise",
     "Track",
     "aligned",
+    "blocked_folds",
     "decimated",
     "differentiated",
     "encoder_resolution",
@@ -47,6 +50,7 @@ __all__ = [
     "fourier_fit",
     "kalman_differentiated",
     "low_passed",
+    "mask_onto",
     "motion_noise",
     "resampled",
     "row_weights",

@@ -15,6 +15,7 @@ from consistent_id.recording import Recording
 from consistent_id.signals.clocks import own_rate
 from consistent_id.trajectory import FourierTrajectory
 
+_MISSED = 0.1  # of the root-mean-square motion: no such series
 _MOST = 50  # harmonics tried
 _FASTEST = 0.45  # highest frequency over the sampling rate
 _AMPLIFIED = 10.0  # noise in a coefficient, over that with frequencies far apart
@@ -243,10 +244,35 @@ def fourier_differentiated(
     Position, velocity and acceleration all come of the recorded position.  Look at the
     fit's residual first: what does not repeat, as the way to the start of the motion,
     is not in the series, and belongs cut off.
+
+    Raises
+    ------
+    RecordingError
+        As `fourier_fit`, or as `require_repeating`.
     """
     fit = fourier_fit(recording, period, harmonics)
+    require_repeating(recording, fit)
     q, dq, ddq = fit.trajectory.evaluate(recording.time)
     return replace(recording, position=q, velocity=dq, acceleration=ddq)
+
+
+def require_repeating(recording: Recording, fit: FourierFit) -> None:
+    """Refuse a series that misses much of the motion: its derivatives are worse still.
+
+    Raises
+    ------
+    RecordingError
+        If it leaves more than a tenth of the root-mean-square motion of all joints.
+    """
+    motion = float(np.linalg.norm(recording.position.std(axis=0)))
+    left = float(np.linalg.norm(fit.residual))
+    if left > _MISSED * motion:
+        raise RecordingError(
+            f"{recording.name}: a series with {len(fit.trajectory)} harmonics of "
+            f"{fit.period:g} s leaves {left / motion:.0%} of the motion. Is the period "
+            "another (estimated_period finds it), or does a part not repeat (trim it)? "
+            "Motion without a period is for a filter or the smoother"
+        )
 
 
 def series_columns(time: Vector, frequencies: Vector) -> Matrix:

@@ -87,6 +87,52 @@ def row_weights(recording: Recording, mask: ArrayLike, joints: Sequence[str]) ->
     return np.where(as_mask(recording, mask)[:, columns], 0.0, 1.0)
 
 
+def mask_onto(
+    recording: Recording, mask: ArrayLike, target: Recording, *, reach: float = 0.0
+) -> BoolArray:
+    """Return a mask on the samples of what a recording has become.
+
+    Masks are found in a log as it was recorded; once it has been resampled, filtered or
+    decimated, its samples are others, and a filter has spread what is masked.
+
+    Parameters
+    ----------
+    recording : Recording
+        To which the mask belongs.
+    mask : array_like of bool, shape (samples,) or (samples, joints)
+    target : Recording
+        What has become of it, or of a part of it.
+    reach : float, [s]
+        Samples so near to a masked one are masked, such as half a period of the
+        cut-off; in any case those for which none is nearer.
+
+    Returns
+    -------
+    ndarray of bool, shape (samples, joints) of `target`
+
+    Examples
+    --------
+    >>> log = Recording(("elbow",), np.arange(6) * 0.01, np.zeros((6, 1)))
+    >>> half = log.samples(slice(0, 6, 2))
+    >>> mask_onto(log, [False] * 3 + [True] * 3, half)[:, 0].tolist()
+    [False, True, True]
+    """
+    if not reach >= 0.0:
+        raise RecordingError(f"reach is {reach} s, expected zero or more")
+    columns = as_mask(recording, mask)
+    joints = recording.of(target.joints).joints
+    order = [recording.joints.index(name) for name in joints]
+    reach = max(reach, 0.5 * float(np.median(np.diff(target.time))) * (1.0 + 1e-9))
+    found = np.zeros((len(target), len(order)), dtype=np.bool_)
+    for k, joint in enumerate(order):
+        at = recording.time[columns[:, joint]]
+        if len(at):
+            near = np.searchsorted(at, target.time - reach)
+            found[:, k] = at[np.minimum(near, len(at) - 1)] <= target.time + reach
+            found[near == len(at), k] = False
+    return found
+
+
 def as_mask(recording: Recording, mask: ArrayLike) -> BoolArray:
     """Return a mask of shape (samples, joints), checked."""
     array = np.asarray(mask)

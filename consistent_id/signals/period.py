@@ -5,10 +5,11 @@ import numpy as np
 from consistent_id._arrays import Vector
 from consistent_id.errors import RecordingError
 from consistent_id.recording import Recording
-from consistent_id.signals.fourier import series_columns
+from consistent_id.signals.fourier import fourier_fit, series_columns
 
 _COARSE = 4000  # samples on which a period is first guessed
 _UNLIKE = 0.1  # squared change after a period, over the variance
+_FIRST = 10  # harmonics with which a guess is refined
 _REPEATS = 1.5  # periods a recording must hold for its period to be estimated
 
 
@@ -17,7 +18,7 @@ def estimated_period(
     *,
     shortest: float | None = None,
     longest: float | None = None,
-    harmonics: int = 10,
+    harmonics: int | None = None,
 ) -> float:
     """Return the period [s] of a motion that repeats itself.
 
@@ -31,16 +32,15 @@ def estimated_period(
     shortest, longest : float, optional, [s]
         Between which the period is looked for; by default all that 20 samples and the
         recording's length allow.
-    harmonics : int
-        Of the series that refines it.
+    harmonics : int, optional
+        Of the series that refines it; by default as many as `fourier_fit` chooses.  A
+        series that lacks what the motion has is biased.
 
     Raises
     ------
     RecordingError
         If the motion does not repeat itself.
     """
-    from scipy.optimize import minimize_scalar
-
     step = recording.duration / (len(recording) - 1)
     low = 20 * step if shortest is None else shortest
     high = recording.duration / _REPEATS if longest is None else longest
@@ -50,20 +50,32 @@ def estimated_period(
             f"expected less than the recording's {recording.duration:.6g} s"
         )
     guess, coarse = _self_similar(recording, low, high)
+    period = _refined(recording, guess, 2 * coarse, harmonics or _FIRST)
+    if harmonics is not None:
+        return period
+    fit = fourier_fit(recording, min(period, recording.duration))
+    return _refined(recording, period, 2 * coarse, max(len(fit.trajectory), _FIRST))
+
+
+def _refined(recording: Recording, guess: float, reach: float, harmonics: int) -> float:
+    """Return the period near a guess with which a series leaves least."""
+    from scipy.optimize import minimize_scalar
+
+    step = recording.duration / (len(recording) - 1)
+    centred = recording.position - recording.position.mean(axis=0)
+    scale = np.maximum((centred**2).sum(axis=0), 1e-300)
 
     def misfit(period: float) -> float:
         terms = min(harmonics, int(0.45 * period / step))
         frequencies = np.arange(1, terms + 1) / period
         columns = series_columns(recording.time - recording.time[0], frequencies)
         Q, _ = np.linalg.qr(columns)
-        centred = recording.position - recording.position.mean(axis=0)
-        scale = np.maximum((centred**2).sum(axis=0), 1e-300)
         left = scale - ((Q.T @ centred) ** 2).sum(axis=0)
         return float((left / scale).mean())
 
     best = minimize_scalar(
         misfit,
-        bounds=(guess - 2 * coarse, guess + 2 * coarse),
+        bounds=(guess - reach, guess + reach),
         method="bounded",
         options={"xatol": 1e-6 * step},
     )

@@ -1,0 +1,45 @@
+"""Which problem files a path stands for: one file, or a folder of several robots."""
+
+from pathlib import Path
+
+from consistent_id.errors import ProblemError
+
+_OWN = "problem.toml"
+_OTHERS = ("pyproject.toml",)  # TOML files that are something else
+
+
+def problem_files(path: str | Path) -> tuple[Path, ...]:
+    """Return the problem files that a path stands for.
+
+    A file stands for itself, a folder for its ``problem.toml``.  A folder without one
+    stands for all TOML files in it and in its subfolders: a robot's folder for the
+    problems of this robot, a folder of such folders for all robots.
+
+    Raises
+    ------
+    ProblemError
+        If there is none.
+    """
+    path = Path(path)
+    if not path.is_dir():
+        return (path,)
+    if (path / _OWN).exists():
+        return (path / _OWN,)
+    folders = [path, *sorted(p for p in path.iterdir() if _is_visible_folder(p))]
+    files = tuple(file for folder in folders for file in toml_files(folder))
+    if not files:
+        raise ProblemError(
+            f"{path}: no {_OWN} in this folder, and no problem file (*.toml) in it or "
+            "its subfolders. Name a folder with one, or the file itself"
+        )
+    return files
+
+
+def toml_files(folder: Path) -> list[Path]:
+    """Return a folder's problem files, ``problem.toml`` first."""
+    files = [file for file in folder.glob("*.toml") if file.name not in _OTHERS]
+    return sorted(files, key=lambda file: (file.name != _OWN, file.name))
+
+
+def _is_visible_folder(path: Path) -> bool:
+    return path.is_dir() and not path.name.startswith(".")
