@@ -36,9 +36,9 @@ signals.delay signals cutoff preparation diagnosis.tell sinusoids problem publis
 published_estimate study diagnosis.coverage diagnosis.diagnose diagnosis
 published_summary summary record commands excitation excitation.limits trajectory paths
 excitation._callbacks excitation.basis excitation.criteria excitation.kernels
-excitation.information excitation.limit_rows excitation.programme excitation.aims
-excitation.guards excitation.grids excitation.interval excitation.jets excitation.peaks
-excitation.extremes excitation.friction_bounds excitation.torque_motion
+excitation.information excitation.aims excitation.guards excitation.grids
+excitation.limit_rows excitation.programme excitation.interval excitation.jets
+excitation.peaks excitation.extremes excitation.friction_bounds excitation.torque_motion
 excitation.torque_bounds excitation.margins excitation.accuracy excitation.search_task
 excitation.search excitation.starts excitation.verification excitation.design
 """.split()
