@@ -27,7 +27,7 @@ signals.resolution signals.masks signals.cuts signals.savitzky_golay signals.smo
 signals.track signals.alignment signals.delay diagnosis.tell sinusoids excitation
 excitation.limits paths trajectory signals.fourier signals.period excitation._callbacks
 excitation.basis excitation.criteria excitation.kernels excitation.information
-excitation.limit_rows excitation.programme excitation.grids excitation.interval
+excitation.grids excitation.limit_rows excitation.programme excitation.interval
 excitation.jets excitation.peaks excitation.extremes excitation.friction_bounds
 excitation.torque_motion excitation.torque_bounds excitation.margins
 excitation.bernstein excitation.polynomial_path excitation.move trajectory_files.content

@@ -30,6 +30,7 @@ from consistent_id.trajectory import FourierTrajectory
 
 _FIRST = 0.6  # share of the time limit after which the first stage ends
 _SECOND = 0.9  # share after which the second stage ends
+_REFINED = 2  # paths that go on to the second stage, however many workers there are
 _ATTEMPTS = 4  # at a proof, each with less of the limits to use
 _LEAST = 0.01  # rad or m; a joint that can move less is not excited
 
@@ -251,7 +252,7 @@ class _Workshop:
             bound = {job.seed: job.spread_bound for job in jobs}
             jobs = [
                 Job(objective, one.seed, one.variables, bound[one.seed])
-                for one in usable[: self.workers]
+                for one in usable[:_REFINED]
             ]
             deadline = max(deadline, clock.time() + 0.3 * self.time_limit)
         self.demands.proof(self._path(usable[0])).require()
@@ -266,7 +267,7 @@ class _Workshop:
         criterion = searcher.criterion("condition", BOUND_POWER)
         growth = float(np.log(self.aim.growth))
         jobs = []
-        for one in first.found[: self.workers]:
+        for one in first.found[:_REFINED]:
             if one.variables is not None:
                 matrix = searcher.information(one.variables).matrix
                 bound = criterion(matrix).value + growth

@@ -4,6 +4,10 @@ A real trigonometric polynomial of degree ``H`` that stays within 1 at ``N > 2 H
 equidistant points of its period stays within ``1 / cos(pi H / N)`` everywhere
 [EhlichZeller1964]_.  A programme is given rows at few points, since each costs time; a
 path is then measured at many, and made smaller by what it may exceed its limits by.
+
+Paths that do not repeat while they are played are bounded by Taylor's formula instead:
+at an extreme the slope is zero, so that the nearest of samples ``h`` apart misses it by
+``h^2 / 8 max |f''|`` at most.
 """
 
 from dataclasses import dataclass
@@ -13,10 +17,12 @@ import numpy as np
 
 from consistent_id._arrays import Array, Matrix, Vector
 from consistent_id.excitation.basis import FourierBasis
+from consistent_id.excitation.grids import between_samples
 
 _COARSE = 12  # points per period of the highest frequency, for the programme
 _FINE = 32  # for measuring: the bound is then within 0.5 % of the extreme
-_LONGEST = 20_000  # points; beyond, the proof after the search must do
+_FINER = 64  # the same for paths that do not repeat
+_LONGEST = 20_000  # points
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,18 +38,25 @@ class LimitRows:
         At many points.
     excess : float
         Factor by which a path may exceed, between them, what it reaches at them.
+    step : float, [s]
+        Between them, for paths that do not repeat while they are played; else 0.
     """
 
     basis: FourierBasis
     matrix: Any
     time: Vector
     excess: float
+    step: float
 
     def largest(self, variables: Matrix) -> Vector:
         """Return the largest share of a limit that each joint uses at any time."""
         motion = self.basis.motion(variables, self.time, derivatives=3)
         motion[0] -= self.basis.limits.middle
         extremes = abs(motion).max(axis=1)
+        if self.step:
+            path = self.basis.trajectory(variables)
+            bend = np.array([path.derivative_bound(order + 2) for order in range(4)])
+            extremes += self.step**2 / 8.0 * bend
         limits = np.array([self.basis.limits.derivative(order) for order in range(4)])
         return np.asarray((extremes / limits).max(axis=0) * self.excess)
 
@@ -61,9 +74,17 @@ def limit_rows(basis: FourierBasis, period: float | None) -> LimitRows:
     period : float, optional, [s]
         After which its paths repeat; None if they do not.
     """
-    coarse, _ = _points(basis, period, _COARSE)
-    fine, excess = _points(basis, period, _FINE)
-    return LimitRows(basis, _matrix(basis, coarse), fine, excess)
+    repeats = period is not None and period <= basis.duration * (1.0 + 1e-9)
+    if period is None or not repeats:
+        fine = _interval(basis, _FINER)
+        step = float(fine[1] - fine[0])
+        return LimitRows(
+            basis, _matrix(basis, _interval(basis, _COARSE)), fine, 1.0, step
+        )
+    coarse, fine = (_cycle(basis, period, density) for density in (_COARSE, _FINE))
+    degree = round(basis.frequencies[-1] * period)
+    excess = between_samples(degree, len(fine))
+    return LimitRows(basis, _matrix(basis, coarse), fine, excess, 0.0)
 
 
 def _matrix(basis: FourierBasis, time: Vector) -> Any:
@@ -83,14 +104,15 @@ def _matrix(basis: FourierBasis, time: Vector) -> Any:
     return sparse.vstack(blocks, format="csr")
 
 
-def _points(
-    basis: FourierBasis, period: float | None, density: int
-) -> tuple[Vector, float]:
-    """Return times, and the factor that a path may exceed them by in between."""
-    span = basis.duration if period is None else period
-    degree = max(1, round(basis.frequencies[-1] * span))
-    count = density * degree
-    if period is None or count > _LONGEST:
-        count = min(count, _LONGEST)
-        return np.linspace(0.0, basis.duration, count), 1.0
-    return np.arange(count) * period / count, 1.0 / float(np.cos(np.pi / density))
+def _cycle(basis: FourierBasis, period: float, density: int) -> Vector:
+    """Return times of one period, its end left out."""
+    degree = max(1, round(basis.frequencies[-1] * period))
+    count = max(min(density * degree, _LONGEST), 2 * degree + 1)
+    return np.asarray(np.arange(count) * period / count)
+
+
+def _interval(basis: FourierBasis, density: int) -> Vector:
+    """Return times from start to end."""
+    cycles = basis.frequencies[-1] * basis.duration
+    count = min(max(2, int(np.ceil(density * cycles)) + 1), _LONGEST)
+    return np.linspace(0.0, basis.duration, count)

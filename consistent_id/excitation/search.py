@@ -168,7 +168,9 @@ def search(
         hunt.score,
         seed,
         clock.monotonic() - began,
-        "" if hunt.best is not None else hunt.offence(variables),
+        ""
+        if hunt.best is not None
+        else hunt.offence(searcher.limits.within(variables)),
     )
 
 

@@ -1,8 +1,11 @@
 """Searches from many starts, side by side, none of whose work is lost."""
 
+import signal
+import threading
 import time as clock
 from collections import deque
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -113,13 +116,16 @@ def _shared_out(
         return
     from loky import get_reusable_executor
 
-    executor = get_reusable_executor(max_workers=workers - 1)
+    with _deaf_children():
+        executor = get_reusable_executor(max_workers=workers - 1)
     running: list[Any] = []
     try:
         while (waiting or running) and not (clock.time() > deadline and not running):
             while len(running) < workers - 1 and len(waiting) > 1:
                 job = waiting.popleft()
-                running.append(executor.submit(_in_worker, task, job, deadline, folder))
+                with _deaf_children():
+                    future = executor.submit(_in_worker, task, job, deadline, folder)
+                running.append(future)
             if waiting and clock.time() < deadline:
                 yield _run(task, waiting.popleft(), deadline, folder)
             elif running:
@@ -133,13 +139,27 @@ def _shared_out(
         raise
 
 
+@contextmanager
+def _deaf_children() -> Iterator[None]:
+    """Start processes that no interrupt reaches, not even while they begin.
+
+    The terminal interrupts every process at once; the one that waits decides.  Being
+    deaf to it is inherited; so for that moment this process is, too.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
 def _in_worker(
     task: SearchTask, job: Job, deadline: float, folder: Path
 ) -> Found | None:
-    import signal
-
-    # The terminal interrupts every process at once; the one that waits decides.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # where it was not inherited
     if clock.time() > deadline:
         return None
     return _run(task, job, deadline, folder)

@@ -1,0 +1,147 @@
+"""Searches: they improve, keep to limits and bounds, and repeat themselves."""
+
+import time
+
+import numpy as np
+import pytest
+from excited import arm, arm_limits, arm_task
+
+from consistent_id import TorqueModel
+from consistent_id.excitation.aims import Aim, PathForm
+from consistent_id.excitation.criteria import spread
+from consistent_id.excitation.guards import TorqueGuard
+from consistent_id.excitation.search import BOUND_POWER, Searcher, search
+from consistent_id.excitation.starts import Job, run_searches
+
+OBJECTIVES = ("condition", "D", "A", "E", "task")
+
+
+def searcher_of(joints=2, **how):
+    return Searcher(arm_task(TorqueModel(arm(joints)), **how))
+
+
+def largest(searcher, variables):
+    """Largest share of a limit at 4001 times, for each order of derivative."""
+    basis = searcher.task.basis
+    motion = basis.motion(variables, np.linspace(0.0, basis.duration, 4001), 3)
+    motion[0] -= basis.limits.middle
+    limits = np.array([basis.limits.derivative(order) for order in range(4)])
+    return (abs(motion).max(axis=1) / limits).max(axis=1)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_random_starts_use_the_same_share_of_every_joints_limits(seed):
+    searcher = searcher_of()
+    shares = searcher.limits.largest(searcher.random(seed))
+    assert np.allclose(shares, 0.8, rtol=1e-12)
+    other = searcher.random(seed + 1)
+    assert not np.array_equal(searcher.random(seed), other)
+
+
+@pytest.mark.parametrize("objective", OBJECTIVES)
+def test_a_search_improves_on_its_start_and_keeps_the_limits(objective):
+    form = PathForm(5.0, 3)
+    task = TorqueModel(arm(2)), arm_limits(arm(2))
+    motion = None
+    if objective == "task":
+        some = Searcher(arm_task(*task, form=form))
+        motion = some.task.basis.trajectory(some.random(9)).recording(20.0)
+    searcher = Searcher(arm_task(*task, form=form, aim=Aim(task=motion)))
+    found = search(searcher, objective, 0)
+    start = searcher.score(objective, searcher.random(0))
+    assert found.score < start - np.log(1.3)
+    assert found.score == searcher.score(objective, found.variables)
+    assert largest(searcher, found.variables).max() <= 1.0
+    # Something is in its way: a path that could be larger everywhere would be.
+    assert largest(searcher, found.variables).max() > 0.98
+
+
+def test_the_same_seed_finds_the_same_path():
+    first, again, other = (search(searcher_of(), "condition", s) for s in (0, 0, 1))
+    assert np.array_equal(first.variables, again.variables)
+    assert not np.array_equal(first.variables, other.variables)
+
+
+def test_a_later_stage_improves_its_objective_and_keeps_the_bound():
+    searcher = searcher_of(joints=3)
+    first = search(searcher, "condition", 0)
+    bounded = spread(BOUND_POWER)
+    bound = bounded(searcher.information(first.variables).matrix).value + np.log(1.2)
+    second = search(searcher, "D", 0, start=first.variables, spread_bound=bound)
+    assert second.score < searcher.score("D", first.variables) - 1e-3
+    matrix = searcher.information(second.variables).matrix
+    assert bounded(matrix).value <= bound + 1e-6
+    # Without a bound it goes further: the bound was in the way.
+    free = search(searcher, "D", 0, start=first.variables)
+    assert free.score < second.score
+    assert bounded(searcher.information(free.variables).matrix).value > bound
+
+
+def guarded(effort, members):
+    model = TorqueModel(arm(2))
+    guard = TorqueGuard(model, members, np.full(2, effort), 1.0)
+    return Searcher(arm_task(model, guards=(guard,)))
+
+
+def test_torque_limits_are_kept_and_are_in_the_way():
+    nominal = arm(2).nominal[None]
+    free = search(searcher_of(), "condition", 0)
+    (measure,) = guarded(1.0, nominal).measures(free.variables)
+    effort = 0.8 * (1.0 + measure.max())  # of what is used where nothing limits it
+    searcher = guarded(effort, nominal)
+    found = search(searcher, "condition", 0)
+    (measure,) = searcher.measures(found.variables)
+    assert -0.05 < measure.max() <= 1e-6
+    assert found.score < searcher.score("condition", searcher.random(0))
+    assert found.score > free.score
+
+
+def test_the_worst_of_a_set_of_robots_counts():
+    nominal = arm(2).nominal
+    heavy = np.array([nominal, 1.5 * nominal])
+    light = search(searcher_of(), "condition", 0)
+    (measure,) = guarded(1.0, nominal[None]).measures(light.variables)
+    effort = 1.01 * (1.0 + measure.max())
+    searcher = guarded(effort, heavy)
+    (measure,) = searcher.measures(light.variables)
+    assert measure.max() > 0.4  # the heavy one could not play the light one's path
+    both = search(searcher, "condition", 0)
+    (measure,) = searcher.measures(both.variables)
+    assert measure.max() <= 1e-6
+
+
+def test_what_cannot_be_kept_is_named():
+    searcher = guarded(0.5, arm(2).nominal[None])
+    found = search(searcher, "condition", 0)
+    assert found.variables is None
+    assert found.offence == "torque of joint 'joint2'"
+
+
+def test_time_that_is_over_leaves_what_was_found():
+    task = arm_task(TorqueModel(arm(2)))
+    outcome = run_searches(
+        task, [Job("condition", 0)], workers=1, deadline=time.time() - 1.0
+    )
+    assert outcome.found == () and outcome.out_of_time and not outcome.interrupted
+    late = Searcher(task, deadline=0.0)
+    found = search(late, "condition", 0)
+    assert np.isfinite(found.score) and largest(late, found.variables).max() <= 1.0
+
+
+def test_every_improvement_is_reported():
+    reports = []
+    searcher = Searcher(
+        arm_task(TorqueModel(arm(2))), report=lambda score, _: reports.append(score)
+    )
+    found = search(searcher, "condition", 0)
+    assert reports == sorted(reports, reverse=True)
+    assert reports[-1] == found.score
+
+
+def test_searches_come_back_best_first():
+    task = arm_task(TorqueModel(arm(2)))
+    jobs = [Job("condition", seed) for seed in range(3)]
+    outcome = run_searches(task, jobs, workers=1, deadline=np.inf)
+    scores = [one.score for one in outcome.found]
+    assert scores == sorted(scores) and len(scores) == 3
+    assert not outcome.out_of_time and not outcome.interrupted
