@@ -57,6 +57,18 @@ from consistent_id.estimators.least_squares import (
 from consistent_id.estimators.payload import Payload, identify_payload
 from consistent_id.estimators.robust import huber
 from consistent_id.estimators.smooth import smooth_least_squares
+from consistent_id.export import (
+    Export,
+    mujoco_spec,
+    robot_record,
+    to_c,
+    to_casadi,
+    to_json,
+    to_mjcf,
+    to_numpy,
+    to_pinocchio,
+    to_urdf,
+)
 from consistent_id.friction import DriveTerms, GearCoupling
 from consistent_id.inertia import InertialParameters
 from consistent_id.intervals import ConsistentIntervals, consistent_intervals
@@ -98,6 +110,7 @@ from consistent_id.regressor import (
     casadi_regressor,
     joint_torque_regressor,
 )
+from consistent_id.repair import Repair, nearest_inertia, repair_urdf
 from consistent_id.segments import segment_regressions
 from consistent_id.shadow_prices import ShadowPrice, shadow_prices
 from consistent_id.shape_fit import ShapeFit, fit_shapes
@@ -159,6 +172,7 @@ __all__ = [
     "Ellipsoid",
     "EqualLinks",
     "Estimate",
+    "Export",
     "Finding",
     "FixedCentresOfMass",
     "FixedFrame",
@@ -191,6 +205,7 @@ __all__ = [
     "RecordingError",
     "Regression",
     "RegularisationPath",
+    "Repair",
     "RobotModel",
     "RotorInertias",
     "ShadowPrice",
@@ -250,9 +265,13 @@ __all__ = [
     "low_passed",
     "mesh_vertices",
     "motion_noise",
+    "mujoco_spec",
+    "nearest_inertia",
     "read_recording",
     "recording_from",
+    "repair_urdf",
     "resampled",
+    "robot_record",
     "row_weights",
     "run_study",
     "saturated",
@@ -264,6 +283,13 @@ __all__ = [
     "smooth_least_squares",
     "split_at_gaps",
     "standstill",
+    "to_c",
+    "to_casadi",
+    "to_json",
+    "to_mjcf",
+    "to_numpy",
+    "to_pinocchio",
+    "to_urdf",
     "track",
     "trim_standstill",
     "trimmed",

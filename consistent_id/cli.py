@@ -1,4 +1,4 @@
-"""The shell tool: ``consistent-id info | check | identify | compare``.
+"""The shell tool: ``consistent-id COMMAND``; its help lists the commands.
 
 Exit codes: 0 done, 1 refused (no usable estimate, or a faulty log), 2 wrong usage or
 input, 3 solver failure, 130 interrupted.
@@ -10,6 +10,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from consistent_id.cli_export import add_export, run_export
+from consistent_id.cli_repair import add_repair, run_repair
 from consistent_id.errors import ConsistentIdError, SolverError
 
 _EPILOG = """examples:
@@ -18,6 +20,8 @@ _EPILOG = """examples:
   consistent-id check robot.urdf log.csv --position q_{joint} --torque tau_{joint}
   consistent-id identify problems/ur10e --uncertainty --output results/ur10e
   consistent-id compare problems/rx60
+  consistent-id export problems/ur10e --format urdf --output ur10e.urdf
+  consistent-id repair robot.urdf --dry-run
 """
 
 
@@ -81,6 +85,8 @@ def _parser() -> argparse.ArgumentParser:
             command.add_argument(
                 "--output", type=Path, help=f"folder to write results to{default}"
             )
+    add_export(commands)
+    add_repair(commands)
     return parser
 
 
@@ -183,4 +189,11 @@ def _as_dict(table: object) -> dict[str, object]:
     return asdict(table)  # type: ignore[call-overload, no-any-return]
 
 
-_COMMANDS = {"info": _info, "check": _check, "identify": _identify, "compare": _compare}
+_COMMANDS = {
+    "info": _info,
+    "check": _check,
+    "identify": _identify,
+    "compare": _compare,
+    "export": run_export,
+    "repair": run_repair,
+}

@@ -35,6 +35,12 @@ signals.cuts signals.savitzky_golay signals.smoother signals.track signals.align
 signals.delay signals cutoff preparation diagnosis.tell sinusoids problem published
 published_estimate study diagnosis.coverage diagnosis.diagnose diagnosis
 published_summary summary record commands excitation excitation.limits trajectory paths
+export._numpy_template export.drive_values export.exported export.pedigree
+export.casadi_functions export.c_source export.numpy_source export.pinocchio_model
+export._mjcf_body export.record export.shares loaders._splice loaders._urdf_inertial
+export._mjcf_text export.mjcf export.urdf commands_export cli_export export
+repair.nearest repair.statement repair.account repair.tell repair.link repair.urdf
+repair cli_repair
 """.split()
 
 HEAVY = {
