@@ -59,8 +59,7 @@ def to_mjcf(
     ProblemError
         If the estimate is refused.
     """
-    import mujoco
-
+    mujoco = _mujoco()
     spec, notes = mujoco_spec(estimate, source, allow_refused=allow_refused)
     try:
         text = exact_xml(spec)

@@ -48,8 +48,8 @@ def to_pinocchio(estimate: Estimate, *, allow_refused: bool = False) -> Any:
     ):
         k = _added(pin, model, joint)
         mass, com, inertia = central(InertialParameters(vector))
-        body = pin.Inertia(mass, com, inertia)
-        model.appendBodyToJoint(k, body, pin.SE3.Identity())
+        # Not appended to nothing: that sum goes wrong for a mass below zero.
+        model.inertias[k] = pin.Inertia(mass, com, inertia)
         frame = model.addJointFrame(k)
         model.addBodyFrame(link.name, k, pin.SE3.Identity(), frame)
         for fixed in link.merged:

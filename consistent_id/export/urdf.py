@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from consistent_id.errors import ModelError
+from consistent_id.errors import ModelError, ProblemError
 from consistent_id.estimate import Estimate
 from consistent_id.export.drive_values import JointDrive, joint_drives, not_expressed
 from consistent_id.export.exported import Export
@@ -54,7 +54,8 @@ def to_urdf(
     source : str or Path
         The file, expanded if it is a xacro.
     limits : mapping of str to JointLimits, optional
-        New limits of joints by name; what is infinite stays as it is.
+        New limits of joints by name; what is infinite stays as it is, and so do limits
+        of joints that are not named.
     comment : bool
         Whether to put a line with method and verdict after ``<robot>``.
     allow_refused : bool
@@ -175,6 +176,13 @@ def _limit_edits(file: _File, name: str, limits: JointLimits) -> list[Edit]:
     values = {
         n: (getattr(limits, n),) for n in names if np.isfinite(getattr(limits, n))
     }
+    element = joint.child("limit")
+    has = {*values, *(() if element is None else element.attributes)}
+    if values and not {"velocity", "effort"} <= has:
+        raise ProblemError(
+            f"limits of {name!r}: a URDF's <limit> must have velocity and effort; give "
+            "both"
+        )
     return _set_or_insert(file, joint, "limit", values)
 
 

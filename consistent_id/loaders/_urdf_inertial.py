@@ -95,7 +95,13 @@ def _same(stated: Array, wanted: Array) -> bool:
 
 
 def set_body(document: Document, link: Element, body: InertialParameters) -> list[Edit]:
-    """Return edits that give a link a body: centre of mass in the link's own axes."""
+    """Return edits that give a link a body: centre of mass in the link's own axes.
+
+    There are none if that is the link's body already, in whatever axes.
+    """
+    stated = body_of(link).vector
+    if np.allclose(stated, body.vector, rtol=0.0, atol=_ROUNDED * abs(stated).max()):
+        return []
     parts = _parts(body, link)
     inertial = link.child("inertial")
     if inertial is None:
