@@ -1,10 +1,12 @@
 """A body as MuJoCo takes it: principal moments that satisfy its inequalities."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from consistent_id._arrays import Array, Matrix, Vector
+from consistent_id.errors import ModelError
 from consistent_id.export.pinocchio_model import central
 from consistent_id.inertia import InertialParameters
 
@@ -64,3 +66,39 @@ def quaternion(rotation: Matrix) -> Array:
     _, vectors = np.linalg.eigh(K)
     q = vectors[:, -1]
     return np.asarray(q if q[np.argmax(abs(q))] > 0.0 else -q)
+
+
+def require_mujoco() -> Any:
+    """Return the package, or say how to install it."""
+    try:
+        import mujoco
+    except ImportError:
+        raise ModelError(
+            "MJCF needs MuJoCo; install it with: pip install 'consistent-id[mjcf]'"
+        ) from None
+    return mujoco
+
+
+def compiled_body(model: Any, b: int) -> InertialParameters:
+    """Return the parameters of a compiled model's body in its own frame."""
+    turn = np.zeros(9)
+    require_mujoco().mju_quat2Mat(turn, model.body_iquat[b])
+    axes = turn.reshape(3, 3)
+    inertia = axes @ np.diag(model.body_inertia[b]) @ axes.T
+    mass = float(model.body_mass[b])
+    return InertialParameters.from_central(mass, model.body_ipos[b], inertia)
+
+
+def set_body(body: Any, what: InertialParameters, *, moves: bool = True) -> list[str]:
+    """Give a body an explicit inertial; say so if it had to be thickened."""
+    found = principal_body(what, moves)
+    body.explicitinertial = True
+    body.mass, body.ipos, body.inertia = found.mass, found.com, found.moments
+    body.iquat = found.quaternion
+    body.fullinertia = [np.nan, *np.zeros(5)]
+    if found.raised == 0.0 and found.mass == what.mass:
+        return []
+    return [
+        f"{body.name} is thinner than MuJoCo takes: second moments raised by up to "
+        f"{found.raised:.1g} kg m^2, mass {found.mass - what.mass:.1g} kg"
+    ]

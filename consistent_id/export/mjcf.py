@@ -7,14 +7,15 @@ import numpy as np
 
 from consistent_id.errors import ModelError
 from consistent_id.estimate import Estimate
-from consistent_id.export._mjcf_body import principal_body, quaternion
+from consistent_id.export._mjcf_body import quaternion, require_mujoco, set_body
+from consistent_id.export._mjcf_source import Source, put_into, read_spec
 from consistent_id.export._mjcf_text import exact_xml
+from consistent_id.export._mjcf_tree import spec_tree
 from consistent_id.export.drive_values import JointDrive, joint_drives, not_expressed
 from consistent_id.export.exported import Export
 from consistent_id.export.pedigree import pedigree, require_usable
-from consistent_id.export.shares import Part, shared
 from consistent_id.inertia import InertialParameters
-from consistent_id.model import Joint, RobotModel
+from consistent_id.model import Joint
 
 _EXPRESSED = (
     "viscous",
@@ -59,7 +60,7 @@ def to_mjcf(
     ProblemError
         If the estimate is refused.
     """
-    mujoco = _mujoco()
+    mujoco = require_mujoco()
     spec, notes = mujoco_spec(estimate, source, allow_refused=allow_refused)
     try:
         text = exact_xml(spec)
@@ -77,26 +78,19 @@ def mujoco_spec(
 ) -> Specified:
     """Return the ``mujoco.MjSpec`` that `to_mjcf` writes, not compiled yet."""
     require_usable(estimate, allow_refused)
-    mujoco = _mujoco()
+    mujoco = require_mujoco()
     notes = not_expressed(estimate, "MuJoCo", _EXPRESSED, _preloads(estimate))
     if source is None:
         spec, more = _built(estimate, mujoco)
+        tree = spec_tree(spec)
     else:
-        spec, more = _edited(estimate, Path(source), mujoco)
+        spec, model = read_spec(Path(source))
+        tree = spec_tree(spec)
+        more = put_into(Source(spec, tree, model, Path(source).name), estimate)
     for drive in joint_drives(estimate):
         if drive.terms.names:
-            _set_drive(spec, spec.joint(drive.joint), drive)
+            _set_drive(spec, tree.joints[drive.joint], drive)
     return Specified(spec, (*notes, *more))
-
-
-def _mujoco() -> Any:
-    try:
-        import mujoco
-    except ImportError:
-        raise ModelError(
-            "MJCF needs MuJoCo; install it with: pip install 'consistent-id[mjcf]'"
-        ) from None
-    return mujoco
 
 
 def _preloads(estimate: Estimate) -> set[tuple[str, str]]:
@@ -123,7 +117,7 @@ def _built(estimate: Estimate, mujoco: Any) -> tuple[Any, list[str]]:
             quat=quaternion(joint.rotation),
         )
         _add_joint(body, joint, mujoco)
-        notes += _set_body(body, InertialParameters(vector))
+        notes += set_body(body, InertialParameters(vector))
         for frame in link.merged:
             where = {"pos": frame.translation, "quat": quaternion(frame.rotation)}
             body.add_site(name=frame.name, **where)
@@ -142,97 +136,9 @@ def _add_joint(body: Any, joint: Joint, mujoco: Any) -> None:
         made.actfrcrange = [-limits.effort, limits.effort]
 
 
-def _edited(estimate: Estimate, path: Path, mujoco: Any) -> tuple[Any, list[str]]:
-    try:
-        spec = mujoco.MjSpec.from_file(str(path))
-        model = spec.compile()
-    except (ValueError, mujoco.FatalError) as cause:
-        raise ModelError(f"{path}: MuJoCo refuses it: {cause}") from None
-    _name(spec)
-    robot = estimate.model.robot
-    always = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
-    if spec.compiler.inertiafromgeom == always:
-        for body in spec.bodies[1:]:
-            _set_body(body, _compiled_body(model, body.id), moves=False)
-        spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
-    if not np.array_equal(spec.option.gravity, robot.gravity):
-        spec.option.gravity = robot.gravity
-    notes = [f"meshes and textures are looked for as from {path.name}'s own folder"]
-    for k, vector in enumerate(estimate.links):
-        notes += _set_link(spec, model, robot, k, InertialParameters(vector), path)
-    return spec, notes
-
-
-def _name(spec: Any) -> None:
-    """Name what has no name, as `load_mjcf` does."""
-    for kind, items in (("body", spec.bodies), ("joint", spec.joints)):
-        for item in items:
-            item.name = item.name or f"{kind}{item.id}"
-
-
-def _set_link(
-    spec: Any,
-    model: Any,
-    robot: RobotModel,
-    k: int,
-    whole: InertialParameters,
-    path: Path,
-) -> list[str]:
-    link, joint = robot.links[k], spec.joint(robot.joints[k].name)
-    body = spec.body(link.name)
-    if body is None and not whole.vector.any():
-        return []  # between two joints of one body nothing stands
-    if joint is None or body is None or spec.joint(joint.name).parent.name != body.name:
-        raise ModelError(
-            f"{path}: no body {link.name!r} that joint {robot.joints[k].name!r} alone "
-            "moves. Give the file that the model was loaded from; if that body has "
-            "several joints, export without source"
-        )
-    # The link's origin lies on the joint's axis.
-    slides = robot.joints[k].kind == "prismatic"
-    anchor = np.zeros(3) if slides else np.asarray(joint.pos)
-    parts = [Part(link.name, _compiled_body(model, body.id), np.eye(3), -anchor)]
-    for frame in link.merged:
-        merged = spec.body(frame.name)
-        if merged is None:
-            continue  # a part of a body with several joints
-        stated = _compiled_body(model, merged.id)
-        parts.append(Part(frame.name, stated, frame.rotation, frame.translation))
-    shares = shared(whole, parts)
-    notes = [shares.note] if shares.note else []
-    notes += _set_body(body, shares.bodies[0])
-    for part, share in zip(parts[1:], shares.bodies[1:], strict=True):
-        _set_body(spec.body(part.name), share, moves=False)
-    return notes
-
-
-def _compiled_body(model: Any, b: int) -> InertialParameters:
-    turn = np.zeros(9)
-    _mujoco().mju_quat2Mat(turn, model.body_iquat[b])
-    axes = turn.reshape(3, 3)
-    inertia = axes @ np.diag(model.body_inertia[b]) @ axes.T
-    mass = float(model.body_mass[b])
-    return InertialParameters.from_central(mass, model.body_ipos[b], inertia)
-
-
-def _set_body(body: Any, what: InertialParameters, *, moves: bool = True) -> list[str]:
-    """Give a body an explicit inertial; say so if it had to be thickened."""
-    found = principal_body(what, moves)
-    body.explicitinertial = True
-    body.mass, body.ipos, body.inertia = found.mass, found.com, found.moments
-    body.iquat = found.quaternion
-    body.fullinertia = [np.nan, *np.zeros(5)]
-    if found.raised == 0.0 and found.mass == what.mass:
-        return []
-    return [
-        f"{body.name} is thinner than MuJoCo takes: second moments raised by up to "
-        f"{found.raised:.1g} kg m^2, mass {found.mass - what.mass:.1g} kg"
-    ]
-
-
 def _set_drive(spec: Any, joint: Any, drive: JointDrive) -> None:
     """Set damping, Coulomb friction, armature and spring of a joint."""
-    turns = joint.type == _mujoco().mjtJoint.mjJNT_HINGE
+    turns = joint.type == require_mujoco().mjtJoint.mjJNT_HINGE
     angle = 180.0 / np.pi if turns and spec.compiler.degree else 1.0
     spring = drive.values.get("spring", 0.0)
     _set(joint, "damping", drive.values.get("viscous", 0.0))
