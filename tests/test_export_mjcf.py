@@ -37,7 +37,9 @@ SOURCE = """
       <body name="slider" pos="0.2 0 0" euler="0 90 0">
         <joint name="slide" type="slide" axis="0 -1 0" pos="0.3 0 0" range="0 0.4"/>
         <geom type="capsule" size="0.04" fromto="0 0 0 0.1 0.2 0.3" density="900"/>
-        <body pos="0.1 0 0"><joint axis="0 1 0"/><geom size="0.1" mass="0.3"/></body>
+        <body pos="0.1 0 0">
+          <joint axis="0 1 0" pos="0 0 0.2"/><geom size="0.1" mass="0.3"/>
+        </body>
       </body>
     </body>
   </worldbody>
@@ -46,12 +48,14 @@ SOURCE = """
 NAMED = '<joint name="joint2" axis'
 
 
-def _inverse(model, names, states):
+def _inverse(model, names, states, locked=()):
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
     data = mujoco.MjData(model)
     places = [int(model.joint(name).dofadr[0]) for name in names]
     torques = []
     for q, dq, ddq in zip(*states, strict=True):
+        for name, position in dict(locked).items():
+            data.qpos[model.joint(name).qposadr[0]] = position
         data.qpos[places], data.qvel[places], data.qacc[places] = q, dq, ddq
         mujoco.mj_inverse(model, data)
         torques.append(data.qfrc_inverse[places].copy())
@@ -153,6 +157,21 @@ def test_a_file_of_ones_own_gets_the_identified_robot(source, heavy):
     undriven = undriven.replace('stiffness="5"', "")
     _assert_same_torque(undriven.encode(), estimate)
     assert model.ngeom == 3
+
+
+def test_locked_joints_count_where_they_are_locked(source):
+    locked = {"slide": 0.3, "joint2": -0.4}
+    robot = load_mjcf(source, locked=locked)
+    estimate = random_estimate(np.random.default_rng(5), robot)
+    text = to_mjcf(estimate, source).content.decode()
+    model = mujoco.MjModel.from_xml_string(text)
+    # What the file's joints have besides; these bodies alone were identified.
+    for own in (model.dof_armature, model.dof_damping, model.jnt_stiffness):
+        own[:] = 0.0
+    states = random_states(np.random.default_rng(0), 1, 5)
+    expected = rigid(estimate, states)
+    found = _inverse(model, robot.joint_names, states, locked)
+    assert np.allclose(found, expected, rtol=0, atol=1e-10 * abs(expected).max())
 
 
 def test_what_stays_keeps_all_its_digits(source):

@@ -11,7 +11,7 @@ from consistent_id.export._mjcf_body import compiled_body, require_mujoco, set_b
 from consistent_id.export._mjcf_tree import SpecTree
 from consistent_id.export.shares import Part, shared
 from consistent_id.inertia import InertialParameters
-from consistent_id.model import RobotModel
+from consistent_id.model import FixedFrame, RobotModel
 
 
 class Source(NamedTuple):
@@ -56,9 +56,9 @@ def put_into(source: Source, estimate: Estimate) -> list[str]:
             continue  # between two joints of one body nothing stands
         if link not in tree.bodies or tree.carried.get(joint) != link:
             raise ModelError(
-                f"{source.file}: no body {link!r} that joint {joint!r} alone moves. Give the "
-                "file that the model was loaded from; if that body has several joints, "
-                "export without source"
+                f"{source.file}: no body {link!r} that joint {joint!r} alone moves. "
+                "Give the file that the model was loaded from; if that body has "
+                "several joints, export without source"
             )
         notes += _set_link(source, robot, k, whole)
     return notes
@@ -67,15 +67,12 @@ def put_into(source: Source, estimate: Estimate) -> list[str]:
 def _set_link(
     source: Source, robot: RobotModel, k: int, whole: InertialParameters
 ) -> list[str]:
-    link, joint = robot.links[k], robot.joints[k]
-    # The link's origin lies on the joint's axis.
-    slides = joint.kind == "prismatic"
-    anchor = np.zeros(3) if slides else np.array(source.tree.joints[joint.name].pos)
-    parts = [Part(link.name, source.body(link.name), np.eye(3), -anchor)]
-    parts += [
-        Part(frame.name, source.body(frame.name), frame.rotation, frame.translation)
-        for frame in link.merged
-        if frame.name in source.tree.bodies  # not so of a body with several joints
+    link = robot.links[k]
+    own = FixedFrame(link.name, np.eye(3), np.zeros(3))
+    parts = [
+        _part(source, frame)
+        for frame in (own, *link.merged)
+        if frame.name in source.tree.bodies  # not so between joints of one body
     ]
     shares = shared(whole, parts)
     bodies = source.tree.bodies
@@ -83,3 +80,15 @@ def _set_link(
     for part, share in zip(parts[1:], shares.bodies[1:], strict=True):
         set_body(bodies[part.name], share, moves=False)
     return [shares.note, *notes] if shares.note else notes
+
+
+def _part(source: Source, frame: FixedFrame) -> Part:
+    """Return a body where a link's frame is: its origin lies on the joint's axis."""
+    hinge = require_mujoco().mjtJoint.mjJNT_HINGE
+    anchor = np.zeros(3)
+    for name, body in source.tree.carried.items():
+        joint = source.tree.joints[name]
+        if body == frame.name and joint.type == hinge:
+            anchor = np.array(joint.pos)
+    origin = frame.translation - frame.rotation @ anchor
+    return Part(frame.name, source.body(frame.name), frame.rotation, origin)

@@ -10,6 +10,7 @@ from consistent_id.loaders._urdf_inertial import inertia_attributes, number
 from consistent_id.loaders._xml import Element
 from consistent_id.repair.account import LinkRepair, Stated
 from consistent_id.repair.nearest import (
+    ROUNDING,
     ball_inertia,
     nearest_inertia,
     point_mass,
@@ -73,7 +74,7 @@ def _fault(says: Statement, mass: float | None, stated: Stated) -> str:
         return f"mass is zero, but {principal}" if inertia.any() else ""
     if not (possible(inertia) or point_mass(mass, inertia)):
         moments = np.linalg.eigvalsh(inertia)
-        negative = moments[0] < 0.0
+        negative = moments[0] < -ROUNDING * abs(moments).max()
         why = "one is negative" if negative else "one exceeds the sum of the others"
         return f"{principal}: {why}"
     if stated.thickness and not possible(inertia, mass * stated.thickness**2):
