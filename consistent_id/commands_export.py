@@ -67,18 +67,12 @@ def exported(
     form : {"urdf", "mjcf", "json", "pin", "numpy", "casadi", "c"}
     source : Path, optional
         File to put the estimate into, for URDF and MJCF; by default the problem's own
-        model, if it is in that format.
+        model, if it is in that format; else the file is written from nothing.
     allow_refused : bool
     """
     files: Mapping[str, Path | None] = problem.model_files
     if form == "urdf":
-        file = source or files["urdf"]
-        if file is None:
-            raise ProblemError(
-                f"problem {problem.name!r} has no URDF to put the estimate into; give "
-                "one with the same joints and links, or choose another format"
-            )
-        return to_urdf(estimate, file, allow_refused=allow_refused)
+        return to_urdf(estimate, source or files["urdf"], allow_refused=allow_refused)
     if form == "mjcf":
         return to_mjcf(estimate, source or files["mjcf"], allow_refused=allow_refused)
     if source is not None:

@@ -127,7 +127,9 @@ def test_every_error_of_the_package_has_one_root():
     assert all(issubclass(error, ConsistentIdError) for error in errors)
 
 
-@pytest.mark.parametrize("form", ["mjcf", "json", "pin", "numpy", "casadi", "c"])
+@pytest.mark.parametrize(
+    "form", ["urdf", "mjcf", "json", "pin", "numpy", "casadi", "c"]
+)
 def test_an_estimate_is_exported_for_other_programmes(form, rx60_estimate, capsys):
     if form == "mjcf":
         pytest.importorskip("mujoco")
@@ -139,10 +141,10 @@ def test_an_estimate_is_exported_for_other_programmes(form, rx60_estimate, capsy
     assert file.stat().st_size > 1000
 
 
-def test_export_needs_a_file_to_put_a_urdf_into(rx60_estimate, capsys):
-    arguments = ["--format", "urdf", "--output", "x", "--estimate", str(rx60_estimate)]
-    assert main(["export", RX60, *arguments]) == 2
-    assert "no URDF to put the estimate into" in capsys.readouterr().err
+def test_a_source_is_for_formats_that_have_one(rx60_estimate, capsys):
+    arguments = ["--format", "c", "--output", "x", "--estimate", str(rx60_estimate)]
+    assert main(["export", RX60, *arguments, "--source", "robot.urdf"]) == 2
+    assert "a source is for URDF and MJCF" in capsys.readouterr().err
 
 
 def test_what_is_refused_is_not_exported_unless_told(rx60_estimate, capsys):

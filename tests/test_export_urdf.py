@@ -1,14 +1,16 @@
 """URDF: Pinocchio reads what was written, and nothing else has changed."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
 import pytest
 from estimates import FRICTION, estimate_of, random_estimate, rigid
-from robots import URDF, random_body
+from robots import URDF, random_body, random_robot
 
 from consistent_id import (
+    FixedFrame,
     InertialParameters,
     JointLimits,
     ModelError,
@@ -17,6 +19,7 @@ from consistent_id import (
     load_urdf,
     to_urdf,
 )
+from consistent_id.export.new_urdf import rpy_of
 from consistent_id.mass_matrix import random_poses
 
 # What a URDF may hold besides, as macro processors and people write it.
@@ -64,9 +67,10 @@ def _states(robot, samples=5):
     return rng.uniform(-1.5, 1.5, (3, samples, len(robot)))
 
 
-def _pinocchio(content, robot, states, locked=()):
+def _pinocchio(content, robot, states, locked=(), gravity=9.81):
     """Torques of a URDF by Pinocchio; joints that are locked stand at their place."""
     model = pin.buildModelFromXML(content.decode("utf-8-sig", "replace"))
+    model.gravity.linear = np.array([0.0, 0.0, -gravity])
     torques = []
     for q, dq, ddq in zip(*states, strict=True):
         full_q, full_dq, full_ddq = pin.neutral(model), *np.zeros((2, model.nv))
@@ -216,6 +220,35 @@ def test_what_is_missing_is_inserted_as_the_file_is_indented(written):
     )
     assert re.sub("consistent-id: .*verdict certified", "COMMENT", after) == expected
     _assert_same_torque(after.encode(), estimate)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_robot_without_a_file_gets_one(seed, written):
+    rng = np.random.default_rng(seed)
+    _, robot = random_robot(rng, 5, tree=True)
+    frame = FixedFrame("tool & co", pin.SE3.Random().rotation, rng.normal(size=3))
+    links = (*robot.links[:-1], replace(robot.links[-1], merged=(frame,)))
+    directions = ([0, 0, -9.81], [0, 0, 9.8], [1, -2, 3], [0, 0, 0])
+    robot = replace(robot, links=links, gravity=np.array(directions[seed]))
+    estimate = random_estimate(rng, robot, FRICTION)
+    export = to_urdf(estimate)
+    path = written(export.content)
+    gravity = float(np.linalg.norm(robot.gravity))
+    again = load_urdf(path, gravity=[0, 0, -gravity])
+    assert again.link_names[again.carrier("tool & co")] == robot.link_names[-1]
+    order = [robot.joint_names.index(name) for name in again.joint_names]
+    states = _states(robot)
+    found = _pinocchio(export.content, again, states[:, :, order], gravity=gravity)
+    expected = rigid(estimate, states)[:, order]
+    assert np.allclose(found, expected, rtol=0, atol=1e-10 * abs(expected).max())
+    assert ("URDF has no gravity" in "".join(export.notes)) == (seed > 0)
+
+
+@pytest.mark.parametrize("pitch", [0.3, np.pi / 2, -np.pi / 2, np.pi / 2 - 1e-9])
+def test_roll_pitch_and_yaw_are_found_upright_too(pitch):
+    rotation = pin.rpy.rpyToMatrix(0.4, pitch, -1.2)
+    again = pin.rpy.rpyToMatrix(*rpy_of(rotation))
+    assert np.allclose(again, rotation, rtol=0, atol=1e-15)
 
 
 def test_exporting_again_changes_nothing(written):

@@ -38,9 +38,9 @@ published_summary summary record commands excitation excitation.limits trajector
 export._numpy_template export.drive_values export.exported export.pedigree
 export.casadi_functions export.c_source export.numpy_source export.pinocchio_model
 export._mjcf_body export.record export.shares loaders._splice loaders._urdf_inertial
-export._mjcf_text export.urdf repair.nearest repair.statement repair.account repair.tell
-repair.link repair.urdf repair cli_repair export._mjcf_tree export._mjcf_source
-export.mjcf commands_export cli_export export
+export._mjcf_text repair.nearest repair.statement repair.account repair.tell repair.link
+repair.urdf repair cli_repair export._mjcf_tree export._mjcf_source export.mjcf
+export.new_urdf export.urdf commands_export cli_export export
 """.split()
 
 HEAVY = {

@@ -11,6 +11,7 @@ from consistent_id.errors import ModelError, ProblemError
 from consistent_id.estimate import Estimate
 from consistent_id.export.drive_values import JointDrive, joint_drives, not_expressed
 from consistent_id.export.exported import Export
+from consistent_id.export.new_urdf import urdf_text
 from consistent_id.export.pedigree import pedigree, require_usable
 from consistent_id.export.shares import Part, shared
 from consistent_id.inertia import InertialParameters
@@ -23,7 +24,7 @@ from consistent_id.loaders._urdf_inertial import (
 )
 from consistent_id.loaders._urdf_lint import read_bytes, urdf_findings
 from consistent_id.loaders._xml import Element, XmlFault
-from consistent_id.model import JointLimits, RobotModel
+from consistent_id.model import STANDARD_GRAVITY, JointLimits, RobotModel
 from consistent_id.parameters import did_you_mean
 
 _EXPRESSED = ("viscous", "coulomb", "coulomb_positive", "coulomb_negative")
@@ -32,7 +33,7 @@ _COMMENT = re.compile(rb"\s*<!-- consistent-id: [^>]* -->")
 
 def to_urdf(
     estimate: Estimate,
-    source: str | Path,
+    source: str | Path | None = None,
     *,
     limits: Mapping[str, JointLimits] | None = None,
     comment: bool = True,
@@ -51,8 +52,9 @@ def to_urdf(
     Parameters
     ----------
     estimate : Estimate
-    source : str or Path
-        The file, expanded if it is a xacro.
+    source : str or Path, optional
+        The file, expanded if it is a xacro.  Without it a plain URDF is written from
+        nothing, of bodies and joints, for robots that have none.
     limits : mapping of str to JointLimits, optional
         New limits of joints by name; what is infinite stays as it is, and so do limits
         of joints that are not named.
@@ -74,8 +76,12 @@ def to_urdf(
         If the estimate is refused.
     """
     require_usable(estimate, allow_refused)
-    file = _File.read(Path(source))
-    edits, notes = [], list(not_expressed(estimate, "URDF", _EXPRESSED))
+    notes = [*not_expressed(estimate, "URDF", _EXPRESSED), *_gravity(estimate)]
+    if source is None:
+        if limits:
+            raise ProblemError("limits are for a source; give the model its own ones")
+        return Export("urdf", urdf_text(estimate).encode(), tuple(notes))
+    file, edits = _File.read(Path(source)), []
     for k, vector in enumerate(estimate.links):
         of_link, note = _link_edits(
             file, estimate.model.robot, k, InertialParameters(vector)
@@ -129,6 +135,18 @@ class _File:
                 "the model was loaded from"
             )
         return among[name]
+
+
+def _gravity(estimate: Estimate) -> list[str]:
+    """Say what gravity the torques are for, if it is not the usual one."""
+    gravity = estimate.model.robot.gravity
+    if np.array_equal(gravity, STANDARD_GRAVITY):
+        return []
+    size = float(np.linalg.norm(gravity))
+    return [
+        f"URDF has no gravity; that of the model is {size:g} m/s^2 along "
+        f"{gravity.tolist()} of the base"
+    ]
 
 
 def _link_edits(

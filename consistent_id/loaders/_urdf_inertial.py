@@ -12,13 +12,15 @@ from consistent_id.loaders._xml import Element
 
 _PLACES = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))  # of `INERTIA_ENTRIES`
 
+_LARGE = 1e15  # integers from here on are not all numbers
 _ROUNDED = 1e-14  # relative; a sum and a product later, that is the same number
 
 
 def number(value: float) -> str:
     """Return the shortest text that reads back as the same number."""
     value = float(value) + 0.0  # no negative zero
-    return repr(int(value)) if value.is_integer() and abs(value) < 1e6 else repr(value)
+    whole = value.is_integer() and abs(value) < _LARGE
+    return repr(int(value)) if whole else repr(value)
 
 
 def numbers(text: str) -> Array:
