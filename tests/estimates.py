@@ -60,10 +60,14 @@ def random_estimate(rng, robot, drive=None, couplings=()):
 
 
 def coupling(robot):
-    """Coupled gears of the robot's first two turning joints."""
-    turning = [joint.name for joint in robot.joints if joint.kind != "prismatic"]
+    """Coupled gears of two of the robot's three or more joints, of one kind."""
+    slides = [joint.kind == "prismatic" for joint in robot.joints]
+    kind = slides.count(True) > 1
+    alike = [
+        name for name, s in zip(robot.joint_names, slides, strict=True) if s == kind
+    ]
     return GearCoupling(
-        *turning[:2],
+        *alike[:2],
         viscous=True,
         coulomb="tanh",
         velocity_scale=0.2,

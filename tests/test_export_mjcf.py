@@ -1,6 +1,7 @@
 """MJCF: MuJoCo's inverse dynamics of what was written is ours."""
 
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -188,6 +189,42 @@ def test_what_stays_keeps_all_its_digits(source):
     assert np.allclose(found, expected, rtol=0, atol=1e-12 * abs(expected).max())
 
 
+def test_coupled_gears_are_a_tendon():
+    rng = np.random.default_rng(7)
+    _, robot = random_robot(rng, 5)
+    drive = DriveTerms(viscous=True, rotor_inertia=True)
+    estimate = random_estimate(rng, robot, drive, (coupling(robot),))
+    x = estimate.parameters.copy()
+    x[50:60] += 3.0  # a joint's own is more than what it shares
+    x[-2] = 0.0  # Coulomb friction is looked at, not computed
+    estimate = replace(estimate, parameters=x)
+    export = to_mjcf(estimate)
+    model = mujoco.MjModel.from_xml_string(export.content.decode())
+    if not hasattr(model, "tendon_armature"):
+        assert "no coupling_rotor_inertia" in export.notes[0]
+        pytest.skip("this MuJoCo has no inertia of tendons")
+    assert export.notes == ()
+    data = mujoco.MjData(model)
+    states = random_states(rng, 5, 4)
+    torques = estimate.model.predict(estimate.parameters, *states)
+    for q, dq, ddq, tau in zip(*states, torques, strict=True):
+        data.qpos[:], data.qvel[:], data.qfrc_applied[:] = q, dq, tau
+        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+        mujoco.mj_forward(model, data)
+        assert np.allclose(data.qacc, ddq, rtol=0, atol=1e-10 * abs(ddq).max())
+
+
+def test_gears_that_share_more_than_they_have_are_said_not_to_be_expressed():
+    rng = np.random.default_rng(7)
+    _, robot = random_robot(rng, 5)
+    estimate = random_estimate(rng, robot, DriveTerms(), (coupling(robot),))
+    notes = "\n".join(to_mjcf(estimate).notes)
+    assert "no coupling_viscous" in notes
+    assert "no coupling_rotor_inertia" in notes
+    model = mujoco.MjModel.from_xml_string(to_mjcf(estimate).content.decode())
+    assert model.tendon_frictionloss[0] == estimate.parameters[-2]
+
+
 def test_the_specification_can_be_built_upon():
     rng = np.random.default_rng(1)
     _, robot = random_robot(rng, 3)
@@ -204,7 +241,7 @@ def test_what_mujoco_cannot_say_is_said():
     )
     estimate = random_estimate(rng, robot, terms, (coupling(robot),))
     notes = "\n".join(to_mjcf(estimate).notes)
-    for words in ("no offset: j0", "no coupling_viscous", "tanh(velocity / scale)"):
+    for words in ("no offset: j0", "coupling_rotor_inertia", "tanh(velocity / scale)"):
         assert words in notes
 
 

@@ -88,11 +88,11 @@ def _pinocchio(content, robot, states, locked=(), gravity=9.81):
     return np.array(torques)
 
 
-def _assert_same_torque(content, estimate, locked=()):
+def _assert_same_torque(content, estimate, locked=(), tolerance=1e-10):
     states = _states(estimate.model.robot)
     expected = rigid(estimate, states)
     found = _pinocchio(content, estimate.model.robot, states, locked)
-    assert np.allclose(found, expected, rtol=0, atol=1e-10 * abs(expected).max())
+    assert np.allclose(found, expected, rtol=0, atol=tolerance * abs(expected).max())
 
 
 def test_pinocchio_finds_the_identified_torque_in_the_file(written):

@@ -19,6 +19,8 @@ def exact_xml(spec: Any) -> bytes:
     for option in root.all("option"):
         if "gravity" in option.attributes:
             edits += _set(document, option, gravity=model.opt.gravity)
+    for tendon in (t for group in root.all("tendon") for t in group.all("fixed")):
+        edits += _tendon(document, tendon, model) if tendon.name else []
     for world in root.all("worldbody"):
         for element in world.below():
             if element.tag == "body" and element.name:
@@ -44,7 +46,7 @@ def _body(document: Document, element: Element, model: Any, b: int) -> list[Edit
 
 
 def _joint(document: Document, element: Element, model: Any, j: int) -> list[Edit]:
-    """Return edits of a joint's numbers; of its own ones, not those of its class."""
+    """Return edits of a joint's own numbers; those of its class are left alone."""
     dof, place = int(model.jnt_dofadr[j]), int(model.jnt_qposadr[j])
     exact = {
         "pos": model.jnt_pos[j],
@@ -58,6 +60,21 @@ def _joint(document: Document, element: Element, model: Any, j: int) -> list[Edi
         "armature": [model.dof_armature[dof]],
         "frictionloss": [model.dof_frictionloss[dof]],
     }
+    return _exact(document, element, exact)
+
+
+def _tendon(document: Document, element: Element, model: Any) -> list[Edit]:
+    t = model.tendon(element.name).id
+    exact = {
+        name: [getattr(model, f"tendon_{name}")[t]]
+        for name in ("damping", "frictionloss", "armature")
+        if hasattr(model, f"tendon_{name}")
+    }
+    return _exact(document, element, exact)
+
+
+def _exact(document: Document, element: Element, exact: dict[str, Any]) -> list[Edit]:
+    """Return edits that give stated numbers all their digits."""
     stated = {
         name: value for name, value in exact.items() if _plain(element, name, value)
     }

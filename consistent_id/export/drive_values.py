@@ -71,7 +71,7 @@ def not_expressed(
     expressed : iterable of str
         Names of the terms that it does have a place for.
     exempt : container of (str, str)
-        Joints and terms that it has a place for, though not at all joints.
+        Joints (or couplings) and terms that it has a place for, though not at all.
     """
     expressed = set(expressed)
     left: dict[str, list[str]] = {}
@@ -82,14 +82,18 @@ def not_expressed(
                 left.setdefault(name, []).append(f"{drive.joint} {value:.6g}")
     for coupling, values in coupling_values(estimate):
         for name, value in values.items():
-            if name not in expressed and value != 0.0:
+            said = name in expressed or (coupling.label, name) in exempt
+            if not said and value != 0.0:
                 left.setdefault(name, []).append(f"{coupling.label} {value:.6g}")
     notes = [f"{where} has no {term}: {', '.join(of)}" for term, of in left.items()]
-    return (*notes, *_rounded_signs(estimate, where, expressed))
+    return (*notes, *_rounded_signs(estimate, where, expressed, exempt))
 
 
 def _rounded_signs(
-    estimate: Estimate, where: str, expressed: set[str]
+    estimate: Estimate,
+    where: str,
+    expressed: set[str],
+    exempt: Container[tuple[str, str]],
 ) -> tuple[str, ...]:
     """Say where a Coulomb level stands for something smoother or of two levels."""
     if "coulomb" not in expressed:
@@ -99,6 +103,13 @@ def _rounded_signs(
         f"{d.joint} {d.terms.velocity_scale:g}"
         for d in drives
         if d.terms.velocity_scale is not None
+    ]
+    smooth += [
+        f"{c.label} {c.velocity_scale:g}"
+        for c, values in coupling_values(estimate)
+        if c.velocity_scale is not None
+        and values.get("coupling_coulomb")
+        and (c.label, "coupling_coulomb") in exempt
     ]
     uneven = [d.joint for d in drives if d.terms.asymmetric]
     notes = []

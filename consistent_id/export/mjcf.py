@@ -8,6 +8,7 @@ import numpy as np
 from consistent_id.errors import ModelError
 from consistent_id.estimate import Estimate
 from consistent_id.export._mjcf_body import quaternion, require_mujoco, set_body
+from consistent_id.export._mjcf_gears import add_gears, set_number
 from consistent_id.export._mjcf_source import Source, put_into, read_spec
 from consistent_id.export._mjcf_text import exact_xml
 from consistent_id.export._mjcf_tree import spec_tree
@@ -79,7 +80,6 @@ def mujoco_spec(
     """Return the ``mujoco.MjSpec`` that `to_mjcf` writes, not compiled yet."""
     require_usable(estimate, allow_refused)
     mujoco = require_mujoco()
-    notes = not_expressed(estimate, "MuJoCo", _EXPRESSED, _preloads(estimate))
     if source is None:
         spec, more = _built(estimate, mujoco)
         tree = spec_tree(spec)
@@ -90,6 +90,8 @@ def mujoco_spec(
     for drive in joint_drives(estimate):
         if drive.terms.names:
             _set_drive(spec, tree.joints[drive.joint], drive)
+    exempt = _preloads(estimate) | add_gears(spec, tree.joints, estimate)
+    notes = not_expressed(estimate, "MuJoCo", _EXPRESSED, exempt)
     return Specified(spec, (*notes, *more))
 
 
@@ -141,16 +143,9 @@ def _set_drive(spec: Any, joint: Any, drive: JointDrive) -> None:
     turns = joint.type == require_mujoco().mjtJoint.mjJNT_HINGE
     angle = 180.0 / np.pi if turns and spec.compiler.degree else 1.0
     spring = drive.values.get("spring", 0.0)
-    _set(joint, "damping", drive.values.get("viscous", 0.0))
-    _set(joint, "frictionloss", drive.friction_level or 0.0)
-    _set(joint, "armature", drive.values.get("rotor_inertia", 0.0))
-    _set(joint, "stiffness", spring)
+    set_number(joint, "damping", drive.values.get("viscous", 0.0))
+    set_number(joint, "frictionloss", drive.friction_level or 0.0)
+    set_number(joint, "armature", drive.values.get("rotor_inertia", 0.0))
+    set_number(joint, "stiffness", spring)
     if spring:
         joint.springref = -angle * drive.values.get("offset", 0.0) / spring
-
-
-def _set(joint: Any, name: str, value: float) -> None:
-    """Set a number that newer versions of MuJoCo have as a polynomial's first."""
-    terms = np.atleast_1d(getattr(joint, name))
-    whole = [value, *np.zeros(len(terms) - 1)]
-    setattr(joint, name, whole if np.ndim(getattr(joint, name)) else value)
