@@ -76,6 +76,7 @@ def run_export(options: argparse.Namespace) -> int:
         print(json.dumps(record, indent=1))
     else:
         print(f"{estimate.method}: {verdict}")
-        print("\n".join(f"  {note}" for note in export.notes))
+        for note in export.notes:
+            print(f"  {note}")
         print(f"written: {written}" if written else "nothing was written")
     return 0

@@ -17,7 +17,7 @@ and nothing was written."""
 def add_repair(commands: Any) -> None:
     """Add the command to a parser's commands."""
     command = commands.add_parser("repair", help=TEXT, description=f"{TEXT}. {_MORE}")
-    command.add_argument("urdf", type=Path, help="the file; it is not overwritten")
+    command.add_argument("urdf", type=Path, help="the file")
     command.add_argument(
         "--output", type=Path, help="file to write (default: NAME.repaired.urdf)"
     )

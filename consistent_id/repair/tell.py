@@ -20,10 +20,12 @@ def repair_table(repair: Repair) -> Table:
         if wrong
         else f"nothing to repair: {count} inertials are those of bodies"
     ]
-    notes += [f"{link.link} (line {link.line}): {link.remedy}" for link in advised]
+    for remedy in dict.fromkeys(link.remedy for link in advised):
+        names = [link.link for link in advised if link.remedy == remedy]
+        notes.append(f"{', '.join(names)}: {remedy}")
     return Table(
         f"{repair.source}",
-        ("link", "line", "wrong", "done", "moments before", "after [kg m^2]", "change"),
+        ("link", "line", "wrong", "done", "moments now [kg m^2]", "change"),
         tuple(_row(link) for link in wrong),
         tuple(notes),
     )
@@ -36,7 +38,6 @@ def _row(link: LinkRepair) -> tuple[str, ...]:
         str(link.line),
         link.fault,
         f"refused: {link.remedy}" if refused else link.remedy,
-        _moments(link.before),
         "-" if refused else _moments(link.after),
         "-" if refused or not np.isfinite(link.change) else f"{link.change:.2g}",
     )
