@@ -58,9 +58,16 @@ def to_pinocchio(estimate: Estimate, *, allow_refused: bool = False) -> Any:
     for i, drive in enumerate(joint_drives(estimate)):
         model.armature[i] = drive.values.get("rotor_inertia", 0.0)
         model.damping[i] = drive.values.get("viscous", 0.0)
-        level = drive.friction_level or 0.0
-        model.lowerDryFrictionLimit[i], model.upperDryFrictionLimit[i] = -level, level
+        _set_friction(model, i, drive.friction_level or 0.0)
     return model
+
+
+def _set_friction(model: Any, i: int, level: float) -> None:
+    """Set dry friction, which older versions of Pinocchio have as one number."""
+    if hasattr(model, "upperDryFrictionLimit"):
+        model.lowerDryFrictionLimit[i], model.upperDryFrictionLimit[i] = -level, level
+    else:
+        model.friction[i] = level
 
 
 def pinocchio_file(estimate: Estimate, *, allow_refused: bool = False) -> Export:

@@ -105,7 +105,7 @@ def _tell(path: Path, findings: tuple[Finding, ...]) -> None:
 def _decoded(text: bytes, path: Path) -> str:
     declared = _ENCODING.match(text)
     encoding = declared[1].decode() if declared else "utf-8"
-    if encoding.lower() == "utf-8":
+    if encoding.lower() in ("utf-8", "utf8"):
         encoding = "utf-8-sig"
     try:
         return text.decode(encoding)
