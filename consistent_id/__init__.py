@@ -78,6 +78,18 @@ from consistent_id.excitation.scene import Scene
 from consistent_id.excitation.scene_building import build_scene
 from consistent_id.excitation.scene_file import scene_from_urdf
 from consistent_id.excitation.transfers import transfer
+from consistent_id.export import (
+    Export,
+    mujoco_spec,
+    robot_record,
+    to_c,
+    to_casadi,
+    to_json,
+    to_mjcf,
+    to_numpy,
+    to_pinocchio,
+    to_urdf,
+)
 from consistent_id.friction import DriveTerms, GearCoupling
 from consistent_id.inertia import InertialParameters
 from consistent_id.intervals import ConsistentIntervals, consistent_intervals
@@ -122,6 +134,7 @@ from consistent_id.regressor import (
     casadi_regressor,
     joint_torque_regressor,
 )
+from consistent_id.repair import Repair, nearest_inertia, repair_urdf
 from consistent_id.segments import segment_regressions
 from consistent_id.shadow_prices import ShadowPrice, shadow_prices
 from consistent_id.shape_fit import ShapeFit, fit_shapes
@@ -201,6 +214,7 @@ __all__ = [
     "Ellipsoid",
     "EqualLinks",
     "Estimate",
+    "Export",
     "Finding",
     "FixedCentresOfMass",
     "FixedFrame",
@@ -243,6 +257,7 @@ __all__ = [
     "RecordingError",
     "Regression",
     "RegularisationPath",
+    "Repair",
     "RobotModel",
     "RotorInertias",
     "Scene",
@@ -317,13 +332,17 @@ __all__ = [
     "motion_limits",
     "motion_noise",
     "move_along",
+    "mujoco_spec",
+    "nearest_inertia",
     "plane",
     "prove_clearance",
     "read_recording",
     "read_track",
     "read_trajectory",
     "recording_from",
+    "repair_urdf",
     "resampled",
+    "robot_record",
     "row_weights",
     "run_study",
     "saturated",
@@ -336,6 +355,13 @@ __all__ = [
     "smooth_least_squares",
     "split_at_gaps",
     "standstill",
+    "to_c",
+    "to_casadi",
+    "to_json",
+    "to_mjcf",
+    "to_numpy",
+    "to_pinocchio",
+    "to_urdf",
     "track",
     "transfer",
     "trim_standstill",

@@ -1,4 +1,4 @@
-"""The shell tool: ``consistent-id info | check | excite | identify | compare``.
+"""The shell tool: ``consistent-id COMMAND``; its help lists the commands.
 
 Exit codes: 0 done, 1 refused (no usable estimate, or a faulty log), 2 wrong usage or
 input, 3 solver failure, 130 interrupted.
@@ -11,6 +11,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from consistent_id.cli_export import add_export, run_export
+from consistent_id.cli_repair import add_repair, run_repair
 from consistent_id.errors import ConsistentIdError, SolverError
 
 _EPILOG = """examples:
@@ -21,6 +23,8 @@ _EPILOG = """examples:
   consistent-id excite problems/rx60 --time-limit 3 --output results/motion
   consistent-id identify problems/ur10e --uncertainty --output results/ur10e
   consistent-id compare problems/rx60
+  consistent-id export problems/ur10e --format urdf --output ur10e.urdf
+  consistent-id repair robot.urdf --dry-run
 """
 
 
@@ -50,6 +54,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(options: argparse.Namespace) -> int:
     from consistent_id.problem_folder import problem_files
 
+    if options.command in _OF_ONE_FILE:
+        return _OF_ONE_FILE[options.command](options)
     answer_to = _COMMANDS[options.command]
     if getattr(options, "log", None) is not None:
         return _shown(options, answer_to(options))
@@ -153,6 +159,8 @@ def _parser() -> argparse.ArgumentParser:
             command.add_argument(
                 "--output", type=Path, help=f"folder to write results to{default}"
             )
+    add_export(commands)
+    add_repair(commands)
     return parser
 
 
@@ -302,3 +310,4 @@ _COMMANDS = {
     "identify": _identify,
     "compare": _compare,
 }
+_OF_ONE_FILE = {"export": run_export, "repair": run_repair}

@@ -57,6 +57,15 @@ class Problem:
         """The problem's name."""
         return self.table.name
 
+    @property
+    def model_files(self) -> dict[str, Path | None]:
+        """Files that the robot was loaded from, by format: ``urdf``, ``mjcf``."""
+        model = self.table.model
+        return {
+            form: None if name is None else self.folder / _expanded(name, self.name)
+            for form, name in (("urdf", model.urdf), ("mjcf", model.mjcf))
+        }
+
     @cached_property
     def training(self) -> tuple[Recording, ...]:
         """Prepared recordings to learn from."""

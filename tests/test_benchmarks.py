@@ -68,3 +68,17 @@ def test_the_series_beats_the_filter_on_periodic_motion():
 
     series = acceleration("Fourier, period known")
     assert series < 0.1 * acceleration("Butterworth, best of 11 cut-offs*")
+
+
+def test_the_table_of_repaired_robots_can_be_made(tmp_path):
+    pytest.importorskip("mujoco")
+    from robots import URDF
+
+    repair = _benchmark("repair")
+    path = tmp_path / "robot.urdf"
+    path.write_text(URDF.replace('izz="0.025"', 'izz="0.09"', 1))
+    done = repair.repair_urdf(path)
+    before, after = repair.refused(done.original), repair.refused(done.content)
+    assert (before, after) == (1, 0)
+    table = repair.page([repair.Case("robot.urdf", done, before, after, 0)])
+    assert "| robot.urdf | 4 | 1 |" in table

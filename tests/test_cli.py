@@ -125,3 +125,55 @@ def test_every_error_of_the_package_has_one_root():
     errors = [getattr(consistent_id, n) for n in consistent_id.__all__ if "Error" in n]
     assert len(errors) == 8
     assert all(issubclass(error, ConsistentIdError) for error in errors)
+
+
+@pytest.mark.parametrize(
+    "form", ["urdf", "mjcf", "json", "pin", "numpy", "casadi", "c"]
+)
+def test_an_estimate_is_exported_for_other_programmes(form, rx60_estimate, capsys):
+    if form == "mjcf":
+        pytest.importorskip("mujoco")
+    file = rx60_estimate.with_name("rx60.out")
+    arguments = ["export", RX60, "--format", form, "--output", str(file), "--json"]
+    assert main([*arguments, "--estimate", str(rx60_estimate)]) == 0
+    record = json.loads(capsys.readouterr().out)
+    assert (record["verdict"], record["written"]) == ("certified", str(file))
+    assert file.stat().st_size > 1000
+
+
+def test_a_source_is_for_formats_that_have_one(rx60_estimate, capsys):
+    arguments = ["--format", "c", "--output", "x", "--estimate", str(rx60_estimate)]
+    assert main(["export", RX60, *arguments, "--source", "robot.urdf"]) == 2
+    assert "a source is for URDF and MJCF" in capsys.readouterr().err
+
+
+def test_what_is_refused_is_not_exported_unless_told(rx60_estimate, capsys):
+    text = rx60_estimate.read_text().replace('"certified"', '"refused"')
+    rx60_estimate.write_text(text)
+    file = rx60_estimate.with_name("rx60.c")
+    arguments = ["export", RX60, "--format", "c", "--output", str(file)]
+    arguments += ["--estimate", str(rx60_estimate)]
+    assert main(arguments) == 1
+    assert not file.exists()
+    assert "is refused" in capsys.readouterr().err
+    assert main([*arguments, "--allow-refused", "--dry-run"]) == 0
+    assert not file.exists()
+    assert main([*arguments, "--allow-refused"]) == 0
+    assert "verdict refused" in file.read_text()
+    capsys.readouterr()
+
+
+@pytest.fixture(scope="module")
+def _rx60_estimate(tmp_path_factory):
+    from consistent_id.commands_export import estimate_for_export
+
+    estimate = estimate_for_export(load_problem(RX60))
+    return estimate.save(tmp_path_factory.mktemp("rx60") / "estimate.json")
+
+
+@pytest.fixture
+def rx60_estimate(_rx60_estimate, tmp_path):
+    """The constrained estimate of the RX-60, in a file of its own."""
+    file = tmp_path / "estimate.json"
+    file.write_bytes(_rx60_estimate.read_bytes())
+    return file

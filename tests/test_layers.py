@@ -52,7 +52,13 @@ excitation.aims excitation.accuracy excitation.search_task excitation.search
 excitation.starts excitation.design excitation.validating excitation.figure
 excitation.record excitation.asked published published_estimate study diagnosis.coverage
 diagnosis.diagnose diagnosis published_summary summary record commands excite
-reproduction reproduction_tables
+reproduction reproduction_tables export._numpy_template export.drive_values
+export.exported export.pedigree export.casadi_functions export.c_source
+export.numpy_source export.pinocchio_model export._mjcf_body export.record export.shares
+loaders._splice loaders._urdf_inertial export._mjcf_text repair.nearest repair.statement
+repair.account repair.tell repair.link repair.urdf repair cli_repair export._mjcf_tree
+export._mjcf_source export.new_urdf export.urdf export._mjcf_gears export.mjcf
+commands_export cli_export export
 """.split()
 
 HEAVY = {

@@ -169,10 +169,17 @@ def test_text_that_is_no_xml_is_one_finding(tmp_path):
         load_urdf(path)
 
 
-def test_text_that_is_not_utf_8_is_refused(tmp_path):
-    text = URDF.replace('version="1.0"', 'version="1.0" encoding="latin-1"')
+def test_a_declared_encoding_is_read(tmp_path):
+    text = URDF.replace('version="1.0"', 'version="1.0" encoding="ISO-8859-1"')
     path = tmp_path / "robot.urdf"
-    path.write_bytes(text.replace('"test"', '"\xe9"').encode("latin-1"))
+    path.write_bytes(text.replace('"one"', '"\xe9"').encode("latin-1"))
+    assert lint_urdf(path) == ()
+    assert load_urdf(path).link_names[0] == "\xe9"
+
+
+def test_text_of_two_bytes_per_letter_is_refused(tmp_path):
+    path = tmp_path / "robot.urdf"
+    path.write_bytes(URDF.encode("utf-16"))
     assert lint_urdf(path) == ()
     with pytest.raises(ModelError, match="save the file as UTF-8"):
         load_urdf(path)

@@ -62,7 +62,7 @@ def urdf_findings(root: Element, moves: Callable[[str], bool]) -> tuple[Finding,
     if root.tag != "robot":
         sentence = f"root element is <{root.tag}>, expected <robot>"
         return (Finding(root.line, "error", sentence),)
-    found = [*_xacro(root), *_names(root), *tree_findings(root)]
+    found = [*unexpanded(root), *_names(root), *tree_findings(root)]
     for element in root.children:
         if element.tag in ("link", "joint"):
             faulty = list(_numbers(element))
@@ -76,7 +76,7 @@ def urdf_findings(root: Element, moves: Callable[[str], bool]) -> tuple[Finding,
     return tuple(sorted(found))
 
 
-def _xacro(root: Element) -> Iterator[Finding]:
+def unexpanded(root: Element) -> Iterator[Finding]:
     """Find what a macro processor has left: one finding for all."""
     for element in root.below(without=_EXTENSIONS):
         left = [f"{k}={v!r}" for k, v in element.attributes.items() if "${" in v]
@@ -109,7 +109,7 @@ def _numbers(element: Element) -> Iterator[Finding]:
     for part in element.below(without=_EXTENSIONS):
         for attribute, value in part.attributes.items():
             count = _NUMBERS.get((part.tag, attribute))
-            if count is not None and not _readable(value, count):
+            if count is not None and not readable_numbers(value, count):
                 yield Finding(
                     part.line,
                     "error",
@@ -119,7 +119,8 @@ def _numbers(element: Element) -> Iterator[Finding]:
                 )
 
 
-def _readable(value: str, count: int) -> bool:
+def readable_numbers(value: str, count: int) -> bool:
+    """Tell whether text consists of so many finite decimal numbers."""
     words = value.split()
     numbers = [float(word) for word in words if _NUMBER.fullmatch(word)]
     return len(words) == len(numbers) == count and all(map(isfinite, numbers))

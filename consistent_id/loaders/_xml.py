@@ -1,4 +1,4 @@
-"""XML elements that know the line on which they start."""
+"""XML elements that know where in the text they stand."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -17,12 +17,18 @@ class XmlFault(ModelError):
 
 @dataclass(slots=True)
 class Element:
-    """An XML element with the line on which it starts."""
+    """An XML element with the line on which it starts.
+
+    `start` is the byte at which its start tag begins, and `close` that at which its end
+    tag begins or, where there is none, at which the element has ended.
+    """
 
     tag: str
     attributes: dict[str, str]
     line: int
     children: list["Element"] = field(default_factory=list)
+    start: int = 0
+    close: int = 0
 
     @property
     def name(self) -> str:
@@ -59,9 +65,13 @@ def parse(text: bytes) -> Element:
     stack = [top]
 
     def start(tag: str, attributes: dict[str, str]) -> None:
-        element = Element(tag, attributes, parser.CurrentLineNumber)
+        line, place = parser.CurrentLineNumber, parser.CurrentByteIndex
+        element = Element(tag, attributes, line, start=place)
         stack[-1].children.append(element)
         stack.append(element)
+
+    def end(_: str) -> None:
+        stack.pop().close = parser.CurrentByteIndex
 
     def refuse_dtd(*_: object) -> None:
         raise XmlFault(
@@ -71,7 +81,7 @@ def parse(text: bytes) -> Element:
         )
 
     parser.StartElementHandler = start
-    parser.EndElementHandler = lambda _: stack.pop()
+    parser.EndElementHandler = end
     parser.StartDoctypeDeclHandler = refuse_dtd
     try:
         parser.Parse(text, True)

@@ -1,6 +1,7 @@
 """Robots from URDF: our own lint first, then Pinocchio as the loader."""
 
 import logging
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
@@ -27,6 +28,7 @@ from consistent_id.model import (
 )
 
 _log = logging.getLogger(__name__)
+_ENCODING = re.compile(rb"(?:\xef\xbb\xbf)?<\?xml[^>]*?encoding\s*=\s*[\"']([\w.-]+)")
 
 
 def load_urdf(
@@ -101,8 +103,12 @@ def _tell(path: Path, findings: tuple[Finding, ...]) -> None:
 
 
 def _decoded(text: bytes, path: Path) -> str:
+    declared = _ENCODING.match(text)
+    encoding = declared[1].decode() if declared else "utf-8"
+    if encoding.lower() in ("utf-8", "utf8"):
+        encoding = "utf-8-sig"
     try:
-        return text.decode("utf-8-sig")
+        return text.decode(encoding)
     except UnicodeDecodeError as cause:
         raise ModelError(
             f"{path}: byte {cause.start} is not UTF-8; save the file as UTF-8"

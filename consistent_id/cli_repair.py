@@ -1,0 +1,81 @@
+"""``consistent-id repair robot.urdf``: its options, and what it prints."""
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+from consistent_id.errors import ProblemError
+
+TEXT = "make the inertials of a URDF those of bodies, with the least change"
+_MORE = """Masses, centres of mass and axes stay; moments of inertia move to the
+nearest ones that a body has. Nothing else in the file changes by a byte. What would
+have to be made up is refused unless it is stated. Exit code 1: something was refused,
+and nothing was written."""
+
+
+def add_repair(commands: Any) -> None:
+    """Add the command to a parser's commands."""
+    command = commands.add_parser("repair", help=TEXT, description=f"{TEXT}. {_MORE}")
+    command.add_argument("urdf", type=Path, help="the file")
+    command.add_argument(
+        "--output", type=Path, help="file to write (default: NAME.repaired.urdf)"
+    )
+    command.add_argument("--dry-run", action="store_true", help="write nothing")
+    command.add_argument("--json", action="store_true", help="print JSON, not a table")
+    command.add_argument(
+        "--mass",
+        action="append",
+        default=[],
+        metavar="LINK=KG",
+        help="a link's mass, in place of the file's; may be repeated",
+    )
+    command.add_argument(
+        "--density",
+        type=float,
+        metavar="KG/M3",
+        help="a ball of this density stands for an inertia that cannot be read",
+    )
+    command.add_argument(
+        "--thickness",
+        type=float,
+        default=0.0,
+        metavar="M",
+        help="standard deviation of mass that every body is to have in each direction, "
+        "for simulators that refuse point masses and plates",
+    )
+
+
+def run_repair(options: argparse.Namespace) -> int:
+    """Repair a file; return the exit code."""
+    from consistent_id.repair.tell import repair_record, repair_table
+    from consistent_id.repair.urdf import repair_urdf
+
+    repair = repair_urdf(
+        options.urdf,
+        masses=dict(_mass(text) for text in options.mass),
+        density=options.density,
+        thickness=options.thickness,
+    )
+    written = None
+    changed = repair.content != repair.original
+    if not (options.dry_run or repair.refused) and (changed or options.output):
+        name = f"{options.urdf.stem}.repaired{options.urdf.suffix}"
+        written = repair.save(options.output or options.urdf.with_name(name))
+    if options.json:
+        record = repair_record(repair) | {"written": written and str(written)}
+        print(json.dumps(record, indent=1, allow_nan=False))
+    else:
+        print(repair_table(repair).text())
+        print(f"written: {written}" if written else "nothing was written")
+    return 1 if repair.refused else 0
+
+
+def _mass(text: str) -> tuple[str, float]:
+    link, _, mass = text.rpartition("=")
+    try:
+        return link, float(mass)
+    except ValueError:
+        raise ProblemError(
+            f"--mass {text!r}: expected a link and its mass in kg, such as tool=0.4"
+        ) from None

@@ -1,0 +1,151 @@
+"""An identified robot for MuJoCo: built anew, or put into its own MJCF file."""
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from consistent_id.errors import ModelError
+from consistent_id.estimate import Estimate
+from consistent_id.export._mjcf_body import quaternion, require_mujoco, set_body
+from consistent_id.export._mjcf_gears import add_gears, set_number
+from consistent_id.export._mjcf_source import Source, put_into, read_spec
+from consistent_id.export._mjcf_text import exact_xml
+from consistent_id.export._mjcf_tree import spec_tree
+from consistent_id.export.drive_values import JointDrive, joint_drives, not_expressed
+from consistent_id.export.exported import Export
+from consistent_id.export.pedigree import pedigree, require_usable
+from consistent_id.inertia import InertialParameters
+from consistent_id.model import Joint
+
+_EXPRESSED = (
+    "viscous",
+    "coulomb",
+    "coulomb_positive",
+    "coulomb_negative",
+    "rotor_inertia",
+    "spring",
+)
+
+
+class Specified(NamedTuple):
+    """A ``mujoco.MjSpec``, and what it cannot say of the estimate."""
+
+    spec: Any
+    notes: tuple[str, ...]
+
+
+def to_mjcf(
+    estimate: Estimate,
+    source: str | Path | None = None,
+    *,
+    allow_refused: bool = False,
+) -> Export:
+    """Return MJCF with explicit inertials, armature, damping, friction loss, springs.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    source : str or Path, optional
+        The MJCF file that the model was loaded from; all else in it is kept, as MuJoCo
+        writes it.  Without it the robot is built anew: bodies, joints and limits, links
+        fixed to them as sites, no shapes.
+    allow_refused : bool
+        Export what is refused, too; MuJoCo will not take all of it.
+
+    Raises
+    ------
+    ModelError
+        If MuJoCo is not installed or refuses the result, or `source` is not the
+        model's.
+    ProblemError
+        If the estimate is refused.
+    """
+    mujoco = require_mujoco()
+    spec, notes = mujoco_spec(estimate, source, allow_refused=allow_refused)
+    try:
+        text = exact_xml(spec)
+    except (ValueError, mujoco.FatalError) as cause:
+        raise ModelError(f"MuJoCo refuses the estimate: {cause}") from None
+    comment = pedigree(estimate).replace("--", "- -").encode("ascii", "replace")
+    return Export("mjcf", b"<!-- " + comment + b" -->\n" + text, notes)
+
+
+def mujoco_spec(
+    estimate: Estimate,
+    source: str | Path | None = None,
+    *,
+    allow_refused: bool = False,
+) -> Specified:
+    """Return the ``mujoco.MjSpec`` that `to_mjcf` writes, not compiled yet."""
+    require_usable(estimate, allow_refused)
+    mujoco = require_mujoco()
+    if source is None:
+        spec, more = _built(estimate, mujoco)
+        tree = spec_tree(spec)
+    else:
+        spec, model = read_spec(Path(source))
+        tree = spec_tree(spec)
+        more = put_into(Source(spec, tree, model, Path(source).name), estimate)
+    for drive in joint_drives(estimate):
+        if drive.terms.names:
+            _set_drive(spec, tree.joints[drive.joint], drive)
+    exempt = _preloads(estimate) | add_gears(spec, tree.joints, estimate)
+    notes = not_expressed(estimate, "MuJoCo", _EXPRESSED, exempt)
+    return Specified(spec, (*notes, *more))
+
+
+def _preloads(estimate: Estimate) -> set[tuple[str, str]]:
+    """Return offsets that are those of springs: ``spring (q - springref)``."""
+    drives = joint_drives(estimate)
+    return {(d.joint, "offset") for d in drives if d.values.get("spring")}
+
+
+def _built(estimate: Estimate, mujoco: Any) -> tuple[Any, list[str]]:
+    robot = estimate.model.robot
+    spec = mujoco.MjSpec()
+    spec.modelname = robot.name
+    spec.compiler.degree = False
+    spec.option.gravity = robot.gravity
+    notes: list[str] = []
+    bodies: list[Any] = []
+    for joint, link, vector in zip(
+        robot.joints, robot.links, estimate.links, strict=True
+    ):
+        parent = spec.worldbody if joint.parent < 0 else bodies[joint.parent]
+        body = parent.add_body(
+            name=link.name,
+            pos=joint.translation,
+            quat=quaternion(joint.rotation),
+        )
+        _add_joint(body, joint, mujoco)
+        notes += set_body(body, InertialParameters(vector))
+        for frame in link.merged:
+            where = {"pos": frame.translation, "quat": quaternion(frame.rotation)}
+            body.add_site(name=frame.name, **where)
+        bodies.append(body)
+    return spec, notes
+
+
+def _add_joint(body: Any, joint: Joint, mujoco: Any) -> None:
+    slides = joint.kind == "prismatic"
+    kind = mujoco.mjtJoint.mjJNT_SLIDE if slides else mujoco.mjtJoint.mjJNT_HINGE
+    made = body.add_joint(name=joint.name, type=kind, axis=joint.axis)
+    limits = joint.limits
+    if joint.kind != "continuous" and np.isfinite([limits.lower, limits.upper]).all():
+        made.range = [limits.lower, limits.upper]
+    if np.isfinite(limits.effort) and limits.effort > 0.0:
+        made.actfrcrange = [-limits.effort, limits.effort]
+
+
+def _set_drive(spec: Any, joint: Any, drive: JointDrive) -> None:
+    """Set damping, Coulomb friction, armature and spring of a joint."""
+    turns = joint.type == require_mujoco().mjtJoint.mjJNT_HINGE
+    angle = 180.0 / np.pi if turns and spec.compiler.degree else 1.0
+    spring = drive.values.get("spring", 0.0)
+    set_number(joint, "damping", drive.values.get("viscous", 0.0))
+    set_number(joint, "frictionloss", drive.friction_level or 0.0)
+    set_number(joint, "armature", drive.values.get("rotor_inertia", 0.0))
+    set_number(joint, "stiffness", spring)
+    if spring:
+        joint.springref = -angle * drive.values.get("offset", 0.0) / spring

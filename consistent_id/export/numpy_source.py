@@ -1,0 +1,163 @@
+"""The identified robot's dynamics as one Python file that needs NumPy alone."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from consistent_id.drive_terms import (
+    AsymmetricCoulomb,
+    Coulomb,
+    DriveTerm,
+    LoadFriction,
+    Offset,
+    RotorInertia,
+    Spring,
+    Stribeck,
+    Viscous,
+)
+from consistent_id.errors import ProblemError
+from consistent_id.estimate import Estimate
+from consistent_id.export._numpy_template import BODY, HEAD
+from consistent_id.export.drive_values import (
+    JointDrive,
+    coupling_values,
+    joint_drives,
+)
+from consistent_id.export.exported import Export
+from consistent_id.export.pedigree import pedigree, require_usable
+
+
+def to_numpy(estimate: Estimate, *, allow_refused: bool = False) -> Export:
+    """Return a Python module with ``inverse_dynamics``, ``gravity``, ``mass_matrix``.
+
+    Friction and drive terms included. It holds the robot's numbers and a recursive
+    Newton-Euler algorithm over arrays of samples.
+
+    Raises
+    ------
+    ProblemError
+        If the estimate is refused and `allow_refused` is false.
+    """
+    require_usable(estimate, allow_refused)
+    n = len(estimate.model.robot)
+    head = HEAD.format(
+        pedigree=_harmless(pedigree(estimate)), n=n, data="\n".join(_data(estimate))
+    )
+    text = head + BODY.replace("{n}", str(n)) + _drive(estimate)
+    return Export("numpy", text.encode())
+
+
+def _data(estimate: Estimate) -> Iterator[str]:
+    robot, reference = estimate.model.robot, estimate.model.load_reference
+    joints = robot.joints
+    yield f"JOINTS = {robot.joint_names!r}"
+    yield f"PARENT = {tuple(joint.parent for joint in joints)!r}"
+    yield f"SLIDES = {tuple(joint.kind == 'prismatic' for joint in joints)!r}"
+    yield _array("GRAVITY", robot.gravity)
+    yield _array("ROTATION", np.array([joint.rotation for joint in joints]))
+    yield _array("TRANSLATION", np.array([joint.translation for joint in joints]))
+    yield _array("AXIS", np.array([joint.axis for joint in joints]))
+    yield _array("BODIES", estimate.links)
+    if reference is not None:
+        yield _array("LOAD_BODIES", reference.reshape(-1, 10))
+    yield _array("ROTORS", _rotors(estimate))
+
+
+def _array(name: str, values: Any) -> str:
+    rows = values.tolist()
+    if np.ndim(values) == 1:
+        return f"{name} = np.array({rows!r})"
+    return "\n".join([f"{name} = np.array([", *(f"    {r!r}," for r in rows), "])"])
+
+
+def _rotors(estimate: Estimate) -> Any:
+    names = estimate.model.robot.joint_names
+    rotors = np.diag(
+        [d.values.get("rotor_inertia", 0.0) for d in joint_drives(estimate)]
+    )
+    for coupling, values in coupling_values(estimate):
+        i, j = names.index(coupling.first), names.index(coupling.second)
+        shared = values.get("coupling_rotor_inertia", 0.0)
+        rotors[i, j], rotors[j, i] = rotors[i, j] + shared, rotors[j, i] + shared
+    return rotors
+
+
+def _drive(estimate: Estimate) -> str:
+    names = estimate.model.robot.joint_names
+    lines = [
+        "",
+        "",
+        "def drive(q, dq, ddq):",
+        '    """Return what friction, rotors and springs add to the torque."""',
+        "    tau = ddq @ ROTORS.T",
+    ]
+    if estimate.model.load_reference is not None:
+        lines.append("    load = rigid_body(q, dq, ddq, bodies=LOAD_BODIES)")
+    for k, joint in enumerate(joint_drives(estimate)):
+        terms = [text for text in _terms(joint, k) if text]
+        if terms:
+            lines.append(f"    # {joint.joint!r}")
+            lines.append(f"    q_, v = q[..., {k}], dq[..., {k}]")
+            lines += [f"    tau[..., {k}] += {text}" for text in terms]
+    for coupling, values in coupling_values(estimate):
+        i, j = names.index(coupling.first), names.index(coupling.second)
+        lines.append(f"    # {coupling.label!r}")
+        lines += _coupled(i, j, values, coupling.velocity_scale)
+    return "\n".join([*lines, "    return tau", ""])
+
+
+def _terms(joint: JointDrive, k: int) -> Iterator[str]:
+    for term in joint.terms.terms:
+        yield _term(term, [joint.values[name] for name in term.names], k)
+
+
+def _term(term: DriveTerm, values: Sequence[float], k: int) -> str:
+    """Return a term's torque as an expression in ``q_``, ``v`` and ``load``."""
+    c = values[0]
+    match term:
+        case Viscous():
+            return f"{c!r} * v"
+        case Coulomb(scale):
+            return f"{c!r} * {_sign('v', scale)}"
+        case AsymmetricCoulomb(scale):
+            s = _sign("v", scale)
+            return (
+                f"{c!r} * np.maximum({s}, 0.0) + {values[1]!r} * np.minimum({s}, 0.0)"
+            )
+        case Stribeck(velocity, exponent, scale):
+            fading = f"np.exp(-(np.abs(v / {velocity!r}) ** {exponent!r}))"
+            return f"{c!r} * {_sign('v', scale)} * {fading}"
+        case LoadFriction(scale):
+            return f"{c!r} * {_sign('v', scale)} * np.abs(load[..., {k}])"
+        case Offset():
+            return f"{c!r}"
+        case Spring():
+            return f"{c!r} * q_"
+        case RotorInertia():
+            return ""  # part of ROTORS
+    raise ProblemError(f"{type(term).__name__} cannot be written as NumPy source")
+
+
+def _coupled(
+    i: int, j: int, values: Mapping[str, float], scale: float | None
+) -> list[str]:
+    lines = []
+    viscous = values.get("coupling_viscous")
+    coulomb = values.get("coupling_coulomb")
+    if viscous is not None:
+        lines.append(f"    tau[..., {i}] += {viscous!r} * dq[..., {j}]")
+        lines.append(f"    tau[..., {j}] += {viscous!r} * dq[..., {i}]")
+    if coulomb is not None:
+        both = _sign(f"(dq[..., {i}] + dq[..., {j}])", scale)
+        lines.append(f"    shared = {coulomb!r} * {both}")
+        lines += [f"    tau[..., {k}] += shared" for k in (i, j)]
+    return lines
+
+
+def _sign(rate: str, scale: float | None) -> str:
+    return f"np.sign({rate})" if scale is None else f"np.tanh({rate} / {scale!r})"
+
+
+def _harmless(text: str) -> str:
+    return text.replace("\\", "/").replace('"', "'")

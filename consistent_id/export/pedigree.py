@@ -1,0 +1,45 @@
+"""Whether an estimate may leave, and what a file says of where it comes from."""
+
+from consistent_id.certificate import Verdict
+from consistent_id.errors import ProblemError
+from consistent_id.estimate import Estimate
+from consistent_id.link_condition import link_conditions
+
+
+def impossible_links(estimate: Estimate) -> tuple[str, ...]:
+    """Return the names of links that are no bodies."""
+    found = link_conditions(estimate.model, estimate.parameters)
+    return tuple(link.link for link in found if not link.consistent)
+
+
+def export_verdict(estimate: Estimate) -> Verdict:
+    """Return the estimate's verdict, ``refused`` if one of its links is no body."""
+    if impossible_links(estimate):
+        return "refused"
+    return estimate.certificate.verdict
+
+
+def require_usable(estimate: Estimate, allow_refused: bool) -> None:
+    """Refuse to export what no simulator should be given.
+
+    Raises
+    ------
+    ProblemError
+        If the estimate is refused and `allow_refused` is false.
+    """
+    if allow_refused or export_verdict(estimate) != "refused":
+        return
+    links = impossible_links(estimate)
+    why = f"{', '.join(links)}: no body" if links else estimate.certificate.reason
+    raise ProblemError(
+        f"the estimate by {estimate.method!r} is refused ({why}); export a constrained "
+        "one, or say allow_refused"
+    )
+
+
+def pedigree(estimate: Estimate) -> str:
+    """Return one line for a file's comment: method, robot, verdict."""
+    return (
+        f"consistent-id: robot {estimate.model.robot.name}, method {estimate.method}, "
+        f"verdict {export_verdict(estimate)}"
+    )

@@ -1,0 +1,123 @@
+"""An identified robot as a ``pinocchio.Model``."""
+
+from typing import Any
+
+import numpy as np
+
+from consistent_id.estimate import Estimate
+from consistent_id.export.drive_values import joint_drives, not_expressed
+from consistent_id.export.exported import Export
+from consistent_id.export.pedigree import require_usable
+from consistent_id.inertia import InertialParameters
+from consistent_id.model import Joint
+
+_EXPRESSED = (
+    "viscous",
+    "coulomb",
+    "coulomb_positive",
+    "coulomb_negative",
+    "rotor_inertia",
+)
+
+
+def to_pinocchio(estimate: Estimate, *, allow_refused: bool = False) -> Any:
+    """Return a ``pinocchio.Model`` with the identified bodies and drives.
+
+    Rotor inertias are its armature, which ``pin.rnea`` and ``pin.crba`` heed; viscous
+    and Coulomb friction are its damping and dry-friction limits, which they do not: add
+    ``model.damping * v + model.upperDryFrictionLimit * numpy.sign(v)``.  Continuous
+    joints have (cos, sin) as configuration, as from Pinocchio's own URDF reader.
+
+    Raises
+    ------
+    ProblemError
+        If the estimate is refused and `allow_refused` is false.
+    """
+    import pinocchio as pin
+
+    require_usable(estimate, allow_refused)
+    robot = estimate.model.robot
+    model = pin.Model()
+    model.name = robot.name
+    model.gravity.linear = robot.gravity
+    for frame in robot.ground:
+        place = pin.SE3(frame.rotation, frame.translation)
+        model.addBodyFrame(frame.name, 0, place, 0)
+    for joint, link, vector in zip(
+        robot.joints, robot.links, estimate.links, strict=True
+    ):
+        k = _added(pin, model, joint)
+        mass, com, inertia = central(InertialParameters(vector))
+        # Not appended to nothing: that sum goes wrong for a mass below zero.
+        model.inertias[k] = pin.Inertia(mass, com, inertia)
+        frame = model.addJointFrame(k)
+        model.addBodyFrame(link.name, k, pin.SE3.Identity(), frame)
+        for fixed in link.merged:
+            place = pin.SE3(fixed.rotation, fixed.translation)
+            model.addBodyFrame(fixed.name, k, place, frame)
+    for i, drive in enumerate(joint_drives(estimate)):
+        model.armature[i] = drive.values.get("rotor_inertia", 0.0)
+        model.damping[i] = drive.values.get("viscous", 0.0)
+        _set_friction(model, i, drive.friction_level or 0.0)
+    return model
+
+
+def _set_friction(model: Any, i: int, level: float) -> None:
+    """Set dry friction, which older versions of Pinocchio have as one number."""
+    if hasattr(model, "upperDryFrictionLimit"):
+        model.lowerDryFrictionLimit[i], model.upperDryFrictionLimit[i] = -level, level
+    else:
+        model.friction[i] = level
+
+
+def pinocchio_file(estimate: Estimate, *, allow_refused: bool = False) -> Export:
+    """Return the model as text that ``pin.Model().loadFromString`` reads."""
+    model = to_pinocchio(estimate, allow_refused=allow_refused)
+    notes = (
+        *not_expressed(estimate, "pinocchio.Model", _EXPRESSED),
+        "pin.rnea leaves damping and dry friction out: add them",
+    )
+    return Export("pin", model.saveToString().encode(), notes)
+
+
+def central(body: InertialParameters) -> tuple[float, Any, Any]:
+    """Return mass, centre of mass and inertia about it; the origin if massless."""
+    if body.mass == 0.0:
+        return 0.0, np.zeros(3), body.inertia
+    return body.mass, body.com, body.central_inertia
+
+
+def _added(pin: Any, model: Any, joint: Joint) -> int:
+    """Add a joint; along or about a coordinate axis it is Pinocchio's fast one."""
+    letter = "".join(
+        axis
+        for axis, unit in zip("XYZ", np.eye(3), strict=True)
+        if np.array_equal(joint.axis, unit)
+    )
+    short = {"prismatic": "P", "revolute": "R", "continuous": "RUB"}[joint.kind]
+    long = {
+        "prismatic": "PrismaticUnaligned",
+        "revolute": "RevoluteUnaligned",
+        "continuous": "RevoluteUnboundedUnaligned",
+    }[joint.kind]
+    kind = (
+        getattr(pin, f"JointModel{short}{letter}")()
+        if letter
+        else getattr(pin, f"JointModel{long}")(joint.axis)
+    )
+    limits = joint.limits
+    turns = joint.kind == "continuous"
+    lower = [-1.01, -1.01] if turns else [limits.lower]
+    upper = [1.01, 1.01] if turns else [limits.upper]
+    return int(
+        model.addJoint(
+            joint.parent + 1,
+            kind,
+            pin.SE3(joint.rotation, joint.translation),
+            joint.name,
+            np.array([limits.effort]),
+            np.array([limits.velocity]),
+            np.array(lower),
+            np.array(upper),
+        )
+    )

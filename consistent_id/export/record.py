@@ -1,0 +1,116 @@
+"""An identified robot as a record that needs no other file: JSON, and so YAML."""
+
+import json
+from typing import Any
+
+import numpy as np
+
+from consistent_id.estimate import Estimate
+from consistent_id.export.drive_values import coupling_values, joint_drives
+from consistent_id.export.exported import Export
+from consistent_id.export.pedigree import export_verdict, require_usable
+from consistent_id.export.pinocchio_model import central
+from consistent_id.friction import drive_unit
+from consistent_id.inertia import InertialParameters
+from consistent_id.model import FixedFrame, Joint
+
+FORMAT = "consistent_id robot 1"
+
+
+def robot_record(estimate: Estimate, *, allow_refused: bool = False) -> dict[str, Any]:
+    """Return robot, bodies and drives as plain numbers and text.
+
+    SI units.  A joint's frame is placed in its parent link's; a link's frame is that of
+    its joint; inertias are about the centre of mass, in the link's axes.  Infinite
+    limits are null.
+
+    Raises
+    ------
+    ProblemError
+        If the estimate is refused and `allow_refused` is false.
+    """
+    require_usable(estimate, allow_refused)
+    model = estimate.model
+    robot = model.robot
+    reference = model.load_reference
+    return {
+        "format": FORMAT,
+        "robot": robot.name,
+        "method": estimate.method,
+        "verdict": export_verdict(estimate),
+        "reason": estimate.certificate.reason,
+        "gravity": robot.gravity.tolist(),
+        "joints": [_joint(joint, robot.link_names) for joint in robot.joints],
+        "links": [
+            {
+                "name": link.name,
+                "joint": joint.name,
+                **_body(InertialParameters(vector)),
+                "fixed": [_frame(frame) for frame in link.merged],
+            }
+            for joint, link, vector in zip(
+                robot.joints, robot.links, estimate.links, strict=True
+            )
+        ],
+        "drives": _drives(estimate),
+        "couplings": [
+            {"joints": [c.first, c.second], "shapes": c.shapes, **values}
+            for c, values in coupling_values(estimate)
+        ],
+        "load_reference": None if reference is None else reference.tolist(),
+        "without_torque": [
+            name for name in robot.joint_names if name not in model.torque_joints
+        ],
+    }
+
+
+def to_json(estimate: Estimate, *, allow_refused: bool = False) -> Export:
+    """Return `robot_record` as JSON, which YAML readers read too."""
+    record = robot_record(estimate, allow_refused=allow_refused)
+    text = json.dumps(record, indent=1, allow_nan=False) + "\n"
+    return Export("json", text.encode())
+
+
+def _joint(joint: Joint, links: tuple[str, ...]) -> dict[str, Any]:
+    limits = joint.limits
+    return {
+        "name": joint.name,
+        "kind": joint.kind,
+        "parent": None if joint.parent < 0 else links[joint.parent],
+        "rotation": joint.rotation.tolist(),
+        "translation": joint.translation.tolist(),
+        "axis": joint.axis.tolist(),
+        "limits": {
+            name: float(value) if np.isfinite(value) else None
+            for name in ("lower", "upper", "velocity", "effort")
+            for value in [getattr(limits, name)]
+        },
+    }
+
+
+def _body(body: InertialParameters) -> dict[str, Any]:
+    mass, com, inertia = central(body)
+    return {"mass": mass, "com": com.tolist(), "inertia": inertia.tolist()}
+
+
+def _frame(frame: FixedFrame) -> dict[str, Any]:
+    return {
+        "name": frame.name,
+        "rotation": frame.rotation.tolist(),
+        "translation": frame.translation.tolist(),
+    }
+
+
+def _drives(estimate: Estimate) -> dict[str, Any]:
+    slides = {j.name: j.kind == "prismatic" for j in estimate.model.robot.joints}
+    return {
+        drive.joint: {
+            "coulomb_shape": drive.terms.coulomb,
+            "shapes": drive.terms.shapes,
+            "terms": {
+                name: {"value": value, "unit": drive_unit(name, slides[drive.joint])}
+                for name, value in drive.values.items()
+            },
+        }
+        for drive in joint_drives(estimate)
+    }
