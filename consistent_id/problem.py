@@ -284,12 +284,17 @@ def _read(
     return read_recording(
         folder / entry.file,
         robot.joint_names,
-        None
-        if data.columns is None
-        else Columns(**msgspec.structs.asdict(data.columns)),
+        _columns(data),
         torque_gain=data.torque_gain,
         topic=data.topic,
     )
+
+
+def _columns(data: DataTable) -> Columns | None:
+    if data.columns is None:
+        return None
+    named = msgspec.structs.asdict(data.columns)
+    return Columns(**named, torque_joints=data.torque_joints)
 
 
 def _span(raw: Recording, entry: RecordingTable) -> tuple[float, float]:
