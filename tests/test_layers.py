@@ -21,20 +21,21 @@ readers.jointstate readers.bag readers.mat readers.npz readers.parquet readers.f
 readers correlation drive_terms friction regressor base regression simulation
 constraints._rows constraints.datasheet constraints.parameters constraints.shape
 constraints.symmetry distances estimate link_condition mass_matrix
-estimators.least_squares estimators.robust segments parametrisation
-diagnosis.small_shifts figures constraints.motors constraints base_feasibility
-estimators.scaled_fit estimators.best_fit estimators.penalised estimators.nearest
-estimators.contradiction estimators.settled estimators.constrained
-estimators.constraint_variables estimators.smooth cross_check cross_validation bootstrap
-intervals sensitivity uncertainty constraint_costs shadow_prices comparison
-problem_constraints diagnosis.explain estimators.gain_search loaded_robot
-estimators.gains loaded_constraints estimators.payload shapes shaped_regression
-shape_misfit shape_profile shape_fit signals.clocks signals.differences signals.filters
+estimators.least_squares estimators.robust segments parametrisation figures
+constraints.motors constraints base_feasibility estimators.scaled_fit
+estimators.best_fit estimators.penalised estimators.nearest estimators.contradiction
+estimators.settled estimators.constrained estimators.constraint_variables
+estimators.smooth cross_check cross_validation bootstrap intervals sensitivity
+uncertainty constraint_costs shadow_prices comparison problem_constraints
+diagnosis.explain estimators.gain_search loaded_robot estimators.gains
+loaded_constraints estimators.payload shapes shaped_regression shape_misfit
+shape_profile shape_fit signals.clocks signals.differences signals.filters
 signals.fourier signals.kalman signals.period signals.resolution signals.masks
 signals.cuts signals.savitzky_golay signals.smoother signals.track signals.alignment
 signals.delay signals cutoff preparation problem published published_estimate study
-diagnosis.coverage diagnosis.diagnose diagnosis published_summary summary record
-diagnosis.tell commands
+diagnosis.coverage published_summary summary record diagnosis.tell diagnosis.jackknife
+diagnosis.repeats diagnosis.linearise diagnosis.small_shifts diagnosis.diagnose
+diagnosis commands
 """.split()
 
 HEAVY = {

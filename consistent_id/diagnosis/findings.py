@@ -24,6 +24,8 @@ class Finding:
         What to do.
     score : float
         Evidence, one at the threshold and larger beyond it.
+    recording : str
+        In which it was seen.
     """
 
     kind: str
@@ -32,13 +34,22 @@ class Finding:
     statement: str
     advice: str
     score: float = 1.0
+    recording: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
-    """All findings, the gravest first."""
+    """All findings, the gravest first.
+
+    Parameters
+    ----------
+    findings : tuple of Finding
+    recordings : tuple of str
+        Names of those that were looked at.
+    """
 
     findings: tuple[Finding, ...]
+    recordings: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         order = {"fault": 0, "warning": 1, "note": 2}
