@@ -73,9 +73,9 @@ def judged(trial: Trial) -> Verdict:
     spoil = another_motion if trial.fault is None else FAULTS[trial.fault][1]
     case = spoil(case, rng)
     found = diagnose(model, case.log, case.validation, prepare=prepared, base=base)
-    named = [f for f in found.findings if f.severity != "note"]
-    words = "; ".join(f"{f.kind} {f.where}: {f.statement[:100]}" for f in named)
-    return Verdict(trial, tuple(f.kind for f in named), words)
+    words = [f"{f.kind} {f.where}: {f.statement[:100]}" for f in found.suspicious]
+    kinds = tuple(f.kind for f in found.suspicious)
+    return Verdict(trial, kinds, "; ".join(words))
 
 
 def trials_of(
@@ -130,6 +130,10 @@ def page(groups: dict[str | None, list[Verdict]], seed: int) -> str:
         "Found: anything was reported. As that fault: as what it is. Surely more than:",
         "what that share exceeds with 95 % confidence. Besides: something else was",
         "reported as well.",
+        "",
+        "Recorded logs often say less of zeros than these, in which all joints move by",
+        "half of their range: `consistent-id check` notes which zeros a log would not",
+        "tell, and from which angle on it would.",
         "",
         "| fault | logs | found | as that fault | surely more than | besides |",
         "|---|---:|---:|---:|---:|---:|",

@@ -101,7 +101,7 @@ def _diagnosed(log, validation=(), model=None):
 
 @pytest.mark.parametrize("seed", range(2))
 def test_a_clean_log_is_not_accused(seed):
-    assert _diagnosed(_clean(seed)).findings == ()
+    assert _diagnosed(_clean(seed)).suspicious == ()
 
 
 @pytest.mark.parametrize(
@@ -122,7 +122,7 @@ def test_a_clean_log_is_not_accused(seed):
 def test_a_fault_that_only_the_torque_tells_is_found_as_what_it_is(fault):
     kind, inject = _logs().FAULTS[fault]
     found = _diagnosed(inject(_case(5), np.random.default_rng(1)).log)
-    assert {f.kind for f in found.findings} == {kind}
+    assert {f.kind for f in found.suspicious} == {kind}
     assert all(f.advice and f.statement for f in found.findings)
 
 
@@ -137,6 +137,14 @@ def test_a_zero_off_by_a_known_angle_is_measured():
     assert int(np.argmin(shifts.misfits)) == 1
     # About gravity, or of the last body, no zero can be told.
     assert np.isinf(shifts.offset_errors[[0, 3]]).all()
+
+
+def test_zeros_that_the_log_would_not_tell_are_noted():
+    (note,) = _diagnosed(_clean(0)).of("hidden zero")
+    assert note.severity == "note"
+    assert "joint1 (by any angle)" in note.statement
+    assert "joint4 (by any angle)" in note.statement
+    assert "joint2" not in note.statement
 
 
 def test_two_zeros_that_hide_each_other_are_told():
@@ -187,16 +195,16 @@ def test_torque_that_the_model_does_without_is_not_looked_at(nonsense):
     noise = np.random.default_rng(9).normal(size=(len(log), 2))
     torque[:, 2:] = nonsense * noise
     log = replace(log, torque=torque)
-    assert _diagnosed(log, model=_partly()).findings == ()
+    assert _diagnosed(log, model=_partly()).suspicious == ()
     reversed_ = replace(log, torque=torque * [1.0, -1.0, 1.0, 1.0])
-    (finding,) = _diagnosed(reversed_, model=_partly()).findings
+    (finding,) = _diagnosed(reversed_, model=_partly()).suspicious
     assert (finding.kind, finding.where) == ("torque sign", "joint2")
 
 
 def test_a_dead_torque_channel_is_told_and_stops_nothing():
     log = _clean(0)
     torque = log.torque * [1.0, 1.0, 0.0, 1.0]
-    (finding,) = _diagnosed(replace(log, torque=torque)).findings
+    (finding,) = _diagnosed(replace(log, torque=torque)).suspicious
     assert (finding.kind, finding.where) == ("dead channel", "joint3")
     assert finding.recording == log.name
 
@@ -286,7 +294,7 @@ def test_a_log_that_starts_where_another_did_is_no_fault():
 def test_validation_is_looked_at_too():
     log, other = _clean(0), _clean(1)
     wrong = replace(other, torque=other.torque * [1.0, -1.0, 1.0, 1.0], name="held")
-    (finding,) = _diagnosed(log, [wrong]).findings
+    (finding,) = _diagnosed(log, [wrong]).suspicious
     assert (finding.kind, finding.recording) == ("torque sign", "held")
     motion = replace(other, torque=None)
     assert _diagnosed(log, [motion]).recordings == (log.name,)
@@ -387,7 +395,7 @@ def test_a_problem_whose_validation_repeats_its_training_is_told(tmp_path):
     np.savetxt(tmp_path / "log.csv", table, delimiter=",", header=names, comments="")
     (tmp_path / "problem.toml").write_text(PROBLEM)
     found, shown = check_problem(load_problem(tmp_path))
-    assert [f.kind for f in found.findings] == ["leak"]
+    assert [f.kind for f in found.suspicious] == ["leak"]
     assert "log.csv (10 to 20 s)" in found.findings[0].recording
     assert "repeats log.csv (0 to 9.995 s)" in shown.text()
 

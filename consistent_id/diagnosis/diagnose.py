@@ -26,6 +26,7 @@ from consistent_id.diagnosis.findings import Diagnosis, Finding
 from consistent_id.diagnosis.linearise import Linearised, linearised
 from consistent_id.diagnosis.repeats import leak_findings
 from consistent_id.diagnosis.small_shifts import (
+    hidden_zeros,
     moved_zeros,
     shift_findings,
 )
@@ -123,7 +124,7 @@ def _dynamic(
         # A zero a little off is part of the explanation by exchanged channels that
         # hardly matter; it is told by leaving less unexplained.
         if best is None or unexplained(model, moved, constraints, base) < best.misfit:
-            return found + shift_findings(model, zeros)
+            return found + shift_findings(model, zeros) + hidden_zeros(model, zeros)
         return [*found, explanation_finding(best)]
     except (InfeasibleError, SolverError) as failure:
         statement = f"no robot of the datasheet explains the log: {failure}"

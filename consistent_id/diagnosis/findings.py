@@ -61,6 +61,11 @@ class Diagnosis:
         """The findings that make estimates wrong."""
         return tuple(f for f in self.findings if f.severity == "fault")
 
+    @property
+    def suspicious(self) -> tuple[Finding, ...]:
+        """Faults and warnings: the findings that are no mere notes."""
+        return tuple(f for f in self.findings if f.severity != "note")
+
     def of(self, kind: str) -> tuple[Finding, ...]:
         """Return the findings of one kind."""
         return tuple(f for f in self.findings if f.kind == kind)

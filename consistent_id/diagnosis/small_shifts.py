@@ -23,6 +23,7 @@ from consistent_id.regressor import TorqueModel
 _SURE = 5.0  # estimates over their standard errors that are reported
 _ANGLE = np.radians(1.0)
 _SLIDE = 0.005  # m
+_BLIND = 10.0  # times these sizes, from which on a zero that hides is worth a note
 _LAG = 0.012  # s: less is what filters of currents do
 
 
@@ -102,8 +103,7 @@ def moved_zeros(
     linearised_at : callable
         From offsets of all joints [rad or m] to the rows with positions so corrected.
     """
-    joints = model.robot.joints
-    least = np.array([_SLIDE if j.kind == "prismatic" else _ANGLE for j in joints])
+    joints, least = model.robot.joints, _small(model)
     moved = np.zeros(len(joints))
     off: tuple[int, ...] = ()
     while True:
@@ -148,6 +148,43 @@ def shift_findings(model: TorqueModel, zeros: Zeros) -> list[Finding]:
         if d != 0.0
     ]
     return found + _lags(zeros.shifts)
+
+
+def hidden_zeros(model: TorqueModel, zeros: Zeros) -> list[Finding]:
+    """Note the zeros that could be off by much without being told."""
+    reach = _SURE * zeros.shifts.offset_errors
+    hidden = [
+        f"{joint.name} ({_from_where(joint, size)})"
+        for joint, size, least in zip(
+            model.robot.joints, reach, _small(model), strict=True
+        )
+        if size >= _BLIND * least
+    ]
+    if not hidden:
+        return []
+    return [
+        Finding(
+            "hidden zero",
+            "note",
+            "some joints",
+            f"the log would not tell if zeros were off: {', '.join(hidden)}",
+            "where it matters, move more widely and faster; no motion tells the zero "
+            "of an axis along gravity at the base, nor that of the last body",
+        )
+    ]
+
+
+def _from_where(joint: Joint, size: float) -> str:
+    if joint.kind == "prismatic":
+        return f"below {size:.2g} m" if np.isfinite(size) else "by any length"
+    degrees = float(np.degrees(size))
+    return f"below {degrees:.2g} degrees" if degrees < 90.0 else "by any angle"
+
+
+def _small(model: TorqueModel) -> Vector:
+    """Return what of each joint's zero is too small to be reported, [rad or m]."""
+    slides = [joint.kind == "prismatic" for joint in model.robot.joints]
+    return np.where(slides, _SLIDE, _ANGLE)
 
 
 def _scores(sizes: Vector, least: Vector, errors: Vector) -> Vector:
