@@ -181,6 +181,13 @@ def _add_log_options(command: argparse.ArgumentParser) -> None:
             help=f"column, with {{joint}} or {{number}} (default: {pattern})",
         )
     command.add_argument(
+        "--torque-joints",
+        nargs="+",
+        default=(),
+        metavar="JOINT",
+        help="joints whose torque the log has (default: all)",
+    )
+    command.add_argument(
         "--cutoff", type=float, default=10.0, help="low-pass in Hz (default: 10)"
     )
 
@@ -222,7 +229,11 @@ def _check(options: argparse.Namespace) -> Answer:
         found, table = check_problem(load_problem(options.problem))
     else:
         columns = Columns(
-            options.time, options.position, options.velocity, torque=options.torque
+            options.time,
+            options.position,
+            options.velocity,
+            torque=options.torque,
+            torque_joints=options.torque_joints,
         )
         found, table = check_log(
             options.problem, options.log, columns, cutoff=options.cutoff

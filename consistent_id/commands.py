@@ -85,15 +85,25 @@ def uncertainty_of(
 
 def check_problem(problem: Problem) -> tuple[Diagnosis, Table]:
     """Look for what is wrong with a problem's recordings."""
-    validation = problem.logs("validation")
+    roles = [problem.logs(role) for role in ("training", "validation")]
+    names = [log.name for logs in roles for log in logs]
+    training, validation = ([_told_apart(log, names) for log in logs] for logs in roles)
     found = diagnose(
         problem.model,
-        problem.logs("training"),
+        training,
         validation,
         prepare=problem.prepare,
         constraints=problem.constraints,
     )
     return found, diagnosis_table(found)
+
+
+def _told_apart(log: Recording, names: list[str]) -> Recording:
+    """Name a log by its times too if another part of its file is looked at."""
+    if names.count(log.name) == 1:
+        return log
+    span = f"{log.time[0]:.4g} to {log.time[-1]:.4g} s"
+    return replace(log, name=f"{log.name} ({span})")
 
 
 def check_log(
@@ -107,12 +117,15 @@ def check_log(
         URDF or MJCF.
     log : Path
     columns : Columns
+        Its `torque_joints` are the model's, too.
     cutoff : float, [Hz]
         Of the filter before differentiation.
     """
     load = load_mjcf if model.suffix.lower() in (".xml", ".mjcf") else load_urdf
     drive = DriveTerms(viscous=True, coulomb="tanh", velocity_scale=0.02, offset=True)
-    torque_model = TorqueModel(load(model), drive)
+    torque_model = TorqueModel(
+        load(model), drive, torque_joints=tuple(columns.torque_joints)
+    )
     recording = read_recording(log, torque_model.robot.joint_names, columns)
 
     def prepare(raw: Recording) -> Recording:

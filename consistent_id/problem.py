@@ -62,7 +62,7 @@ class Problem:
         """Files that the robot was loaded from, by format: ``urdf``, ``mjcf``."""
         model = self.table.model
         return {
-            form: None if name is None else self.folder / _expanded(name, self.name)
+            form: None if name is None else self.folder / expanded(name, self.name)
             for form, name in (("urdf", model.urdf), ("mjcf", model.mjcf))
         }
 
@@ -137,9 +137,7 @@ class Problem:
         return read_recording(
             self._path(file),
             self.model.robot.joint_names,
-            None
-            if data.columns is None
-            else Columns(**msgspec.structs.asdict(data.columns)),
+            _columns(data),
             torque_gain=data.torque_gain,
             topic=data.topic,
             omit=omit,
@@ -269,6 +267,13 @@ def _prior(table: PriorTable, file: Path) -> Prior:
             f"{table.weight}; give a slack or a weight, not both"
         )
     return Penalty(table.weight, table.distance)
+
+
+def _columns(data: DataTable) -> Columns | None:
+    if data.columns is None:
+        return None
+    named = msgspec.structs.asdict(data.columns)
+    return Columns(**named, torque_joints=data.torque_joints)
 
 
 def _span(raw: Recording, entry: RecordingTable) -> tuple[float, float]:

@@ -20,17 +20,17 @@ readers.columns readers.arrays readers.csv readers.frames readers.hdf5
 readers.jointstate readers.bag readers.mat readers.npz readers.parquet readers.files
 correlation drive_terms friction regressor base simulation constraints._rows
 constraints.datasheet constraints.parameters constraints.shape constraints.symmetry
-distances estimate link_condition mass_matrix diagnosis.small_shifts figures
-constraints.motors constraints base_feasibility estimators.constraint_variables
-comparison shapes signals.clocks signals.differences signals.filters signals.kalman
-signals.resolution signals.masks signals.cuts signals.savitzky_golay signals.smoother
-signals.track signals.alignment signals.delay diagnosis.tell sinusoids excitation
-excitation.limits paths trajectory signals.fourier signals.period excitation._callbacks
-excitation.basis excitation.criteria excitation.kernels excitation.information
-excitation.grids excitation.limit_rows excitation.programme excitation.interval
-excitation.jets excitation.peaks excitation.extremes excitation.friction_bounds
-excitation.torque_motion excitation.torque_bounds excitation.margins
-excitation.bernstein excitation.polynomial_path excitation.move trajectory_files.content
+distances estimate link_condition mass_matrix figures constraints.motors constraints
+base_feasibility estimators.constraint_variables comparison shapes signals.clocks
+signals.differences signals.filters signals.kalman signals.resolution signals.masks
+signals.cuts signals.savitzky_golay signals.smoother signals.track signals.alignment
+signals.delay diagnosis.tell sinusoids excitation excitation.limits paths trajectory
+signals.fourier signals.period excitation._callbacks excitation.basis
+excitation.criteria excitation.kernels excitation.information excitation.grids
+excitation.limit_rows excitation.programme excitation.interval excitation.jets
+excitation.peaks excitation.extremes excitation.friction_bounds excitation.torque_motion
+excitation.torque_bounds excitation.margins excitation.bernstein
+excitation.polynomial_path excitation.move trajectory_files.content
 trajectory_files.document trajectory_files.ros trajectory_files.urscript
 excitation.motion_state excitation.transfers excitation.approaches excitation.move_along
 excitation.bodies excitation.pieces excitation.urdf_bodies kinematics excitation.scene
@@ -51,14 +51,15 @@ estimators.payload shaped_regression shape_misfit shape_profile shape_fit cutoff
 excitation.aims excitation.accuracy excitation.search_task excitation.search
 excitation.starts excitation.design excitation.validating excitation.figure
 excitation.record excitation.asked published published_estimate study diagnosis.coverage
-diagnosis.diagnose diagnosis published_summary summary record commands excite
-reproduction reproduction_tables export._numpy_template export.drive_values
-export.exported export.pedigree export.casadi_functions export.c_source
-export.numpy_source export.pinocchio_model export._mjcf_body export.record export.shares
-loaders._splice loaders._urdf_inertial export._mjcf_text repair.nearest repair.statement
-repair.account repair.tell repair.link repair.urdf repair cli_repair export._mjcf_tree
-export._mjcf_source export.new_urdf export.urdf export._mjcf_gears export.mjcf
-commands_export cli_export export
+published_summary summary record excite reproduction reproduction_tables
+export._numpy_template export.drive_values export.exported export.pedigree
+export.casadi_functions export.c_source export.numpy_source export.pinocchio_model
+export._mjcf_body export.record export.shares loaders._splice loaders._urdf_inertial
+export._mjcf_text repair.nearest repair.statement repair.account repair.tell repair.link
+repair.urdf repair cli_repair export._mjcf_tree export._mjcf_source export.new_urdf
+export.urdf export._mjcf_gears export.mjcf commands_export cli_export export
+diagnosis.jackknife diagnosis.linearise diagnosis.small_shifts diagnosis.repeats
+diagnosis.diagnose diagnosis commands
 """.split()
 
 HEAVY = {

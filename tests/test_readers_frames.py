@@ -72,3 +72,23 @@ BAD_TABLES = {
 def test_tables_that_do_not_fit_are_refused(table, message):
     with pytest.raises(RecordingError, match=f"table.*{message}"):
         recording_from(table, ["elbow"])
+
+
+@pytest.mark.parametrize("array", [False, True])
+def test_torque_that_the_log_does_not_have_is_not_read(array):
+    motion = {"time": [0.0, 0.5, 1.0], "q": np.ones((3, 2)), "tau": [[np.nan, 2.0]] * 3}
+    columns = Columns(
+        position="q", torque="tau", array_joints=("a", "b"), torque_joints=("b",)
+    )
+    if not array:
+        motion = {"time": motion["time"], "q_a": [1, 1, 1], "q_b": [1, 1, 1]}
+        motion["tau_b"] = [2.0, 2.0, 2.0]
+        columns = Columns(torque="tau_{joint}", torque_joints=("b",))
+    log = recording_from(motion, ["a", "b"], columns, torque_gain=[3.0, 3.0])
+    assert log.torque.tolist() == [[0.0, 6.0]] * 3
+
+
+def test_torque_of_a_joint_that_is_not_read_is_refused():
+    columns = Columns(torque="tau_{joint}", torque_joints=("elbow",))
+    with pytest.raises(RecordingError, match="torque_joints: no joint 'elbow'"):
+        recording_from({"time": [0, 1], "q_a": [0, 1]}, ["a"], columns)

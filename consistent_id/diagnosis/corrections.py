@@ -35,9 +35,21 @@ class Correction:
     moves: bool
 
 
-def torque_corrections(joints: tuple[str, ...]) -> Iterator[Correction]:
-    """Yield reversed and exchanged torque channels, and torque in other units."""
-    for j, joint in enumerate(joints):
+def torque_corrections(
+    joints: tuple[str, ...], measured: tuple[str, ...]
+) -> Iterator[Correction]:
+    """Yield reversed and exchanged torque channels, and torque in other units.
+
+    Parameters
+    ----------
+    joints : tuple of str
+        Of the recording, in its order.
+    measured : tuple of str
+        Those whose torque is known.
+    """
+    places = [joints.index(name) for name in measured]
+    for j in places:
+        joint = joints[j]
         yield Correction(
             "torque sign",
             joint,
@@ -46,7 +58,7 @@ def torque_corrections(joints: tuple[str, ...]) -> Iterator[Correction]:
             _on_torque(_reversed(j)),
             moves=False,
         )
-    for i, j in combinations(range(len(joints)), 2):
+    for i, j in combinations(places, 2):
         pair = f"{joints[i]}, {joints[j]}"
         yield Correction(
             "channel order",

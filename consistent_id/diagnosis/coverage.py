@@ -1,21 +1,21 @@
-"""Logs that rest, saturate, repeat themselves, or leave parameters open."""
+"""Logs that rest, saturate, say nothing, or leave parameters open."""
 
-from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from consistent_id._arrays import Array
+from consistent_id._arrays import Array, BoolArray
 from consistent_id.base import BaseParameters
 from consistent_id.diagnosis.findings import Finding
 from consistent_id.recording import Recording
-from consistent_id.regression import Regression
+from consistent_id.regression import build_regression
+from consistent_id.regressor import TorqueModel
 from consistent_id.study import excitation_of
 
 _STILL = 0.02  # of a joint's largest velocity, below which it stands
 _IDLE = 0.2  # share of samples with all joints at rest that is worth a warning
 _PINNED = 5  # samples in a row at the largest torque that are a saturation
-_SAME = 1e-3  # of a joint's range, within which two motions are the same
-_SPAN = 50  # samples over which they are compared
+_MOVES = 2e-3  # rad or m of travel, below which a joint's readings only flicker
 
 
 def standstill_findings(recording: Recording) -> list[Finding]:
@@ -39,6 +39,24 @@ def standstill_findings(recording: Recording) -> list[Finding]:
             "trim the rests; Coulomb friction at rest is anything between its bounds",
             share / _IDLE,
         )
+    ]
+
+
+def dead_findings(recording: Recording) -> list[Finding]:
+    """Find torque channels that say nothing: one value throughout."""
+    if recording.torque is None:
+        return []
+    return [
+        Finding(
+            "dead channel",
+            "fault",
+            joint,
+            f"{joint}: torque is {tau[0]:.4g} throughout",
+            "check column, unit and gain, or leave the joint out of torque_joints",
+            10.0,
+        )
+        for joint, tau in zip(recording.joints, recording.torque.T, strict=True)
+        if np.ptp(tau) == 0.0
     ]
 
 
@@ -68,69 +86,54 @@ def saturation_findings(recording: Recording) -> list[Finding]:
     return found
 
 
-def leak_findings(
-    training: Sequence[Recording], validation: Sequence[Recording]
+def rank_findings(
+    model: TorqueModel, recording: Recording, base: BaseParameters
 ) -> list[Finding]:
-    """Find validation motion that was already in the training."""
-    found = []
-    for held in validation:
-        for learnt in training:
-            share = _shared(held.of(learnt.joints).position, learnt.position)
-            if share > 0.0:
-                found.append(
-                    Finding(
-                        "leak",
-                        "fault",
-                        held.name,
-                        f"{share:.0%} of {held.name} repeat {learnt.name} to within "
-                        f"{_SAME:.1%} of the joints' ranges",
-                        "judge by a motion of its own; a repeated one only tells noise",
-                        1.0 + share,
-                    )
-                )
-    return found
+    """Name the combinations of base parameters that the data leave open.
 
+    What an encoder reads of a joint at rest flickers; it is taken for the rest it is.
 
-def rank_findings(regression: Regression, base: BaseParameters) -> list[Finding]:
-    """Name the combinations that the data leave open."""
-    excitation = excitation_of(regression, base)
+    Parameters
+    ----------
+    model : TorqueModel
+    recording : Recording
+        With velocity, acceleration and torque.
+    base : BaseParameters
+    """
+    recording = recording.of(model.robot.joint_names)
+    travel = np.ptp(recording.position, axis=0)
+    at_rest = travel < _MOVES
+    excitation = excitation_of(build_regression(model, _held(recording, at_rest)), base)
     missing = excitation.structural_rank - excitation.data_rank
     if missing == 0:
         return []
+    still = [j for j, rests in zip(recording.joints, at_rest, strict=True) if rests]
+    cause = f"{', '.join(still)} did not move; " if still else ""
     return [
         Finding(
             "rank",
             "warning",
-            "all joints",
-            f"the data determine {excitation.data_rank} of "
-            f"{excitation.structural_rank} base parameters; open: "
+            ", ".join(still) or "all joints",
+            f"{cause}the data determine {excitation.data_rank} of "
+            f"{excitation.structural_rank} base parameters (structural rank); open: "
             + "; ".join(excitation.undetermined),
-            "move the joints that these combinations name, and not all alike",
+            "move the joints that these combinations name, and not all alike; what "
+            "stays open rests on the prior",
             1.0 + missing,
         )
     ]
 
 
+def _held(recording: Recording, at_rest: BoolArray) -> Recording:
+    """Return a recording in which some joints do not move at all."""
+    q = np.where(at_rest, recording.position.mean(axis=0), recording.position)
+    dq, ddq = (
+        np.where(at_rest, 0.0, np.asarray(rate))
+        for rate in (recording.velocity, recording.acceleration)
+    )
+    return replace(recording, position=q, velocity=dq, acceleration=ddq)
+
+
 def _longest_run(flags: Array) -> int:
     edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
     return int(max(edges[1::2] - edges[::2], default=0))
-
-
-def _shared(a: Array, b: Array) -> float:
-    """Return the share of spans of `a` that occur in `b`."""
-    if min(len(a), len(b)) < 2 * _SPAN:
-        return 0.0
-    tolerance = _SAME * np.maximum(np.ptp(b, axis=0), 1e-12)
-    starts = range(0, len(a) - _SPAN, _SPAN)
-    hits = 0
-    for start in starts:
-        first, last = a[start], a[start + _SPAN - 1]
-        near = (abs(b[: len(b) - _SPAN + 1] - first) <= tolerance).all(axis=1)
-        near &= (abs(b[_SPAN - 1 :] - last) <= tolerance).all(axis=1)
-        span = a[start : start + _SPAN]
-        moves = (np.ptp(span, axis=0) > 10 * tolerance).any()
-        hits += moves and any(
-            (abs(b[i : i + _SPAN] - span) <= tolerance).all()
-            for i in np.flatnonzero(near)[:20]
-        )
-    return hits / max(len(starts), 1)

@@ -1,26 +1,36 @@
 """All detectors, one after another."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
+from consistent_id._arrays import Vector
 from consistent_id._threads import single_threaded
 from consistent_id.base import BaseParameters, base_parameters
 from consistent_id.constraints import Constraint
 from consistent_id.diagnosis.clock import clock_findings, velocity_findings
 from consistent_id.diagnosis.corrections import motion_corrections, torque_corrections
 from consistent_id.diagnosis.coverage import (
-    leak_findings,
+    dead_findings,
     rank_findings,
     saturation_findings,
     standstill_findings,
 )
 from consistent_id.diagnosis.explain import (
     Prepare,
+    best_explanation,
     datasheet_constraints,
-    explanation_findings,
+    explanation_finding,
+    unexplained,
 )
 from consistent_id.diagnosis.findings import Diagnosis, Finding
-from consistent_id.diagnosis.small_shifts import estimate_shifts, shift_findings
-from consistent_id.errors import ConsistentIdError
+from consistent_id.diagnosis.linearise import Linearised, linearised
+from consistent_id.diagnosis.repeats import leak_findings
+from consistent_id.diagnosis.small_shifts import (
+    hidden_zeros,
+    moved_zeros,
+    shift_findings,
+)
+from consistent_id.errors import InfeasibleError, SolverError
 from consistent_id.estimators.constrained import constrained_least_squares
 from consistent_id.recording import Recording
 from consistent_id.regression import build_regression
@@ -43,7 +53,8 @@ def diagnose(
     ----------
     model : TorqueModel
     training, validation : sequence of Recording
-        As they were logged, with torque.
+        As they were logged, with torque; all are looked at, and whether validation
+        repeats training.  Validation without torque is asked only that.
     prepare : callable, optional
         From a recording as logged to one with velocity and acceleration, such as
         filtering and differentiating; by default they are taken as prepared.
@@ -56,22 +67,38 @@ def diagnose(
     -------
     Diagnosis
         Faults of the clock and of the kinematics are reported alone: what they do to
-        the torque is their consequence.
+        the torque is their consequence.  Torque is looked at of the model's
+        `torque_joints` only.
     """
     training = [training] if isinstance(training, Recording) else list(training)
     base = base_parameters(model) if base is None else base
     constraints = datasheet_constraints(model) if constraints is None else constraints
     ready: Prepare = (lambda recording: recording) if prepare is None else prepare
-    found: list[Finding] = list(leak_findings(training, validation))
-    for recording in training:
+    found = list(leak_findings(training, validation))
+    looked_at = [*training, *(v for v in validation if v.torque is not None)]
+    for recording in looked_at:
         log = recording.of(model.robot.joint_names)
-        kinematic = clock_findings(log) or velocity_findings(log)
-        found += kinematic
-        found += standstill_findings(log)
-        found += saturation_findings(log)
-        if not kinematic:
-            found += _dynamic(model, log, constraints, base, ready)
-    return Diagnosis(tuple(found))
+        of_one = _of_one(model, log, constraints, base, ready)
+        found += [replace(f, recording=log.name) for f in of_one]
+    return Diagnosis(tuple(found), tuple(log.name for log in looked_at))
+
+
+def _of_one(
+    model: TorqueModel,
+    log: Recording,
+    constraints: Sequence[Constraint],
+    base: BaseParameters,
+    prepare: Prepare,
+) -> list[Finding]:
+    """Return what is found in one recording."""
+    torque = log.of(model.torque_joints)
+    kinematic = clock_findings(log) or velocity_findings(log)
+    dead = dead_findings(torque)
+    found = [*kinematic, *standstill_findings(log)]
+    found += dead or saturation_findings(torque)
+    if kinematic or dead:
+        return found
+    return found + _dynamic(model, log, constraints, base, prepare)
 
 
 def _dynamic(
@@ -83,23 +110,43 @@ def _dynamic(
 ) -> list[Finding]:
     """Return what only the torque tells."""
     corrections = [
-        *torque_corrections(model.robot.joint_names),
+        *torque_corrections(model.robot.joint_names, model.torque_joints),
         *motion_corrections(model.robot),
     ]
-    found = explanation_findings(model, log, corrections, constraints, base, prepare)
     prepared = prepare(log)
-    regression = build_regression(model, prepared)
-    found += rank_findings(regression, base)
-    if any(f.severity == "fault" for f in found):
-        return found
-    weighted = regression.weighted(regression.torque_rms)
+    found = rank_findings(model, prepared, base)
     try:
-        estimate = constrained_least_squares(
-            model, weighted, constraints=constraints, base=base
-        )
-    except ConsistentIdError as failure:
+        best = best_explanation(model, log, corrections, constraints, base, prepare)
+        if best is not None and not best.correction.moves:
+            return [*found, explanation_finding(best)]
+        zeros = moved_zeros(model, _lineariser(model, prepared, constraints, base))
+        moved = replace(prepared, position=prepared.position + zeros.offsets)
+        # A zero a little off is part of the explanation by exchanged channels that
+        # hardly matter; it is told by leaving less unexplained.
+        if best is None or unexplained(model, moved, constraints, base) < best.misfit:
+            return found + shift_findings(model, zeros) + hidden_zeros(model, zeros)
+        return [*found, explanation_finding(best)]
+    except (InfeasibleError, SolverError) as failure:
         statement = f"no robot of the datasheet explains the log: {failure}"
         advice = "check masses and bounds; see the certificate of each method"
         return [*found, Finding("datasheet", "fault", log.name, statement, advice)]
-    shifts = estimate_shifts(model, estimate.parameters, prepared, base)
-    return found + shift_findings(model, shifts)
+
+
+def _lineariser(
+    model: TorqueModel,
+    prepared: Recording,
+    constraints: Sequence[Constraint],
+    base: BaseParameters,
+) -> Callable[[Vector], Linearised]:
+    """Return what linearises at the best bodies of a log with its zeros moved."""
+
+    def at(offsets: Vector) -> Linearised:
+        log = replace(prepared, position=prepared.position + offsets)
+        regression = build_regression(model, log)
+        weighted = regression.weighted(regression.torque_rms)
+        best = constrained_least_squares(
+            model, weighted, constraints=constraints, base=base
+        )
+        return linearised(model, best.parameters, log, base)
+
+    return at

@@ -22,7 +22,7 @@ from consistent_id.diagnosis.findings import Finding
 from consistent_id.errors import ConsistentIdError
 from consistent_id.estimators.best_fit import best_fit
 from consistent_id.recording import Recording
-from consistent_id.regression import build_regression
+from consistent_id.regression import Regression, build_regression, triangle
 from consistent_id.regressor import TorqueModel
 
 Prepare = Callable[[Recording], Recording]
@@ -41,11 +41,18 @@ THRESHOLDS = {
 
 
 @dataclass(frozen=True, slots=True)
-class Explained:
-    """A correction and the misfit with it, relative to the torque."""
+class Explanation:
+    """A correction, and the misfits with it and as it is, relative to the torque."""
 
     correction: Correction
     misfit: float
+    as_is: float
+
+    @property
+    def score(self) -> float:
+        """How far the misfits' ratio is beyond the correction's threshold."""
+        ratio = self.as_is / max(self.misfit, 1e-12)
+        return ratio / THRESHOLDS[self.correction.kind]
 
 
 def datasheet_constraints(model: TorqueModel) -> tuple[Constraint, ...]:
@@ -65,54 +72,70 @@ def unexplained(
 
     Root of the mean over joints of the squared residual over the squared torque.
     """
+    return _constrained(model, _weighted(model, recording), constraints, base)
+
+
+def _weighted(model: TorqueModel, recording: Recording) -> Regression:
     step = max(len(recording) // SAMPLES, 1)
     regression = build_regression(model, recording.samples(slice(None, None, step)))
-    weighted = regression.weighted(np.maximum(regression.torque_rms, 1e-12))
+    return regression.weighted(np.maximum(regression.torque_rms, 1e-12))
+
+
+def _constrained(
+    model: TorqueModel,
+    weighted: Regression,
+    constraints: Sequence[Constraint],
+    base: BaseParameters,
+) -> float:
     fit = best_fit(model, weighted, constraints, base=base)
-    return fit.misfit / float(np.sqrt(sum(regression.counts)))
+    return fit.misfit / float(np.sqrt(sum(weighted.counts)))
 
 
-def explanation_findings(
+def _unconstrained(weighted: Regression, base: BaseParameters) -> float:
+    """Return the misfit of least squares, below which no constraint leads."""
+    R = weighted.stacked()[:, [*base.independent, -1]]
+    corner = triangle(np.array(R, order="F"))
+    least = abs(corner[-1, -1]) if len(corner) == R.shape[1] else 0.0
+    return float(least / np.sqrt(sum(weighted.counts)))
+
+
+def best_explanation(
     model: TorqueModel,
     recording: Recording,
     corrections: Sequence[Correction],
     constraints: Sequence[Constraint],
     base: BaseParameters,
     prepare: Prepare,
-) -> list[Finding]:
-    """Report the correction that explains the log far better than it is.
+) -> Explanation | None:
+    """Return the correction that explains the log far better than it is, if any does.
 
-    One at a time: the best correction is reported; others that rival it are part of
-    the same fault.
+    One at a time: others that rival the best are part of the same fault.
     """
     as_is = unexplained(model, prepare(recording), constraints, base)
     explained = []
     for correction in corrections:
         try:
-            better = prepare(correction.undo(recording))
-            misfit = unexplained(model, better, constraints, base)
+            rows = _weighted(model, prepare(correction.undo(recording)))
+            needed = as_is / THRESHOLDS[correction.kind]
+            if _unconstrained(rows, base) > needed:
+                continue  # nor do bodies explain what least squares does not
+            misfit = _constrained(model, rows, constraints, base)
         except ConsistentIdError:
             continue  # what cannot even be prepared explains nothing
-        explained.append(Explained(correction, misfit))
-    if not explained:
-        return []
-    best = min(explained, key=lambda e: e.misfit / _threshold(e))
-    ratio = as_is / max(best.misfit, 1e-12)
-    if ratio < THRESHOLDS[best.correction.kind]:
-        return []
-    c = best.correction
-    return [
-        Finding(
-            c.kind,
-            "fault",
-            c.where,
-            f"{c.statement}, bodies of the datasheet leave {best.misfit:.1%} of the "
-            f"torque unexplained; as it is, {as_is:.1%}",
-            c.advice,
-            ratio / THRESHOLDS[c.kind],
-        )
-    ]
+        explained.append(Explanation(correction, misfit, as_is))
+    best = max(explained, key=lambda e: e.score, default=None)
+    return best if best is not None and best.score >= 1.0 else None
 
 
-def _threshold(explained: Explained) -> float:
-    return 1.0 / THRESHOLDS[explained.correction.kind]
+def explanation_finding(explained: Explanation) -> Finding:
+    """Report a correction, with what is unexplained with it and without."""
+    c = explained.correction
+    return Finding(
+        c.kind,
+        "fault",
+        c.where,
+        f"{c.statement}, bodies of the datasheet leave {explained.misfit:.1%} of the "
+        f"torque unexplained; as it is, {explained.as_is:.1%}",
+        c.advice,
+        explained.score,
+    )

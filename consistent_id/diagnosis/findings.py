@@ -24,6 +24,8 @@ class Finding:
         What to do.
     score : float
         Evidence, one at the threshold and larger beyond it.
+    recording : str
+        In which it was seen.
     """
 
     kind: str
@@ -32,13 +34,22 @@ class Finding:
     statement: str
     advice: str
     score: float = 1.0
+    recording: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
-    """All findings, the gravest first."""
+    """All findings, the gravest first.
+
+    Parameters
+    ----------
+    findings : tuple of Finding
+    recordings : tuple of str
+        Names of those that were looked at.
+    """
 
     findings: tuple[Finding, ...]
+    recordings: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         order = {"fault": 0, "warning": 1, "note": 2}
@@ -49,6 +60,11 @@ class Diagnosis:
     def faults(self) -> tuple[Finding, ...]:
         """The findings that make estimates wrong."""
         return tuple(f for f in self.findings if f.severity == "fault")
+
+    @property
+    def suspicious(self) -> tuple[Finding, ...]:
+        """Faults and warnings: the findings that are no mere notes."""
+        return tuple(f for f in self.findings if f.severity != "note")
 
     def of(self, kind: str) -> tuple[Finding, ...]:
         """Return the findings of one kind."""

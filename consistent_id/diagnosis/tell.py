@@ -3,27 +3,39 @@
 from dataclasses import asdict
 from typing import Any
 
-from consistent_id.diagnosis.findings import Diagnosis
+from consistent_id.diagnosis.findings import Diagnosis, Finding
 from consistent_id.tables import Table
+
+_LOOKED_FOR = (
+    "clocks, units, signs, exchanged channels, zeros, lags, dead and saturated "
+    "channels, rests, joints that did not move, and validation that repeats training"
+)
 
 
 def diagnosis_table(found: Diagnosis) -> Table:
     """Return the findings, the gravest first, with what to do about each."""
-    if not found.findings:
-        return Table("Nothing suspicious was found", (), ())
+    where = f" in {', '.join(found.recordings)}" if found.recordings else ""
+    told = tuple(_told(f, several=len(found.recordings) > 1) for f in found.findings)
+    what = "What was found" if found.suspicious else "Nothing suspicious was found"
     return Table(
-        "What was found",
-        ("gravity", "kind", "where"),
-        tuple((f.severity, f.kind, f.where) for f in found.findings),
-        tuple(
-            f"{f.kind} ({f.where}): {f.statement}. {f.advice}" for f in found.findings
-        ),
+        f"{what}{where}",
+        ("severity", "kind", "where", "recording"),
+        tuple((f.severity, f.kind, f.where, f.recording) for f in found.findings),
+        told if found.suspicious else (*told, f"looked for: {_LOOKED_FOR}"),
     )
+
+
+def _told(finding: Finding, *, several: bool) -> str:
+    """Return a finding in a sentence, and what to do about it; notes ask nothing."""
+    where = f"{finding.recording}, " if several and finding.recording else ""
+    said = f"{finding.kind} ({where}{finding.where}): {finding.statement}"
+    return said if finding.severity == "note" else f"{said}. To do: {finding.advice}"
 
 
 def diagnosis_record(found: Diagnosis) -> dict[str, Any]:
     """Return the findings as plain numbers and text."""
     return {
         "format": "consistent_id diagnosis 1",
+        "recordings": list(found.recordings),
         "findings": [asdict(f) for f in found.findings],
     }

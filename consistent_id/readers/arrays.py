@@ -47,7 +47,8 @@ def recording_of(
     for channel, array in want.arrays.items():
         channels[channel] = _matrix(arrays, array, len(time), want, where)
     for channel, group in want.columns.items():
-        columns = [_vector(arrays, column, where) for column in group]
+        nothing = np.zeros(len(time))
+        columns = [_vector(arrays, c, where) if c else nothing for c in group]
         for column, values in zip(group, columns, strict=True):
             if len(values) != len(time):
                 raise RecordingError(
@@ -59,7 +60,14 @@ def recording_of(
         keep = _kept(len(time), omit, where)
         time = time[keep]
         channels = {channel: values[keep] for channel, values in channels.items()}
-    return gained(want.joints, time, channels, torque_gain=torque_gain, name=name)
+    return gained(
+        want.joints,
+        time,
+        channels,
+        torque_gain=torque_gain,
+        name=name,
+        without_torque=want.without_torque,
+    )
 
 
 def gained(
@@ -69,12 +77,18 @@ def gained(
     *,
     torque_gain: ArrayLike,
     name: str,
+    without_torque: Sequence[int] = (),
 ) -> Recording:
-    """Return a recording whose torque is multiplied by a gain, joint by joint."""
+    """Return a recording whose torque is multiplied by a gain, joint by joint.
+
+    Torque of joints at the places `without_torque` becomes zero, whatever it is.
+    """
     if "torque" in channels:
+        torque = channels["torque"].copy()
+        torque[:, list(without_torque)] = 0.0
         shape = (len(joints),) if np.ndim(torque_gain) else ()
         gain = frozen(torque_gain, shape, "torque_gain", RecordingError)
-        channels = channels | {"torque": channels["torque"] * gain}
+        channels = channels | {"torque": torque * gain}
     return Recording(joints, time, name=name, **channels)
 
 

@@ -28,6 +28,10 @@ class Columns:
     array_joints : sequence of str
         Joints of the columns of two-dimensional arrays, in the arrays' order; a name
         without ``{joint}`` and ``{number}`` is then that of such an array.
+    torque_joints : sequence of str
+        Joints whose torque the log has; by default all.  Of the others nothing is read,
+        and their torque is zero: a `TorqueModel` of the same `torque_joints` has no row
+        for them.
 
     Examples
     --------
@@ -44,8 +48,10 @@ class Columns:
     torque: str | None = None
     names: Mapping[str, str] = field(default_factory=dict, hash=False)
     array_joints: Sequence[str] = ()
+    torque_joints: Sequence[str] = ()
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "torque_joints", tuple(self.torque_joints))
         object.__setattr__(self, "names", dict(self.names))
         order = self.array_joints
         if isinstance(order, str) or len(set(order)) != len(order):
@@ -67,6 +73,15 @@ class Columns:
                 )
         return tuple(by_joint.get(joint, joint) for joint in joints)
 
+    def without_torque(self, joints: Sequence[str]) -> tuple[int, ...]:
+        """Return the places of the joints whose torque the log does not have."""
+        for name in self.torque_joints:
+            if name not in joints:
+                near = did_you_mean(name, joints)
+                raise RecordingError(f"torque_joints: no joint {name!r}; {near}")
+        known = self.torque_joints or joints
+        return tuple(i for i, joint in enumerate(joints) if joint not in known)
+
 
 JOINT_STATE = Columns("header.stamp", "position", "velocity", torque="effort")
 """The fields of a ``sensor_msgs/JointState``; how ROS bags are read by default."""
@@ -81,13 +96,15 @@ class Wanted:
     joints : tuple of str
     time : str
     columns : dict of str to tuple of str
-        One name per joint, by channel.
+        One name per joint, by channel; empty where there is nothing to read.
     arrays : dict of str to str
         Channels that are a two-dimensional array, and its name.
     width : int
         Number of columns of such an array.
     places : tuple of int
         Columns of the joints in such an array.
+    without_torque : tuple of int
+        Places of the joints whose torque the log does not have.
     """
 
     joints: tuple[str, ...]
@@ -96,12 +113,14 @@ class Wanted:
     arrays: dict[str, str]
     width: int
     places: tuple[int, ...]
+    without_torque: tuple[int, ...] = ()
 
     @property
     def names(self) -> list[str]:
         """Every name, once."""
         group = (name for names in self.columns.values() for name in names)
-        return list(dict.fromkeys((self.time, *self.arrays.values(), *group)))
+        every = (self.time, *self.arrays.values(), *group)
+        return [name for name in dict.fromkeys(every) if name]
 
 
 def wanted(columns: Columns, joints: Sequence[str], where: str) -> Wanted:
@@ -138,7 +157,11 @@ def wanted(columns: Columns, joints: Sequence[str], where: str) -> Wanted:
             )
     single = {channel: n for channel, n in expanded.items() if channel not in arrays}
     places = _places(columns, in_log) if arrays else ()
-    return Wanted(joints, columns.time, single, arrays, width, places)
+    dumb = columns.without_torque(joints)
+    if "torque" in single:
+        named = enumerate(single["torque"])
+        single["torque"] = tuple("" if i in dumb else name for i, name in named)
+    return Wanted(joints, columns.time, single, arrays, width, places, dumb)
 
 
 def joints_asked_for(joints: Sequence[str], where: str) -> tuple[str, ...]:

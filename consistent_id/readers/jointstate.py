@@ -91,7 +91,14 @@ def recording_of_messages(
     stamps, values = merged(layouts, in_log, where)
     time = (stamps - stamps[0]) / 1e9
     channels = dict(zip(fields, values, strict=True))
-    return gained(joints, time, channels, torque_gain=torque_gain, name=name)
+    return gained(
+        joints,
+        time,
+        channels,
+        torque_gain=torque_gain,
+        name=name,
+        without_torque=columns.without_torque(joints),
+    )
 
 
 def _layouts(

@@ -1,0 +1,98 @@
+"""Validation that repeats the training: periods of one motion on both sides.
+
+A repeated period is not sampled at the same phases, nor need it be at the same rate:
+spans of the one are laid over the other at the time at which they fit best.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from consistent_id._arrays import Array, Vector
+from consistent_id.diagnosis.findings import Finding
+from consistent_id.recording import Recording
+
+_SAME = 2e-3  # of a joint's range, within which two positions are the same
+_MOVED = 10.0  # times that, by which some joint must move within a span
+_SPANS = 40  # of a recording, each half a second or longer
+_SHORTEST = 0.5  # s
+_POINTS = 25  # of a span, at which positions are compared
+_RATE = 200.0  # Hz: finer does not tell more
+_STARTS = 20  # places in the other recording at which a span is tried
+_SHARE = 0.1  # of the moving spans, from which on it is a fault
+
+
+def leak_findings(
+    training: Sequence[Recording], validation: Sequence[Recording]
+) -> list[Finding]:
+    """Find validation motion that was already in the training."""
+    return [
+        Finding(
+            "leak",
+            "fault" if share >= _SHARE else "note",
+            held.name,
+            f"{share:.0%} of the motion of {held.name} repeats {learnt.name}, to "
+            f"within {_SAME:.1%} of the joints' ranges",
+            "judge by a motion of its own: a repeated period has the same errors of "
+            "the model, and only other noise",
+            share / _SHARE,
+            held.name,
+        )
+        for held in validation
+        for learnt in training
+        if (share := repeated_share(held, learnt)) > 0.0
+    ]
+
+
+def repeated_share(held: Recording, learnt: Recording) -> float:
+    """Return the share of a recording's moving spans that occur in another."""
+    learnt = learnt.samples(slice(None, None, max(int(learnt.rate / _RATE), 1)))
+    tolerance = _SAME * np.ptp(learnt.position, axis=0)
+    tolerance = np.where(tolerance > 0.0, tolerance, 1e-12)
+    length = max(_SHORTEST, held.duration / _SPANS)
+    starts = held.time[0] + length * np.arange(int(held.duration / length))
+    moving = hits = 0
+    for start in starts:
+        lapse = np.linspace(0.0, length, _POINTS)
+        span = _at(held.of(learnt.joints), start + lapse)
+        if (np.ptp(span, axis=0) > _MOVED * tolerance).any():
+            moving += 1
+            hits += _occurs(span, lapse, learnt, tolerance)
+    return hits / max(moving, 1)
+
+
+def _occurs(span: Array, lapse: Vector, learnt: Recording, tolerance: Vector) -> bool:
+    """Tell whether a span lies on a recording, moved in time."""
+    steps = abs(np.diff(learnt.position, axis=0, append=learnt.position[-1:]))
+    away = abs(learnt.position - span[0])
+    near = np.flatnonzero((away <= tolerance + steps).all(axis=1))
+    nearest = near[np.argsort((away[near] / tolerance).max(axis=1))[:_STARTS]]
+    return any(
+        _lies_on(span, lapse, learnt, tolerance, float(learnt.time[i])) for i in nearest
+    )
+
+
+def _lies_on(
+    span: Array, lapse: Vector, learnt: Recording, tolerance: Vector, start: float
+) -> bool:
+    """Tell whether a span fits from a time on, moved to fit best (Gauss-Newton)."""
+    last = learnt.time[-1] - lapse[-1]
+    for _ in range(3):
+        if not learnt.time[0] - lapse[1] <= start <= last + lapse[1]:
+            return False
+        there = _at(learnt, start + lapse)
+        if (abs(there - span) <= tolerance).all():
+            return True
+        rate = np.gradient(there, lapse, axis=0) / tolerance
+        size = float(np.sum(rate**2))
+        if size == 0.0:
+            return False
+        start += float(np.sum(rate * (span - there) / tolerance)) / size
+    return False
+
+
+def _at(recording: Recording, times: Vector) -> Array:
+    """Return positions between samples, shape (times, joints)."""
+    return np.column_stack(
+        [np.interp(times, recording.time, q) for q in recording.position.T]
+    )
