@@ -8,6 +8,20 @@ from consistent_id.base import BaseParameters, base_parameters, condition_number
 from consistent_id.base_feasibility import base_feasibility
 from consistent_id.bootstrap import Bootstrap, bootstrap
 from consistent_id.chains import chain, held
+from consistent_id.collisions.bodies import (
+    Body,
+    Box,
+    Capsule,
+    Cylinder,
+    HalfSpace,
+    Hull,
+    Sphere,
+    plane,
+)
+from consistent_id.collisions.clearance import ClearanceReport, prove_clearance
+from consistent_id.collisions.scene import Scene
+from consistent_id.collisions.scene_building import build_scene
+from consistent_id.collisions.scene_file import scene_from_urdf
 from consistent_id.comparison import Comparison, compare
 from consistent_id.constraint_costs import constraint_costs
 from consistent_id.constraints import (
@@ -58,26 +72,6 @@ from consistent_id.estimators.least_squares import (
 from consistent_id.estimators.payload import Payload, identify_payload
 from consistent_id.estimators.robust import huber
 from consistent_id.estimators.smooth import smooth_least_squares
-from consistent_id.excitation.bodies import (
-    Body,
-    Box,
-    Capsule,
-    Cylinder,
-    HalfSpace,
-    Hull,
-    Sphere,
-    plane,
-)
-from consistent_id.excitation.clearance import ClearanceReport, prove_clearance
-from consistent_id.excitation.limits import MotionLimits, motion_limits
-from consistent_id.excitation.motion_state import MotionState
-from consistent_id.excitation.move import Move
-from consistent_id.excitation.move_along import move_along
-from consistent_id.excitation.polynomial_path import PolynomialPath
-from consistent_id.excitation.scene import Scene
-from consistent_id.excitation.scene_building import build_scene
-from consistent_id.excitation.scene_file import scene_from_urdf
-from consistent_id.excitation.transfers import transfer
 from consistent_id.export import (
     Export,
     mujoco_spec,
@@ -118,6 +112,12 @@ from consistent_id.model import (
     Link,
     RobotModel,
 )
+from consistent_id.motion.limits import MotionLimits, motion_limits
+from consistent_id.motion.motion_state import MotionState
+from consistent_id.motion.move import Move
+from consistent_id.motion.move_along import move_along
+from consistent_id.motion.polynomial_path import PolynomialPath
+from consistent_id.motion.transfers import transfer
 from consistent_id.priors import Penalty, PointToSet
 from consistent_id.problem import Problem, load_problem, load_problems
 from consistent_id.readers import (

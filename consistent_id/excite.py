@@ -11,11 +11,11 @@ from consistent_id.excitation.aims import Aim
 from consistent_id.excitation.asked import Asked, asked_of
 from consistent_id.excitation.design import ExcitationDesign, design_trajectory
 from consistent_id.excitation.figure import design_figure
-from consistent_id.excitation.move import Move
-from consistent_id.excitation.move_along import move_along
 from consistent_id.excitation.record import design_record
 from consistent_id.excitation.validating import ValidationPath, validation_trajectory
 from consistent_id.figures import save_figure
+from consistent_id.motion.move import Move
+from consistent_id.motion.move_along import move_along
 from consistent_id.problem import Problem
 from consistent_id.regression import build_regression
 from consistent_id.trajectory import FourierTrajectory

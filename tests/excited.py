@@ -13,9 +13,9 @@ from consistent_id import (
 )
 from consistent_id.base import base_parameters
 from consistent_id.excitation.aims import Aim, PathForm
-from consistent_id.excitation.limits import MotionLimits, motion_limits
 from consistent_id.excitation.search_task import SearchTask, search_task
 from consistent_id.model import RobotModel
+from consistent_id.motion.limits import MotionLimits, motion_limits
 
 
 def arm(joints: int = 2) -> RobotModel:

@@ -6,7 +6,7 @@ import numpy as np
 from robots import random_robot
 
 from consistent_id import Body, Box, Capsule, Cylinder, Hull, Scene, Sphere, plane
-from consistent_id.excitation.scene import Pair
+from consistent_id.collisions.scene import Pair
 
 
 def random_shape(rng, round_only=False):

@@ -15,7 +15,7 @@ from consistent_id import (
     Sphere,
     plane,
 )
-from consistent_id.excitation.pieces import convex_pieces
+from consistent_id.collisions.pieces import convex_pieces
 
 CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 2) for z in (0, 3)])
 BOX_FACES = [

@@ -20,9 +20,9 @@ from consistent_id import (
     plane,
     prove_clearance,
 )
-from consistent_id.excitation.reach import largest_change
-from consistent_id.excitation.scene import body_places
-from consistent_id.excitation.separation import nearest
+from consistent_id.collisions.reach import largest_change
+from consistent_id.collisions.scene import body_places
+from consistent_id.collisions.separation import nearest
 from consistent_id.kinematics import link_places
 from consistent_id.trajectory import FourierTrajectory
 
@@ -139,7 +139,7 @@ class _Bounded:
 
 
 def test_what_cannot_be_proven_does_not_hold(monkeypatch):
-    monkeypatch.setattr("consistent_id.excitation.clearance._MOST", 1000)
+    monkeypatch.setattr("consistent_id.collisions.clearance._MOST", 1000)
     scene = build_scene(PENDULUM, [TIP, POST])
     report = prove_clearance(scene, _Bounded(_swing(1.0)))
     assert not report.violated and not report.holds

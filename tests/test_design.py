@@ -23,8 +23,8 @@ from consistent_id.excitation.accuracy import path_regressor, predicted_accuracy
 from consistent_id.excitation.aims import Aim, PathForm
 from consistent_id.excitation.criteria import spread
 from consistent_id.excitation.design import design_trajectory
-from consistent_id.excitation.margins import motion_margins
 from consistent_id.excitation.search import BOUND_POWER
+from consistent_id.proofs.margins import motion_margins
 from consistent_id.trajectory import FourierTrajectory
 
 FORM = PathForm(5.0, 3)

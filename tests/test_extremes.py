@@ -7,10 +7,10 @@ from hypothesis import strategies as st
 from paths import RestToRest, one_sine, random_path
 
 from consistent_id import ProblemError
-from consistent_id.excitation.extremes import extremes, path_interval
-from consistent_id.excitation.grids import between_samples
-from consistent_id.excitation.limits import MotionLimits
-from consistent_id.excitation.margins import motion_margins
+from consistent_id.motion.limits import MotionLimits
+from consistent_id.proofs.extremes import extremes, path_interval
+from consistent_id.proofs.grids import between_samples
+from consistent_id.proofs.margins import motion_margins
 from consistent_id.trajectory import FourierTrajectory
 
 INF = (np.inf,)

@@ -24,34 +24,23 @@ distances estimate link_condition mass_matrix figures constraints.motors constra
 base_feasibility estimators.constraint_variables comparison shapes signals.clocks
 signals.differences signals.filters signals.kalman signals.resolution signals.masks
 signals.cuts signals.savitzky_golay signals.smoother signals.track signals.alignment
-signals.delay diagnosis.tell sinusoids excitation excitation.limits paths trajectory
-signals.fourier signals.period excitation._callbacks excitation.basis
-excitation.criteria excitation.kernels excitation.information excitation.grids
-excitation.limit_rows excitation.programme excitation.interval excitation.jets
-excitation.peaks excitation.extremes excitation.friction_bounds excitation.torque_motion
-excitation.torque_bounds excitation.margins excitation.bernstein
-excitation.polynomial_path excitation.move trajectory_files.content
-trajectory_files.document trajectory_files.ros trajectory_files.urscript
-excitation.motion_state excitation.transfers excitation.approaches excitation.move_along
-excitation.bodies excitation.pieces excitation.urdf_bodies kinematics excitation.scene
-excitation.reach excitation.separation excitation.guards excitation.clearance
-excitation.verification excitation.scene_building excitation.scene_file curves
-frame_motion writing_tasks path_refusals writer inverse_kinematics laboratory.control
-laboratory.robot laboratory.sensors laboratory.closed_loop laboratory.experiment
-laboratory.one_clock laboratory file_tables excitation_file laboratory_file problem_file
-problem_constraints signals.folds signals preparation problem_folder problem_model
-readers.tracks readers trajectory_files.tables trajectory_files.files trajectory_files
-problem problem_laboratory problem_list row_filter regression estimators.least_squares
+signals.delay diagnosis.tell sinusoids excitation paths trajectory signals.fourier
+signals.period excitation._callbacks excitation.criteria excitation.kernels
+trajectory_files.content trajectory_files.ros trajectory_files.urscript kinematics
+curves frame_motion writing_tasks path_refusals writer inverse_kinematics
+laboratory.control laboratory.robot laboratory.sensors laboratory.closed_loop
+laboratory.experiment laboratory.one_clock laboratory file_tables excitation_file
+laboratory_file problem_file problem_constraints signals.folds signals preparation
+problem_folder problem_model readers.tracks readers trajectory_files.tables problem
+problem_laboratory problem_list row_filter regression estimators.least_squares
 estimators.robust segments parametrisation estimators.scaled_fit estimators.best_fit
 estimators.penalised estimators.nearest estimators.contradiction estimators.settled
 estimators.constrained estimators.smooth cross_check cross_validation bootstrap
 intervals sensitivity uncertainty constraint_costs shadow_prices diagnosis.explain
 estimators.gain_search loaded_robot estimators.gains loaded_constraints
 estimators.payload shaped_regression shape_misfit shape_profile shape_fit cutoff
-excitation.aims excitation.accuracy excitation.search_task excitation.search
-excitation.starts excitation.design excitation.validating excitation.figure
-excitation.record excitation.asked published published_estimate study diagnosis.coverage
-published_summary summary record excite reproduction reproduction_tables
+excitation.aims excitation.accuracy published published_estimate study
+diagnosis.coverage published_summary summary record reproduction reproduction_tables
 export._numpy_template export.drive_values export.exported export.pedigree
 export.casadi_functions export.c_source export.numpy_source export.pinocchio_model
 export._mjcf_body export.record export.shares loaders._splice loaders._urdf_inertial
@@ -59,7 +48,17 @@ export._mjcf_text repair.nearest repair.statement repair.account repair.tell rep
 repair.urdf repair cli_repair export._mjcf_tree export._mjcf_source export.new_urdf
 export.urdf export._mjcf_gears export.mjcf commands_export cli_export export
 diagnosis.jackknife diagnosis.linearise diagnosis.small_shifts diagnosis.repeats
-diagnosis.diagnose diagnosis commands
+diagnosis.diagnose diagnosis commands collisions collisions.bodies collisions.pieces
+collisions.scene collisions.reach collisions.separation collisions.clearance
+collisions.scene_building collisions.urdf_bodies collisions.scene_file motion
+motion.bernstein motion.limits excitation.basis excitation.information excitation.guards
+excitation.search_task excitation.asked motion.motion_state motion.polynomial_path
+motion.move trajectory_files.document trajectory_files.files trajectory_files
+motion.transfers motion.approaches motion.move_along proofs proofs.grids
+excitation.limit_rows excitation.programme excitation.search excitation.starts
+proofs.interval proofs.jets proofs.peaks proofs.extremes proofs.friction_bounds
+proofs.torque_motion proofs.torque_bounds proofs.margins excitation.verification
+excitation.design excitation.validating excitation.figure excitation.record excite
 """.split()
 
 HEAVY = {

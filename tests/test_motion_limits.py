@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from consistent_id import DHRow, JointLimits, ProblemError, from_modified_dh
-from consistent_id.excitation.limits import motion_limits
+from consistent_id.motion.limits import motion_limits
 
 
 def arm(*limits: JointLimits, kind="revolute"):

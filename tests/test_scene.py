@@ -15,7 +15,7 @@ from consistent_id import (
     from_modified_dh,
     plane,
 )
-from consistent_id.excitation.scene import Pair
+from consistent_id.collisions.scene import Pair
 
 ARM = from_modified_dh("arm", [DHRow(0, 0), *[DHRow(np.pi / 2, 0.5)] * 3])
 

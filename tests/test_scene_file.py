@@ -17,9 +17,9 @@ from consistent_id import (
     prove_clearance,
     scene_from_urdf,
 )
-from consistent_id.excitation.scene import body_places
-from consistent_id.excitation.scene_building import random_poses
-from consistent_id.excitation.separation import nearest
+from consistent_id.collisions.scene import body_places
+from consistent_id.collisions.scene_building import random_poses
+from consistent_id.collisions.separation import nearest
 from consistent_id.kinematics import link_places
 from consistent_id.trajectory import FourierTrajectory
 

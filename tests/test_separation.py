@@ -15,8 +15,8 @@ from consistent_id import (
     from_modified_dh,
     plane,
 )
-from consistent_id.excitation.scene import Pair, Scene
-from consistent_id.excitation.separation import nearest
+from consistent_id.collisions.scene import Pair, Scene
+from consistent_id.collisions.separation import nearest
 
 ARM = from_modified_dh("arm", [DHRow(0, 0)])  # turns about z
 

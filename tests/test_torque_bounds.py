@@ -13,14 +13,14 @@ from robots import random_robot
 from consistent_id import DHRow, DriveTerms, ProblemError, TorqueModel, from_modified_dh
 from consistent_id._joint_geometry import floats, joint_geometry
 from consistent_id._newton_euler import JointMotion, regressor_entries, torque_parts
-from consistent_id.excitation.friction_bounds import directed_friction
-from consistent_id.excitation.interval import Interval
-from consistent_id.excitation.jets import Jet, jet, sine_and_cosine
-from consistent_id.excitation.limits import MotionLimits
-from consistent_id.excitation.margins import motion_margins
-from consistent_id.excitation.torque_bounds import _Torque, torque_bounds
-from consistent_id.excitation.torque_motion import smooth_torque
 from consistent_id.friction import GearCoupling
+from consistent_id.motion.limits import MotionLimits
+from consistent_id.proofs.friction_bounds import directed_friction
+from consistent_id.proofs.interval import Interval
+from consistent_id.proofs.jets import Jet, jet, sine_and_cosine
+from consistent_id.proofs.margins import motion_margins
+from consistent_id.proofs.torque_bounds import _Torque, torque_bounds
+from consistent_id.proofs.torque_motion import smooth_torque
 
 DENSE = np.linspace(0.0, 10.0, 8001)
 

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from consistent_id import MotionLimits, MotionState, PolynomialPath, ProblemError
-from consistent_id.excitation.approaches import approach, departure
-from consistent_id.excitation.transfers import transfer
+from consistent_id.motion.approaches import approach, departure
+from consistent_id.motion.transfers import transfer
 
 REPEATABLE = settings(derandomize=True, deadline=None, max_examples=30)
 NONE = np.inf

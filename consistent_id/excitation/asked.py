@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 
 from consistent_id.excitation.aims import Aim, PathForm
-from consistent_id.excitation.limits import MotionLimits, motion_limits
 from consistent_id.excitation_file import ExcitationTable
 from consistent_id.model import RobotModel
+from consistent_id.motion.limits import MotionLimits, motion_limits
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,7 +11,7 @@ import numpy as np
 
 from consistent_id._arrays import Array, Matrix, Vector, frozen
 from consistent_id.errors import ProblemError
-from consistent_id.excitation.limits import MotionLimits
+from consistent_id.motion.limits import MotionLimits
 from consistent_id.trajectory import FourierTrajectory
 
 

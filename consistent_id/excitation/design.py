@@ -14,17 +14,17 @@ from numpy.typing import ArrayLike
 
 from consistent_id._threads import single_threaded
 from consistent_id.base import BaseParameters, ConditionNumber, base_parameters
+from consistent_id.collisions.scene import Scene
 from consistent_id.errors import InfeasibleError, NotExcitedError, ProblemError
 from consistent_id.excitation.accuracy import PredictedAccuracy, predicted_accuracy
 from consistent_id.excitation.aims import Aim, PathForm
 from consistent_id.excitation.criteria import Objective
-from consistent_id.excitation.limits import MotionLimits, motion_limits
-from consistent_id.excitation.scene import Scene
 from consistent_id.excitation.search import BOUND_POWER, Found, Searcher
 from consistent_id.excitation.search_task import SearchTask, search_task
 from consistent_id.excitation.starts import Job, Outcome, run_searches
 from consistent_id.excitation.verification import Demands, Proof, demands
 from consistent_id.model import RobotModel
+from consistent_id.motion.limits import MotionLimits, motion_limits
 from consistent_id.regressor import TorqueModel
 from consistent_id.trajectory import FourierTrajectory
 

@@ -12,10 +12,10 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from consistent_id._arrays import Array, IntArray, Matrix, Vector
+from consistent_id.collisions.scene import Scene
+from consistent_id.collisions.separation import nearest
 from consistent_id.excitation.basis import FourierBasis
 from consistent_id.excitation.kernels import TorqueKernel
-from consistent_id.excitation.scene import Scene
-from consistent_id.excitation.separation import nearest
 from consistent_id.regressor import TorqueModel
 
 _TIGHTER = 0.03  # share of a limit given up where a proof has failed

@@ -17,7 +17,7 @@ import numpy as np
 
 from consistent_id._arrays import Array, Matrix, Vector
 from consistent_id.excitation.basis import FourierBasis
-from consistent_id.excitation.grids import between_samples
+from consistent_id.proofs.grids import between_samples
 
 _COARSE = 12  # points per period of the highest frequency, for the programme
 _FINE = 32  # for measuring: the bound is then within 0.5 % of the extreme

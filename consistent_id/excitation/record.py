@@ -6,9 +6,9 @@ import numpy as np
 
 from consistent_id.base import ConditionNumber
 from consistent_id.excitation.design import ExcitationDesign, Stage
-from consistent_id.excitation.limits import MotionLimits
-from consistent_id.excitation.margins import Margin
 from consistent_id.excitation.validating import ValidationPath
+from consistent_id.motion.limits import MotionLimits
+from consistent_id.proofs.margins import Margin
 from consistent_id.tables import Table
 
 

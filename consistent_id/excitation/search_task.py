@@ -11,7 +11,7 @@ from consistent_id.excitation.aims import Aim, PathForm
 from consistent_id.excitation.basis import FourierBasis
 from consistent_id.excitation.criteria import Scaling
 from consistent_id.excitation.guards import Guard
-from consistent_id.excitation.limits import MotionLimits
+from consistent_id.motion.limits import MotionLimits
 from consistent_id.regressor import TorqueModel
 
 _SAMPLES = 100  # of a path at least, and ten per period of the highest frequency

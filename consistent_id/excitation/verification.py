@@ -7,13 +7,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._arrays import Matrix, checked
+from consistent_id.collisions.clearance import ClearanceReport, prove_clearance
+from consistent_id.collisions.scene import Scene
 from consistent_id.errors import InfeasibleError, ProblemError
-from consistent_id.excitation.clearance import ClearanceReport, prove_clearance
 from consistent_id.excitation.guards import ClearanceGuard, Guard, TorqueGuard
-from consistent_id.excitation.limits import MotionLimits
-from consistent_id.excitation.margins import MotionMargins, motion_margins
-from consistent_id.excitation.scene import Scene
+from consistent_id.motion.limits import MotionLimits
 from consistent_id.paths import JointPath
+from consistent_id.proofs.margins import MotionMargins, motion_margins
 from consistent_id.regressor import TorqueModel
 
 _REACH = 0.99  # share of a torque limit that may be used at samples

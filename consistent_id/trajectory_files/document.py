@@ -20,8 +20,8 @@ import numpy as np
 
 from consistent_id._arrays import Matrix
 from consistent_id.errors import ProblemError
-from consistent_id.excitation.move import Move
-from consistent_id.excitation.polynomial_path import PolynomialPath
+from consistent_id.motion.move import Move
+from consistent_id.motion.polynomial_path import PolynomialPath
 from consistent_id.readers.arrays import Arrays
 from consistent_id.readers.npz import read_npz
 from consistent_id.trajectory import FourierTrajectory

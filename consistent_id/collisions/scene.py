@@ -6,8 +6,8 @@ import numpy as np
 
 from consistent_id._arrays import Array
 from consistent_id.chains import Place
+from consistent_id.collisions.bodies import Body
 from consistent_id.errors import ProblemError
-from consistent_id.excitation.bodies import Body
 from consistent_id.kinematics import LinkPlaces, fixed_place
 from consistent_id.model import RobotModel
 

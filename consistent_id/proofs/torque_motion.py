@@ -11,11 +11,11 @@ import numpy as np
 from consistent_id._arrays import Array, Matrix, Vector
 from consistent_id._joint_geometry import floats, joint_geometry
 from consistent_id._newton_euler import JointMotion, torque_parts
-from consistent_id.excitation.extremes import path_interval
-from consistent_id.excitation.interval import Interval
-from consistent_id.excitation.jets import Jet, jet, sine_and_cosine
 from consistent_id.friction import DriveTerms, GearCoupling
 from consistent_id.paths import JointPath
+from consistent_id.proofs.extremes import path_interval
+from consistent_id.proofs.interval import Interval
+from consistent_id.proofs.jets import Jet, jet, sine_and_cosine
 from consistent_id.regressor import TorqueModel, drive_entries
 
 _PIECE = 20_000  # samples times robots at once

@@ -8,10 +8,10 @@ from numpy.typing import ArrayLike
 
 from consistent_id._arrays import Vector
 from consistent_id.errors import ProblemError
-from consistent_id.excitation.extremes import Extremes, extremes
-from consistent_id.excitation.limits import MotionLimits
-from consistent_id.excitation.torque_bounds import TorqueBounds, torque_bounds
+from consistent_id.motion.limits import MotionLimits
 from consistent_id.paths import JointPath
+from consistent_id.proofs.extremes import Extremes, extremes
+from consistent_id.proofs.torque_bounds import TorqueBounds, torque_bounds
 from consistent_id.regressor import TorqueModel
 from consistent_id.tables import Table
 
@@ -168,7 +168,7 @@ def motion_margins(
     Examples
     --------
     >>> from consistent_id import DHRow, JointLimits, from_modified_dh
-    >>> from consistent_id.excitation.limits import motion_limits
+    >>> from consistent_id.motion.limits import motion_limits
     >>> from consistent_id.trajectory import FourierTrajectory
     >>> arm = from_modified_dh("arm", [DHRow(0, 0, limits=JointLimits(-1, 1, 2.0))])
     >>> path = FourierTrajectory(("joint1",), [0.5], [0.1], [[0.5]], [[0.0]], 2.0)

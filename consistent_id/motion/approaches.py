@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._arrays import Array, Vector, checked
-from consistent_id.excitation import bernstein
-from consistent_id.excitation.limits import MotionLimits
-from consistent_id.excitation.motion_state import MotionState
-from consistent_id.excitation.polynomial_path import PolynomialPath
-from consistent_id.excitation.transfers import allowed_by, limits_of, shortest
+from consistent_id.motion import bernstein
+from consistent_id.motion.limits import MotionLimits
+from consistent_id.motion.motion_state import MotionState
+from consistent_id.motion.polynomial_path import PolynomialPath
+from consistent_id.motion.transfers import allowed_by, limits_of, shortest
 
 _ROUNDING = 1e-10  # share of a limit that is left when a pose is chosen
 

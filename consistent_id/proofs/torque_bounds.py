@@ -13,14 +13,14 @@ from numpy.typing import ArrayLike
 
 from consistent_id._arrays import Array, IntArray, Matrix, Vector, checked
 from consistent_id.errors import ProblemError
-from consistent_id.excitation.friction_bounds import (
+from consistent_id.paths import JointPath
+from consistent_id.proofs.friction_bounds import (
     DirectedFriction,
     directed_friction,
 )
-from consistent_id.excitation.interval import Interval
-from consistent_id.excitation.peaks import Enclosed, Enclosure, peaks
-from consistent_id.excitation.torque_motion import SmoothTorque, smooth_torque
-from consistent_id.paths import JointPath
+from consistent_id.proofs.interval import Interval
+from consistent_id.proofs.peaks import Enclosed, Enclosure, peaks
+from consistent_id.proofs.torque_motion import SmoothTorque, smooth_torque
 from consistent_id.regressor import TorqueModel
 
 _TURN = 0.025  # no joint turns further in half a stretch at first [rad or m]

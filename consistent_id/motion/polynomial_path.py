@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from consistent_id._arrays import Array, Matrix, Vector, checked, frozen
 from consistent_id.errors import ProblemError
-from consistent_id.excitation import bernstein
+from consistent_id.motion import bernstein
 
 
 @dataclass(frozen=True, slots=True, eq=False)

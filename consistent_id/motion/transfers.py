@@ -10,10 +10,10 @@ import numpy as np
 
 from consistent_id._arrays import Array, IntArray, Matrix, Vector
 from consistent_id.errors import ProblemError
-from consistent_id.excitation import bernstein
-from consistent_id.excitation.limits import MotionLimits
-from consistent_id.excitation.motion_state import MotionState
-from consistent_id.excitation.polynomial_path import PolynomialPath
+from consistent_id.motion import bernstein
+from consistent_id.motion.limits import MotionLimits
+from consistent_id.motion.motion_state import MotionState
+from consistent_id.motion.polynomial_path import PolynomialPath
 from consistent_id.parameters import did_you_mean
 
 _ORDERS = ("position", "velocity", "acceleration", "jerk")

@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._arrays import Array
+from consistent_id.collisions.bodies import Body
+from consistent_id.collisions.reach import joints_between
+from consistent_id.collisions.scene import Pair, PairNote, Scene, place_of
+from consistent_id.collisions.separation import nearest
 from consistent_id.errors import ProblemError
-from consistent_id.excitation.bodies import Body
-from consistent_id.excitation.reach import joints_between
-from consistent_id.excitation.scene import Pair, PairNote, Scene, place_of
-from consistent_id.excitation.separation import nearest
 from consistent_id.model import Joint, RobotModel
 from consistent_id.parameters import did_you_mean
 

@@ -18,7 +18,7 @@ move together, and for the opposite order; the smaller of the two bounds counts.
 import numpy as np
 
 from consistent_id._arrays import Array, IntArray
-from consistent_id.excitation.scene import BodyPlaces, Pair
+from consistent_id.collisions.scene import BodyPlaces, Pair
 from consistent_id.kinematics import LinkPlaces, ancestors
 from consistent_id.model import RobotModel
 

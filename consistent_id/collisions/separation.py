@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._arrays import Array, IntArray
-from consistent_id.excitation.bodies import HalfSpace, coal_geometry
-from consistent_id.excitation.scene import BodyPlaces, Pair, Scene, body_places
+from consistent_id.collisions.bodies import HalfSpace, coal_geometry
+from consistent_id.collisions.scene import BodyPlaces, Pair, Scene, body_places
 from consistent_id.kinematics import LinkPlaces, ancestors, link_places
 
 _UNIT = 1e-6  # a direction's length may be off by this much, or coal found none

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from consistent_id._arrays import Array, Matrix, Vector
-from consistent_id.excitation.extremes import path_interval
-from consistent_id.excitation.interval import Interval
 from consistent_id.paths import JointPath
+from consistent_id.proofs.extremes import path_interval
+from consistent_id.proofs.interval import Interval
 from consistent_id.regressor import TorqueModel, drive_entries
 from consistent_id.shapes import SHAPED_TERMS
 

@@ -4,11 +4,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from consistent_id.collisions.bodies import Body, plane
+from consistent_id.collisions.scene import Scene, place_of
+from consistent_id.collisions.scene_building import build_scene
+from consistent_id.collisions.urdf_bodies import Elements, urdf_bodies
 from consistent_id.errors import ModelError
-from consistent_id.excitation.bodies import Body, plane
-from consistent_id.excitation.scene import Scene, place_of
-from consistent_id.excitation.scene_building import build_scene
-from consistent_id.excitation.urdf_bodies import Elements, urdf_bodies
 from consistent_id.model import RobotModel
 
 

@@ -8,9 +8,7 @@ from typing import Literal
 import numpy as np
 
 from consistent_id._arrays import Matrix, Vector
-from consistent_id.constraints.solids import mesh_triangles
-from consistent_id.errors import ModelError, ProblemError
-from consistent_id.excitation.bodies import (
+from consistent_id.collisions.bodies import (
     Body,
     Box,
     Capsule,
@@ -19,7 +17,9 @@ from consistent_id.excitation.bodies import (
     Shape,
     Sphere,
 )
-from consistent_id.excitation.pieces import convex_pieces
+from consistent_id.collisions.pieces import convex_pieces
+from consistent_id.constraints.solids import mesh_triangles
+from consistent_id.errors import ModelError, ProblemError
 from consistent_id.loaders._urdf_lint import read_bytes
 from consistent_id.loaders._xml import Element, XmlFault, parse
 

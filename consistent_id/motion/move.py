@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from consistent_id._arrays import Array, BoolArray, Vector, checked
 from consistent_id.errors import ProblemError
-from consistent_id.excitation.polynomial_path import PolynomialPath
+from consistent_id.motion.polynomial_path import PolynomialPath
 from consistent_id.paths import sampled
 from consistent_id.recording import Recording
 from consistent_id.trajectory import FourierTrajectory

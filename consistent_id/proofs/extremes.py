@@ -11,9 +11,9 @@ import numpy as np
 
 from consistent_id._arrays import Array, IntArray, Vector
 from consistent_id.errors import ProblemError
-from consistent_id.excitation.interval import Interval
-from consistent_id.excitation.peaks import Enclosed, peaks
 from consistent_id.paths import JointPath
+from consistent_id.proofs.interval import Interval
+from consistent_id.proofs.peaks import Enclosed, peaks
 
 _FINEST = 1e-3  # least scale of the tolerance, relative to the bound over all time
 _COARSE = 0.1  # of the scale: what the first stretches leave open

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from consistent_id._arrays import Array, IntArray, Vector
+from consistent_id.collisions.reach import largest_change
+from consistent_id.collisions.scene import Scene, body_places
+from consistent_id.collisions.separation import balls_apart, separation
 from consistent_id.errors import InfeasibleError, ProblemError
-from consistent_id.excitation.reach import largest_change
-from consistent_id.excitation.scene import Scene, body_places
-from consistent_id.excitation.separation import balls_apart, separation
 from consistent_id.kinematics import link_places
 from consistent_id.paths import JointPath
 

@@ -8,12 +8,12 @@ from numpy.typing import ArrayLike
 
 from consistent_id._arrays import Vector, checked
 from consistent_id.errors import ProblemError
-from consistent_id.excitation.approaches import approach, departure
-from consistent_id.excitation.limits import MotionLimits
-from consistent_id.excitation.motion_state import MotionState
-from consistent_id.excitation.move import Move, end_of
-from consistent_id.excitation.polynomial_path import PolynomialPath
-from consistent_id.excitation.transfers import limits_of, transfer
+from consistent_id.motion.approaches import approach, departure
+from consistent_id.motion.limits import MotionLimits
+from consistent_id.motion.motion_state import MotionState
+from consistent_id.motion.move import Move, end_of
+from consistent_id.motion.polynomial_path import PolynomialPath
+from consistent_id.motion.transfers import limits_of, transfer
 from consistent_id.parameters import did_you_mean
 from consistent_id.trajectory import FourierTrajectory
 

@@ -1,0 +1,1 @@
+"""Bodies that must stay apart: scenes, distances, clearance proven for all time."""

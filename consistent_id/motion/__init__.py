@@ -1,0 +1,1 @@
+"""Motion that robots can play: limits, polynomial pieces, moves from rest to rest."""
