@@ -56,6 +56,18 @@ def test_a_search_improves_on_its_start_and_keeps_the_limits(objective):
     assert largest(searcher, found.variables).max() > 0.98
 
 
+def test_scaling_changes_condition_numbers_and_no_errors():
+    plain, unit = (searcher_of(aim=Aim(scaling=s)) for s in ("none", "unit columns"))
+    variables = plain.random(0)
+    for objective in ("D", "A", "E"):
+        assert plain.score(objective, variables) == unit.score(objective, variables)
+    W = plain.information(variables).matrix
+    columns = 1.0 / np.sqrt(np.diag(W))
+    expected = 0.5 * np.log(np.linalg.cond(columns[:, None] * W * columns))
+    assert np.isclose(unit.score("condition", variables), expected, rtol=1e-9)
+    assert plain.score("condition", variables) > unit.score("condition", variables)
+
+
 def test_the_same_seed_finds_the_same_path():
     first, again, other = (search(searcher_of(), "condition", s) for s in (0, 0, 1))
     assert np.array_equal(first.variables, again.variables)
@@ -117,12 +129,13 @@ def test_what_cannot_be_kept_is_named():
     assert found.offence == "torque of joint 'joint2'"
 
 
-def test_time_that_is_over_leaves_what_was_found():
+def test_time_that_is_over_leaves_what_a_moment_found():
     task = arm_task(TorqueModel(arm(2)))
     outcome = run_searches(
         task, [Job("condition", 0)], workers=1, deadline=time.time() - 1.0
     )
-    assert outcome.found == () and outcome.out_of_time and not outcome.interrupted
+    assert len(outcome.found) == 1 and np.isfinite(outcome.found[0].score)
+    assert outcome.out_of_time and not outcome.interrupted
     late = Searcher(task, deadline=0.0)
     found = search(late, "condition", 0)
     assert np.isfinite(found.score) and largest(late, found.variables).max() <= 1.0

@@ -28,8 +28,8 @@ from consistent_id.motion.limits import MotionLimits, motion_limits
 from consistent_id.regressor import TorqueModel
 from consistent_id.trajectory import FourierTrajectory
 
-_FIRST = 0.6  # share of the time limit after which the first stage ends
-_SECOND = 0.9  # share after which the second stage ends
+_FIRST = 0.6  # share of the time limit after which the first of two stages ends
+_SECOND = 0.9  # share after which the last stage ends
 _REFINED = 2  # paths that go on to the second stage, however many workers there are
 _ATTEMPTS = 4  # at a proof, each with less of the limits to use
 _LEAST = 0.01  # rad or m; a joint that can move less is not excited
@@ -181,7 +181,8 @@ def design_trajectory(
     workers = min(workers or _processors(), max(starts, 1))
     workshop = _Workshop(task, asked, aim, workers, time_limit, progress)
     jobs = [Job(aim.objective, seed + k) for k in range(starts)]
-    first = workshop.stage(jobs, now + _FIRST * time_limit)
+    share = _SECOND if aim.refine in (None, aim.objective) else _FIRST
+    first = workshop.stage(jobs, now + share * time_limit)
     stages, outcomes = [first.stage], [first.outcome]
     refine = aim.refine not in (None, aim.objective) and not first.outcome.interrupted
     if refine:
@@ -242,7 +243,7 @@ class _Workshop:
             )
             usable = [one for one in outcome.found if one.variables is not None]
             if not usable:
-                raise _nothing_found(outcome.found)
+                raise _nothing_found(outcome)
             objective = jobs[0].objective
             stages = (self._proven(objective, one) for one in usable)
             for stage in stages:
@@ -317,15 +318,17 @@ def _require_long_enough(form: PathForm, aim: Aim, limits: MotionLimits) -> None
         )
 
 
-def _nothing_found(found: tuple[Found, ...]) -> InfeasibleError:
-    if not found:
+def _nothing_found(outcome: Outcome) -> InfeasibleError:
+    if not outcome.found:
         return InfeasibleError(
             "time was over before any path was found; give a longer time_limit"
         )
-    obstacles = sorted({one.offence for one in found if one.offence})
+    obstacles = sorted({one.offence for one in outcome.found if one.offence})
+    more = "give a longer time_limit, " if outcome.out_of_time else ""
     return InfeasibleError(
-        f"{len(found)} searches found no path that keeps {', '.join(obstacles)} within "
-        "its limit; raise it, or narrow the joints' ranges to where less is needed"
+        f"{len(outcome.found)} searches found no path that keeps "
+        f"{', '.join(obstacles)} within its limit; {more}raise it, or narrow the "
+        "joints' ranges to where less is needed"
     )
 
 

@@ -120,9 +120,13 @@ class Searcher:
         return Value(value, pull(gradient))
 
     def criterion(self, objective: Objective, power: float = np.inf) -> Criterion:
-        """Return an objective's criterion in the task's scaling, smooth or itself."""
+        """Return an objective's criterion, smooth or itself.
+
+        Only condition numbers are scaled: columns of unit size would hide how large
+        the errors are that the others speak of.
+        """
         plain = criterion_of(objective, power, self.task.gram)
-        return scaled(plain, self.task.scaling)
+        return scaled(plain, self.task.scaling) if objective == "condition" else plain
 
     def score(self, objective: Objective, variables: Matrix) -> float:
         """Return an objective's own value, a logarithm."""

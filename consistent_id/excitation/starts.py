@@ -94,6 +94,9 @@ def run_searches(
                 bar.set_postfix_str(f"best {jobs[0].objective}: {np.exp(best):.4g}")
         except KeyboardInterrupt:
             interrupted = True
+        if not found and not interrupted and not any(Path(folder).glob("*.npz")):
+            # Processes take a second to begin: some path is better than none.
+            found += [_run(task, job, deadline, Path(folder)) for job in jobs[:1]]
         done = {one.seed for one in found}
         found += [one for one in _left_behind(Path(folder)) if one.seed not in done]
     best_first = sorted(found, key=lambda one: (one.score, one.seed))
