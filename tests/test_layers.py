@@ -21,7 +21,7 @@ readers.jointstate readers.bag readers.mat readers.npz readers.parquet readers.f
 correlation drive_terms friction regressor base simulation constraints._rows
 constraints.datasheet constraints.parameters constraints.shape constraints.symmetry
 distances estimate link_condition mass_matrix figures constraints.motors constraints
-base_feasibility estimators.constraint_variables comparison shapes signals.clocks
+base_bodies estimators.constraint_variables comparison shapes signals.clocks
 signals.differences signals.filters signals.kalman signals.resolution signals.masks
 signals.cuts signals.savitzky_golay signals.smoother signals.track signals.alignment
 signals.delay diagnosis.tell sinusoids excitation paths trajectory signals.fourier
@@ -35,11 +35,11 @@ problem_folder problem_model readers.tracks readers trajectory_files.tables prob
 problem_laboratory problem_list row_filter regression estimators.least_squares
 estimators.robust segments parametrisation estimators.scaled_fit estimators.best_fit
 estimators.penalised estimators.nearest estimators.contradiction estimators.settled
-estimators.constrained estimators.smooth cross_check cross_validation bootstrap
-intervals sensitivity uncertainty constraint_costs shadow_prices diagnosis.explain
-estimators.gain_search loaded_robot estimators.gains loaded_constraints
-estimators.payload shaped_regression shape_misfit shape_profile shape_fit cutoff
-excitation.aims excitation.accuracy published published_estimate study
+estimators.constrained estimators.smooth fit_cross_check cross_validation
+segment_bootstrap intervals sensitivity parameter_uncertainty fit_costs
+constraint_prices diagnosis.explain estimators.gain_search loaded_robot estimators.gains
+loaded_constraints estimators.payload shaped_regression shape_misfit shape_profile
+shape_fit cutoff excitation.aims excitation.accuracy published published_estimate study
 diagnosis.coverage published_summary summary record reproduction reproduction_tables
 export._numpy_template export.drive_values export.exported export.pedigree
 export.casadi_functions export.c_source export.numpy_source export.pinocchio_model
@@ -60,7 +60,7 @@ proofs.peaks proofs.extremes proofs.friction_bounds proofs.torque_motion
 proofs.torque_bounds proofs.margins excitation.verification excitation.design
 excitation.validating excitation.figure excitation.record excite cli.answers cli.options
 cli.check cli.compare cli.excite cli.export cli.identify cli.info cli.repair cli.tool
-cli
+cli _face
 """.split()
 
 HEAVY = {
