@@ -12,6 +12,7 @@ from consistent_id.estimate import Estimate
 from consistent_id.figures import motion_figure, save_figure, torque_figure
 from consistent_id.friction import DriveTerms
 from consistent_id.loaders import load_mjcf, load_urdf
+from consistent_id.parameter_uncertainty import Uncertainty, uncertainty
 from consistent_id.problem import Problem
 from consistent_id.problem_folder import toml_files
 from consistent_id.readers import Columns, read_recording
@@ -25,7 +26,6 @@ from consistent_id.study import Study, excitation_of, identify, run_study
 from consistent_id.study import recordings_of as study_recordings
 from consistent_id.summary import excitation_table, study_tables, uncertainty_table
 from consistent_id.tables import Table
-from consistent_id.uncertainty import Uncertainty, uncertainty
 
 _DRAWN = ("least squares", "constrained")
 

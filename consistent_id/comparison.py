@@ -7,7 +7,7 @@ import numpy as np
 
 from consistent_id._arrays import Vector
 from consistent_id._threads import single_threaded
-from consistent_id.base_feasibility import BaseFeasibility, base_feasibility
+from consistent_id.base_bodies import BaseFeasibility, base_feasibility
 from consistent_id.certificate import Verdict
 from consistent_id.distances import pullback_distance
 from consistent_id.errors import ProblemError

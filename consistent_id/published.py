@@ -7,7 +7,7 @@ import numpy as np
 
 from consistent_id._arrays import Array, Matrix, Vector
 from consistent_id.base import base_parameters, linear_combination
-from consistent_id.base_feasibility import BaseFeasibility, base_feasibility
+from consistent_id.base_bodies import BaseFeasibility, base_feasibility
 from consistent_id.constraints import (
     Constraint,
     FixedCentresOfMass,

@@ -13,7 +13,7 @@ from consistent_id.base import (
     linear_combination,
 )
 from consistent_id.comparison import Comparison, compare
-from consistent_id.constraint_costs import ConstraintCost, constraint_costs
+from consistent_id.constraint_prices import ShadowPrice, shadow_prices
 from consistent_id.constraints import PhysicalConsistency
 from consistent_id.cross_validation import RegularisationPath, cross_validated
 from consistent_id.errors import ProblemError
@@ -26,13 +26,13 @@ from consistent_id.estimators.least_squares import (
     weighted_least_squares,
 )
 from consistent_id.estimators.robust import huber
+from consistent_id.fit_costs import ConstraintCost, constraint_costs
 from consistent_id.problem import Problem
 from consistent_id.published import PublishedReport, check_published
 from consistent_id.published_estimate import published_least_squares
 from consistent_id.recording import Recording
 from consistent_id.regression import Regression, build_regression
 from consistent_id.segments import segment_regressions
-from consistent_id.shadow_prices import ShadowPrice, shadow_prices
 from consistent_id.simulation import simulate_torque
 
 

@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 
 from consistent_id.comparison import Comparison, EstimateReport
-from consistent_id.constraint_costs import ConstraintCost
+from consistent_id.constraint_prices import ShadowPrice
 from consistent_id.cross_validation import RegularisationPath
+from consistent_id.fit_costs import ConstraintCost
+from consistent_id.parameter_uncertainty import Uncertainty
 from consistent_id.published_summary import published_tables
-from consistent_id.shadow_prices import ShadowPrice
 from consistent_id.study import Excitation, Study
 from consistent_id.tables import Table
-from consistent_id.uncertainty import Uncertainty
 
 _DEAREST = 12  # single constraints shown
 
