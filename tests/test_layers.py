@@ -44,12 +44,12 @@ trajectory_files.urscript trajectory_files.files trajectory_files
 excitation.motion_state excitation.transfers excitation.approaches excitation.move_along
 excitation.bodies excitation.pieces excitation.urdf_bodies kinematics excitation.scene
 excitation.reach excitation.separation excitation.guards excitation.search_task
-excitation.search excitation.starts excitation.clearance excitation.verification
-excitation.design excitation.validating excitation.scene_building excitation.scene_file
-excitation.figure excitation.record excitation_file problem_file problem_constraints
-preparation problem published published_estimate study diagnosis.coverage
-diagnosis.diagnose diagnosis published_summary summary record commands excitation.asked
-excite
+excitation.clearance excitation.verification excitation.scene_building
+excitation.scene_file excitation_file problem_file problem_constraints preparation
+problem published published_estimate study diagnosis.coverage diagnosis.diagnose
+diagnosis published_summary summary record commands excitation.asked
+excitation.clear_starts excitation.search excitation.starts excitation.design
+excitation.validating excitation.figure excitation.record excite
 """.split()
 
 HEAVY = {
