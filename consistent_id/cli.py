@@ -164,8 +164,12 @@ def _info(options: argparse.Namespace) -> int:
 
 
 def _excite(options: argparse.Namespace) -> int:
-    from consistent_id.excitation.record import design_record, design_tables
-    from consistent_id.excite import excite, write_excited
+    from consistent_id.excite import (
+        excite,
+        excited_record,
+        excited_tables,
+        write_excited,
+    )
     from consistent_id.problem import load_problem
 
     problem = load_problem(options.problem)
@@ -181,10 +185,9 @@ def _excite(options: argparse.Namespace) -> int:
     folder = options.output or Path("results") / problem.name
     written = write_excited(excited, folder)
     if options.json:
-        record = design_record(excited.design, excited.validation)
-        print(json.dumps(record, indent=1, allow_nan=False))
+        print(json.dumps(excited_record(excited), indent=1, allow_nan=False))
     else:
-        print("\n\n".join(table.text() for table in design_tables(excited.design)))
+        print("\n\n".join(table.text() for table in excited_tables(excited)))
         print("\nwritten: " + ", ".join(str(path) for path in written))
     return 0
 

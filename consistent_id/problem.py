@@ -70,6 +70,10 @@ class Problem:
         """The problem's name."""
         return self.table.name
 
+    def file(self, path: str) -> Path:
+        """Return a path of the file: from its folder, with ``${NAME}`` replaced."""
+        return self.folder / _expanded(path, self.name)
+
     @cached_property
     def training(self) -> tuple[Recording, ...]:
         """Prepared recordings to learn from."""

@@ -47,9 +47,9 @@ excitation.reach excitation.separation excitation.guards excitation.search_task
 excitation.clearance excitation.verification excitation.scene_building
 excitation.scene_file excitation_file problem_file problem_constraints preparation
 problem published published_estimate study diagnosis.coverage diagnosis.diagnose
-diagnosis published_summary summary record commands excitation.asked
-excitation.clear_starts excitation.search excitation.starts excitation.design
-excitation.validating excitation.figure excitation.record excite
+diagnosis published_summary summary record commands excitation.clear_starts
+excitation.search excitation.starts excitation.design excitation.validating
+excitation.figure excitation.record excitation.asked_scene excitation.asked excite
 """.split()
 
 HEAVY = {
