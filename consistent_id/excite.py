@@ -3,21 +3,24 @@
 import json
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from consistent_id._files import require_writable, write_atomically
-from consistent_id.errors import ProblemError
+from consistent_id.collisions.clearance import ClearanceReport, prove_clearance
+from consistent_id.errors import InfeasibleError, ProblemError
 from consistent_id.estimators.least_squares import joint_noise
 from consistent_id.excitation.aims import Aim
 from consistent_id.excitation.asked import Asked, asked_of
 from consistent_id.excitation.design import ExcitationDesign, design_trajectory
 from consistent_id.excitation.figure import design_figure
-from consistent_id.excitation.record import design_record
+from consistent_id.excitation.record import design_record, design_tables
 from consistent_id.excitation.validating import ValidationPath, validation_trajectory
 from consistent_id.figures import save_figure
 from consistent_id.motion.move import Move
 from consistent_id.motion.move_along import move_along
 from consistent_id.problem import Problem
 from consistent_id.regression import build_regression
+from consistent_id.tables import Table
 from consistent_id.trajectory import FourierTrajectory
 from consistent_id.trajectory_files import write_trajectory
 
@@ -33,12 +36,15 @@ class Excited:
         The design with its run-in and run-out, proven to keep all limits.
     validation : ValidationPath
     validation_move : Move
+    clearances : tuple of ClearanceReport
+        Of both moves, with run-in and run-out; none without a scene.
     """
 
     design: ExcitationDesign
     move: Move
     validation: ValidationPath
     validation_move: Move
+    clearances: tuple[ClearanceReport, ...]
 
 
 def excite(
@@ -64,16 +70,18 @@ def excite(
 
     Raises
     ------
-    ProblemError
-        If run-in or run-out cannot keep the limits; and as `design_trajectory`.
+    ProblemError, InfeasibleError
+        If run-in or run-out cannot keep the limits, or bodies do not stay apart on it;
+        and as `design_trajectory`.
     """
-    asked = asked_of(problem.table.excitation, problem.model.robot)
+    asked = asked_of(problem)
     aim = _with_recordings(problem, asked.aim) if sequential else asked.aim
     design = design_trajectory(
         problem.model,
         asked.form,
         aim,
         limits=asked.limits,
+        scene=asked.scene,
         starts=starts,
         time_limit=time_limit,
         seed=seed,
@@ -81,12 +89,13 @@ def excite(
         progress=progress,
     )
     validation = validation_trajectory(design, seed=seed)
-    return Excited(
-        design,
-        _played(design, design.trajectory, asked),
-        validation,
-        _played(design, validation.trajectory, asked),
-    )
+    moves = [
+        _played(design, path, asked)
+        for path in (design.trajectory, validation.trajectory)
+    ]
+    scene = asked.scene
+    apart = () if scene is None else (prove_clearance(scene, m.pieces) for m in moves)
+    return Excited(design, moves[0], validation, moves[1], tuple(apart))
 
 
 def write_excited(excited: Excited, folder: Path) -> list[Path]:
@@ -103,25 +112,52 @@ def write_excited(excited: Excited, folder: Path) -> list[Path]:
         written.append(write_trajectory(move, folder / f"{name}.yaml", rate=rate))
     figure = design_figure(design)
     written.append(save_figure(figure, folder / "excitation.png"))
-    record = design_record(design, excited.validation)
+    record = excited_record(excited)
     text = json.dumps(record, indent=1, allow_nan=False)
     written.append(write_atomically(folder / "excitation.json", text + "\n"))
     return written
 
 
+def excited_record(excited: Excited) -> dict[str, Any]:
+    """Return all there is to know of a design and its moves, as plain values."""
+    design = excited.design
+    return design_record(design, excited.validation, excited.clearances)
+
+
+def excited_tables(excited: Excited) -> list[Table]:
+    """Return the same for people."""
+    return design_tables(excited.design, excited.clearances)
+
+
 def _played(design: ExcitationDesign, path: FourierTrajectory, asked: Asked) -> Move:
     pose = asked.start_pose
-    if pose is not None:
-        middle = dict(
-            zip(design.limits.joints, design.limits.middle.tolist(), strict=True)
-        )
-        pose = middle | pose
     move = move_along(
         path, design.limits, from_pose=pose, to_pose=pose, periods=asked.periods
     )
-    if move.run_in or move.run_out:
-        design.demands.proof([*move.run_in, *move.run_out]).require()
+    for name, pieces in (("run-in", move.run_in), ("run-out", move.run_out)):
+        if not pieces:
+            continue
+        try:
+            design.demands.proof(pieces).require()
+        except InfeasibleError as cause:
+            raise InfeasibleError(
+                f"{name}: {cause}. {_advice(design, path, asked)}"
+            ) from None
     return move
+
+
+def _advice(design: ExcitationDesign, path: FourierTrajectory, asked: Asked) -> str:
+    """Say what start pose to try when run-in or run-out is in the way."""
+    other = "Give another start_pose in [excitation]"
+    if asked.start_pose is None:
+        return other
+    move = move_along(path, design.limits, periods=asked.periods)
+    pieces = [*move.run_in, *move.run_out]
+    if pieces and not design.demands.proof(pieces).holds:
+        return other
+    pose, joints = move.evaluate([move.start], 0)[0, 0], move.joints
+    told = ", ".join(f"{j} = {q:.3f}" for j, q in zip(joints, pose, strict=True))
+    return f"{other}, or none: from {told} this path can be reached as it is"
 
 
 def _with_recordings(problem: Problem, aim: Aim) -> Aim:

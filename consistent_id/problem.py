@@ -62,9 +62,13 @@ class Problem:
         """Files that the robot was loaded from, by format: ``urdf``, ``mjcf``."""
         model = self.table.model
         return {
-            form: None if name is None else self.folder / expanded(name, self.name)
+            form: None if name is None else self.file(name)
             for form, name in (("urdf", model.urdf), ("mjcf", model.mjcf))
         }
+
+    def file(self, path: str) -> Path:
+        """Return a path of the file: from its folder, with ``${NAME}`` replaced."""
+        return self.folder / expanded(path, self.name)
 
     @cached_property
     def training(self) -> tuple[Recording, ...]:

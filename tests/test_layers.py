@@ -52,15 +52,15 @@ diagnosis commands collisions collisions.bodies collisions.pieces collisions.sce
 collisions.reach collisions.separation collisions.clearance collisions.scene_building
 collisions.urdf_bodies collisions.scene_file motion motion.bernstein motion.limits
 excitation.basis excitation.information excitation.guards excitation.search_task
-excitation.asked motion.motion_state motion.polynomial_path motion.move
-trajectory_files.document trajectory_files.files trajectory_files motion.transfers
-motion.approaches motion.move_along proofs proofs.grids excitation.limit_rows
-excitation.programme excitation.search excitation.starts proofs.interval proofs.jets
-proofs.peaks proofs.extremes proofs.friction_bounds proofs.torque_motion
-proofs.torque_bounds proofs.margins excitation.verification excitation.design
-excitation.validating excitation.figure excitation.record excite cli.answers cli.options
-cli.check cli.compare cli.excite cli.export cli.identify cli.info cli.repair cli.tool
-cli _face
+motion.motion_state motion.polynomial_path motion.move trajectory_files.document
+trajectory_files.files trajectory_files motion.transfers motion.approaches
+motion.move_along proofs proofs.grids excitation.limit_rows excitation.programme
+proofs.interval proofs.jets proofs.peaks proofs.extremes proofs.friction_bounds
+proofs.torque_motion proofs.torque_bounds proofs.margins excitation.verification
+cli.answers cli.options cli.check cli.compare cli.export cli.identify cli.info
+cli.repair _face excitation.asked_scene excitation.asked excitation.clear_starts
+excitation.search excitation.starts excitation.design excitation.validating
+excitation.figure excitation.record excite cli.excite cli.tool cli
 """.split()
 
 HEAVY = {

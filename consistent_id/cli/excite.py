@@ -53,8 +53,12 @@ def run_excite(options: argparse.Namespace) -> int:
 
 
 def _excite(options: argparse.Namespace) -> Answer:
-    from consistent_id.excitation.record import design_record, design_tables
-    from consistent_id.excite import excite, write_excited
+    from consistent_id.excite import (
+        excite,
+        excited_record,
+        excited_tables,
+        write_excited,
+    )
     from consistent_id.problem import load_problem
 
     problem = load_problem(options.problem)
@@ -67,9 +71,9 @@ def _excite(options: argparse.Namespace) -> Answer:
         sequential=options.sequential,
         progress=shows_progress(options),
     )
-    text = "\n\n".join(table.text() for table in design_tables(excited.design))
+    text = "\n\n".join(table.text() for table in excited_tables(excited))
     if not options.dry_run:
         folder = options.output or Path("results") / problem.name
         written = write_excited(excited, folder)
         text += "\n\nwritten: " + ", ".join(str(path) for path in written)
-    return Answer(0, text, design_record(excited.design, excited.validation))
+    return Answer(0, text, excited_record(excited))

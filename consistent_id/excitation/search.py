@@ -8,6 +8,7 @@ import numpy as np
 
 from consistent_id._arrays import Array, Matrix, Vector
 from consistent_id._threads import single_threaded
+from consistent_id.excitation.clear_starts import clear_start
 from consistent_id.excitation.criteria import (
     Criterion,
     Objective,
@@ -16,7 +17,7 @@ from consistent_id.excitation.criteria import (
     scaled,
     spread,
 )
-from consistent_id.excitation.guards import Place, guard_rows, near_places
+from consistent_id.excitation.guards import EVERY, guard_rows, near_places
 from consistent_id.excitation.information import Informed, PathInformation
 from consistent_id.excitation.kernels import RegressorKernel
 from consistent_id.excitation.limit_rows import LimitRows, limit_rows
@@ -31,6 +32,7 @@ _ROUNDING = 1e-7  # by which a row may be missed
 _AIM = 0.01  # by which the programme is asked to do better than a row demands
 _GRID = 24  # samples per period of the highest frequency, where guards look
 _ROUNDS = 8  # of adding rows where a guard was offended
+_SELDOM = 3  # one in so many of the grid's times is enough for a random start
 _FILL = 0.8  # share of the limits that a random start uses
 
 
@@ -101,11 +103,13 @@ class Searcher:
         return self.task.basis.size, len(self.task.basis.unit)
 
     def random(self, seed: int) -> Matrix:
-        """Return a random path that keeps the linear limits."""
+        """Return a random path that keeps the linear limits, and others if it can."""
         rng = np.random.default_rng(seed)
         variables = rng.normal(size=self.shape) * self._decay[:, None]
         variables[0] = rng.uniform(-0.3, 0.3, self.shape[1])
-        return np.asarray(variables * (_FILL / self.limits.largest(variables)))
+        variables *= _FILL / self.limits.largest(variables)
+        guards, seldom = self.task.guards, self.grid[::_SELDOM]
+        return clear_start(variables, self.task.basis, self.limits, guards, seldom, rng)
 
     def information(self, variables: Matrix) -> Informed:
         """Return the information of a path; the last one is remembered."""
@@ -185,7 +189,8 @@ class _Hunt:
         self.best: Matrix | None = None
         self.score = np.inf
         self._searcher, self._objective, self._bound = searcher, objective, bound
-        self._places: list[set[Place]] = [set() for _ in searcher.task.guards]
+        times = len(searcher.grid)
+        self._places = [guard.standing(times) for guard in searcher.task.guards]
 
     def sharpened(self, start: Matrix, power: float, iterations: int) -> Matrix:
         """Minimise at one power, with more rows for as long as a guard is offended."""
@@ -230,10 +235,12 @@ class _Hunt:
             nonlocal score
             candidate = searcher.limits.within(x.reshape(shape))
             seen = searcher.score(self._objective, candidate)
-            if seen < score and self._keeps_rows(candidate):
-                score, best[:] = seen, [candidate]
-                if not searcher.task.guards:
-                    self._keep(candidate)
+            if seen < score and self._within_bound(candidate):
+                measures = searcher.measures(candidate)
+                if self._keeps_rows(measures):
+                    score, best[:] = seen, [candidate]
+                    if all(measure.max() <= _ROUNDING for measure in measures):
+                        self._keep(candidate)
             return clock.time() > searcher.deadline
 
         count = sum(map(len, self._places)) + bool(np.isfinite(self._bound))
@@ -269,20 +276,25 @@ class _Hunt:
     def _spread(self) -> Criterion:
         return scaled(spread(BOUND_POWER), self._searcher.task.scaling)
 
-    def _keeps_rows(self, variables: Matrix) -> bool:
-        if not any(self._places) and not np.isfinite(self._bound):
+    def _keeps_rows(self, measures: list[Matrix]) -> bool:
+        """Tell whether guards are not offended where they have rows."""
+        for places, measure in zip(self._places, measures, strict=True):
+            for time, item in places:
+                seen = measure[time].max() if item == EVERY else measure[time, item]
+                if seen > _ROUNDING:
+                    return False
+        return True
+
+    def _within_bound(self, variables: Matrix) -> bool:
+        if np.isinf(self._bound):
             return True
-        values, _ = self._rows(variables)
-        return bool((values <= _AIM + _ROUNDING).all())
+        matrix = self._searcher.information(variables).matrix
+        return self._spread(matrix).value <= self._bound + _ROUNDING
 
     def _offended(self, variables: Matrix) -> bool:
         measures = self._searcher.measures(variables)
-        if any(measure.max() > _ROUNDING for measure in measures):
-            return True
-        if np.isinf(self._bound):
-            return False
-        matrix = self._searcher.information(variables).matrix
-        return self._spread(matrix).value > self._bound + _ROUNDING
+        offended = any(measure.max() > _ROUNDING for measure in measures)
+        return offended or not self._within_bound(variables)
 
     def _add_places(self, variables: Matrix) -> bool:
         """Add rows where guards are near their limits; say whether any is new."""
