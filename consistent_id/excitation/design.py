@@ -19,7 +19,7 @@ from consistent_id.errors import InfeasibleError, NotExcitedError, ProblemError
 from consistent_id.excitation.accuracy import PredictedAccuracy, predicted_accuracy
 from consistent_id.excitation.aims import Aim, PathForm
 from consistent_id.excitation.criteria import Objective
-from consistent_id.excitation.search import BOUND_POWER, Found, Searcher
+from consistent_id.excitation.search import Found, Searcher
 from consistent_id.excitation.search_task import SearchTask, search_task
 from consistent_id.excitation.starts import Job, Outcome, run_searches
 from consistent_id.excitation.verification import Demands, Proof, demands
@@ -265,15 +265,12 @@ class _Workshop:
         if objective is None:
             return []
         searcher = Searcher(self.task)
-        criterion = searcher.criterion("condition", BOUND_POWER)
-        growth = float(np.log(self.aim.growth))
-        jobs = []
-        for one in first.found[:_REFINED]:
-            if one.variables is not None:
-                matrix = searcher.information(one.variables).matrix
-                bound = criterion(matrix).value + growth
-                jobs.append(Job(objective, one.seed, one.variables, bound))
-        return jobs
+        starts = first.found[:_REFINED]
+        least = min(
+            searcher.score("condition", np.asarray(one.variables)) for one in starts
+        )
+        bound = least + float(np.log(self.aim.growth))
+        return [Job(objective, one.seed, one.variables, bound) for one in starts]
 
     def _path(self, found: Found) -> FourierTrajectory:
         variables = np.asarray(found.variables)

@@ -25,9 +25,7 @@ from consistent_id.excitation.programme import Programme, minimise
 from consistent_id.excitation.search_task import SearchTask
 
 _SHARPENING = ((2.0, 40), (8.0, 120), (20.0, 80))  # power, iterations
-BOUND_POWER = 8.0
-"""Of the smooth condition number that a later stage is held to."""
-
+_BOUND_POWER = 20.0  # of the smooth condition number, never below the true one
 _ROUNDING = 1e-7  # by which a row may be missed
 _AIM = 0.01  # by which the programme is asked to do better than a row demands
 _GRID = 24  # samples per period of the highest frequency, where guards look
@@ -274,7 +272,7 @@ class _Hunt:
 
     @property
     def _spread(self) -> Criterion:
-        return scaled(spread(BOUND_POWER), self._searcher.task.scaling)
+        return scaled(spread(_BOUND_POWER), self._searcher.task.scaling)
 
     def _keeps_rows(self, measures: list[Matrix]) -> bool:
         """Tell whether guards are not offended where they have rows."""
