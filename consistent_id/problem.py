@@ -207,7 +207,23 @@ def load_problem(path: str | Path) -> Problem:
             "them all with load_problems"
         )
     (file,) = files
-    table = read_problem_table(file)
+    return problem_of(read_problem_table(file), file)
+
+
+def problem_of(table: ProblemTable, file: Path) -> Problem:
+    """Return the problem that a problem file's content states.
+
+    Parameters
+    ----------
+    table : ProblemTable
+    file : Path
+        Files are named relative to its folder; it need not be there itself.
+
+    Raises
+    ------
+    ProblemError, ModelError
+        See `load_problem`.
+    """
     model = torque_model(table, file)
     if table.data is not None:
         columns = table.data.columns or ColumnsTable()

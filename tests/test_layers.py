@@ -60,7 +60,7 @@ proofs.peaks proofs.extremes proofs.friction_bounds proofs.torque_motion
 proofs.torque_bounds proofs.margins excitation.verification excitation.design
 excitation.validating excitation.figure excitation.record excite cli.answers cli.options
 cli.check cli.compare cli.excite cli.export cli.identify cli.info cli.repair cli.tool
-cli _face
+cli _face problem_draft readers.names log_columns drafting
 """.split()
 
 HEAVY = {
