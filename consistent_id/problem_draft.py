@@ -172,7 +172,7 @@ def _preparation_lines(draft: Draft) -> list[str]:
 
 
 def _relative(file: Path, folder: Path) -> str:
-    return Path(os.path.relpath(file.absolute(), folder.absolute())).as_posix()
+    return Path(os.path.relpath(file.resolve(), folder.resolve())).as_posix()
 
 
 def _said(text: str) -> str:
