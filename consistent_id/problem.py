@@ -30,6 +30,7 @@ from consistent_id.recording import Recording
 from consistent_id.regressor import TorqueModel
 from consistent_id.signals import Track, trimmed
 from consistent_id.sinusoids import Sinusoid, SinusoidalMotion
+from consistent_id.tables import Table
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,33 @@ class Problem:
     model: TorqueModel
     constraints: tuple[Constraint, ...]
     prior: Prior
+
+    def __repr__(self) -> str:
+        robot = self.model.robot
+        return (
+            f"Problem({self.name!r}: robot {robot.name!r} with {len(robot)} joints, "
+            f"{len(self.model.layout)} parameters, {self._recorded()})"
+        )
+
+    def _repr_html_(self) -> str:
+        terms = {", ".join(t.names) or "none" for t in self.model.terms}
+        rows = (
+            ("robot", self.model.robot.name),
+            ("joints", ", ".join(self.model.robot.joint_names)),
+            ("drive terms", "; ".join(sorted(terms))),
+            ("constraints", ", ".join(type(c).__name__ for c in self.constraints)),
+            ("prior", repr(self.prior)),
+            ("data", self._recorded()),
+        )
+        note = (self.table.description,) if self.table.description else ()
+        return Table(f"Problem {self.name}", ("what", "which"), rows, note).html()
+
+    def _recorded(self) -> str:
+        if self.table.data is None:
+            return "simulated data" if self.has_data else "no data"
+        roles = [entry.role for entry in self.table.data.recordings]
+        learned, judged = roles.count("training"), roles.count("validation")
+        return f"{learned} recordings to learn from, {judged} to judge by"
 
     @property
     def name(self) -> str:
@@ -211,7 +239,23 @@ def load_problem(path: str | Path) -> Problem:
             "them all with load_problems"
         )
     (file,) = files
-    table = read_problem_table(file)
+    return problem_of(read_problem_table(file), file)
+
+
+def problem_of(table: ProblemTable, file: Path) -> Problem:
+    """Return the problem that a problem file's content states.
+
+    Parameters
+    ----------
+    table : ProblemTable
+    file : Path
+        Files are named relative to its folder; it need not be there itself.
+
+    Raises
+    ------
+    ProblemError, ModelError
+        See `load_problem`.
+    """
     model = torque_model(table, file)
     if table.data is not None:
         columns = table.data.columns or ColumnsTable()

@@ -12,55 +12,57 @@ ORDER = """
 errors _newton_euler _files _arrays _threads inertia log_cholesky parameters model
 chains loaders.findings loaders._xml loaders._urdf_tree loaders._urdf_parts
 loaders._urdf_lint loaders.urdf loaders._mjcf_checks loaders.mjcf loaders.dh loaders
-_joint_geometry recording scaling conic constraints.solids priors cones cone_program
+_joint_geometry scaling conic constraints.solids priors cones cone_program
 second_opinion certificate feasibility conflict estimators.body_variables
-estimators.smooth_fit estimators diagnosis.findings diagnosis.clock
-diagnosis.corrections tables readers.mat_lint readers.merging readers.units
-readers.columns readers.arrays readers.csv readers.frames readers.hdf5
-readers.jointstate readers.bag readers.mat readers.npz readers.parquet readers.files
-correlation drive_terms friction regressor base simulation constraints._rows
-constraints.datasheet constraints.parameters constraints.shape constraints.symmetry
-distances estimate link_condition mass_matrix figures constraints.motors constraints
-base_bodies estimators.constraint_variables comparison shapes signals.clocks
-signals.differences signals.filters signals.kalman signals.resolution signals.masks
-signals.cuts signals.savitzky_golay signals.smoother signals.track signals.alignment
-signals.delay diagnosis.tell sinusoids excitation paths trajectory signals.fourier
-signals.period excitation._callbacks excitation.criteria excitation.kernels
-trajectory_files.content trajectory_files.ros trajectory_files.urscript kinematics
-curves frame_motion writing_tasks path_refusals writer inverse_kinematics
-laboratory.control laboratory.robot laboratory.sensors laboratory.closed_loop
-laboratory.experiment laboratory.one_clock laboratory file_tables excitation_file
-laboratory_file problem_file problem_constraints signals.folds signals preparation
-problem_folder problem_model readers.tracks readers trajectory_files.tables problem
-problem_laboratory problem_list row_filter regression estimators.least_squares
-estimators.robust segments parametrisation estimators.scaled_fit estimators.best_fit
-estimators.penalised estimators.nearest estimators.contradiction estimators.settled
-estimators.constrained estimators.smooth fit_cross_check cross_validation
-segment_bootstrap intervals sensitivity parameter_uncertainty fit_costs
-constraint_prices diagnosis.explain estimators.gain_search loaded_robot estimators.gains
-loaded_constraints estimators.payload shaped_regression shape_misfit shape_profile
-shape_fit cutoff excitation.aims excitation.accuracy published published_estimate study
-diagnosis.coverage published_summary summary record reproduction reproduction_tables
-export._numpy_template export.drive_values export.exported export.pedigree
+estimators.smooth_fit estimators diagnosis.findings tables readers.mat_lint
+readers.merging readers.units readers.columns correlation drive_terms friction regressor
+base constraints._rows constraints.datasheet constraints.parameters constraints.shape
+constraints.symmetry distances link_condition mass_matrix constraints.motors constraints
+base_bodies estimators.constraint_variables shapes signals.kalman diagnosis.tell
+excitation excitation._callbacks excitation.criteria excitation.kernels kinematics
+curves frame_motion writing_tasks path_refusals writer laboratory.robot
+laboratory.sensors file_tables excitation_file laboratory_file problem_file
+problem_constraints problem_folder problem_model row_filter export._numpy_template
+export.exported export.shares loaders._splice loaders._urdf_inertial export._mjcf_text
+repair.nearest repair.statement repair.account repair.tell repair.link repair.urdf
+repair export._mjcf_tree diagnosis.jackknife collisions collisions.bodies
+collisions.pieces collisions.scene collisions.reach collisions.separation
+collisions.scene_building collisions.urdf_bodies collisions.scene_file motion
+motion.bernstein motion.limits motion.polynomial_path proofs proofs.grids
+proofs.interval proofs.jets proofs.peaks cli.options _face readers.names _extras
+recording diagnosis.clock diagnosis.corrections readers.arrays readers.csv
+readers.frames readers.hdf5 readers.jointstate readers.bag readers.mat readers.npz
+readers.parquet readers.files simulation estimate figures comparison signals.clocks
+signals.differences signals.filters signals.resolution signals.masks signals.cuts
+signals.savitzky_golay signals.smoother signals.track signals.alignment signals.delay
+sinusoids paths trajectory signals.fourier signals.period trajectory_files.content
+trajectory_files.ros trajectory_files.urscript inverse_kinematics laboratory.control
+laboratory.closed_loop laboratory.experiment laboratory.one_clock laboratory
+signals.folds signals preparation readers.tracks readers trajectory_files.tables problem
+problem_laboratory problem_list regression estimators.least_squares estimators.robust
+segments parametrisation estimators.scaled_fit estimators.best_fit estimators.penalised
+estimators.nearest estimators.contradiction estimators.settled estimators.constrained
+estimators.smooth fit_cross_check cross_validation segment_bootstrap intervals
+sensitivity parameter_uncertainty fit_costs constraint_prices diagnosis.explain
+estimators.gain_search loaded_robot estimators.gains loaded_constraints
+estimators.payload shaped_regression shape_misfit shape_profile shape_fit cutoff
+excitation.aims excitation.accuracy published published_estimate published_summary
+reproduction reproduction_tables export.drive_values export.pedigree
 export.casadi_functions export.c_source export.numpy_source export.pinocchio_model
-export._mjcf_body export.record export.shares loaders._splice loaders._urdf_inertial
-export._mjcf_text repair.nearest repair.statement repair.account repair.tell repair.link
-repair.urdf repair export._mjcf_tree export._mjcf_source export.new_urdf export.urdf
-export._mjcf_gears export.mjcf commands_export export diagnosis.jackknife
-diagnosis.linearise diagnosis.small_shifts diagnosis.repeats diagnosis.diagnose
-diagnosis commands collisions collisions.bodies collisions.pieces collisions.scene
-collisions.reach collisions.separation collisions.clearance collisions.scene_building
-collisions.urdf_bodies collisions.scene_file motion motion.bernstein motion.limits
-excitation.basis excitation.information excitation.guards excitation.search_task
-motion.motion_state motion.polynomial_path motion.move trajectory_files.document
-trajectory_files.files trajectory_files motion.transfers motion.approaches
-motion.move_along proofs proofs.grids excitation.limit_rows excitation.programme
-proofs.interval proofs.jets proofs.peaks proofs.extremes proofs.friction_bounds
-proofs.torque_motion proofs.torque_bounds proofs.margins excitation.verification
-cli.answers cli.options cli.check cli.compare cli.export cli.identify cli.info
-cli.repair _face excitation.asked_scene excitation.asked excitation.clear_starts
-excitation.search excitation.starts excitation.design excitation.validating
-excitation.figure excitation.record excite cli.excite cli.tool cli
+export._mjcf_body export.record export._mjcf_source export.new_urdf export.urdf
+export._mjcf_gears export.mjcf export diagnosis.linearise diagnosis.small_shifts
+diagnosis.repeats collisions.clearance excitation.basis excitation.information
+excitation.guards excitation.search_task motion.motion_state motion.move
+trajectory_files.document trajectory_files.files trajectory_files motion.transfers
+motion.approaches motion.move_along excitation.limit_rows excitation.programme
+proofs.extremes proofs.friction_bounds proofs.torque_motion proofs.torque_bounds
+proofs.margins excitation.verification excitation.asked_scene excitation.asked
+excitation.clear_starts excitation.search excitation.starts excitation.design
+excitation.validating excitation.figure excitation.record excite _progress cli.colour
+cli.answers cli.repair cli.excite cli.completion cli.time_limit log_columns
+problem_draft drafting cli.log_options cli.init study commands_export cli.export
+diagnosis.coverage diagnosis.diagnose diagnosis record summary commands cli.check
+cli.compare cli.info commands_draft cli.identify cli.tool cli
 """.split()
 
 HEAVY = {
@@ -75,6 +77,7 @@ HEAVY = {
     "apsw",
     "sqlite3",
     "pandas",
+    "xarray",
     "clarabel",
     "coal",
     "mujoco",

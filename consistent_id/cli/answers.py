@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from consistent_id.cli.colour import coloured, wants_colour
 from consistent_id.errors import ConsistentIdError, SolverError
 
 
@@ -55,7 +56,7 @@ def show(options: argparse.Namespace, answer: Answer) -> int:
 def say(options: argparse.Namespace, text: str) -> None:
     """Print text, unless told to be quiet."""
     if not options.quiet:
-        print(text, flush=True)
+        print(coloured(text) if wants_colour(sys.stdout) else text, flush=True)
 
 
 def told(error: ConsistentIdError) -> int:

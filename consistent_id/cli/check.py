@@ -2,13 +2,11 @@
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from consistent_id.cli.answers import Answer, answered, show
+from consistent_id.cli.log_options import add_columns, columns_of
 from consistent_id.cli.options import add_command, add_problem, positive
-
-if TYPE_CHECKING:
-    from consistent_id.readers import Columns
 
 _MORE = """Clocks, units, signs, exchanged channels, zeros, lags, saturation, leaks.
 With a URDF or MJCF file in place of PROBLEM, and a log, no problem file is needed.
@@ -34,45 +32,9 @@ def add_check(commands: Any) -> None:
     command.add_argument(
         "log", type=Path, nargs="?", help="a log, if PROBLEM is a URDF or MJCF file"
     )
-    add_columns(command)
+    add_columns(command, "q_{joint}", "tau_{joint}")
     command.add_argument(
         "--cutoff", type=positive, default=10.0, help="low-pass in Hz (default: 10)"
-    )
-
-
-def add_columns(command: argparse.ArgumentParser) -> None:
-    """Take the names of a log's columns."""
-    for channel, pattern in (
-        ("time", "time"),
-        ("position", "q_{joint}"),
-        ("velocity", None),
-        ("torque", "tau_{joint}"),
-    ):
-        command.add_argument(
-            f"--{channel}",
-            default=pattern,
-            metavar="NAME",
-            help=f"column, with {{joint}} or {{number}} (default: {pattern})",
-        )
-    command.add_argument(
-        "--torque-joints",
-        nargs="+",
-        default=(),
-        metavar="JOINT",
-        help="joints whose torque the log has (default: all)",
-    )
-
-
-def columns_of(options: argparse.Namespace) -> "Columns":
-    """Return a log's columns as the options name them."""
-    from consistent_id.readers import Columns
-
-    return Columns(
-        options.time,
-        options.position,
-        options.velocity,
-        torque=options.torque,
-        torque_joints=options.torque_joints,
     )
 
 

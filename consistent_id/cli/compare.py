@@ -4,8 +4,13 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from consistent_id.cli.answers import Answer, answered
-from consistent_id.cli.options import add_command, add_output, add_problem
+from consistent_id.cli.answers import Answer, answered, shows_progress
+from consistent_id.cli.options import (
+    add_command,
+    add_output,
+    add_problem,
+    add_time_limit,
+)
 
 _EXAMPLES = """
 consistent-id compare problems/rx60
@@ -26,6 +31,7 @@ def add_compare(commands: Any) -> None:
     )
     add_problem(command)
     add_output(command, "results/NAME")
+    add_time_limit(command)
 
 
 def run_compare(options: argparse.Namespace) -> int:
@@ -41,7 +47,9 @@ def _compare(options: argparse.Namespace) -> Answer:
     problem = load_problem(options.problem)
     output = options.output or Path("results") / problem.name
     study, tables, written = compare_problem(
-        problem, None if options.dry_run else output
+        problem,
+        None if options.dry_run else output,
+        progress=shows_progress(options),
     )
     parts = [table.text() for table in tables]
     if written:

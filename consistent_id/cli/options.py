@@ -74,6 +74,7 @@ def add_time_limit(command: argparse.ArgumentParser) -> None:
     """Take a number of seconds after which to give up."""
     command.add_argument(
         "--time-limit",
+        dest="give_up_after",
         type=positive,
         metavar="SECONDS",
         help="give up after so long, with exit code 3 (default: never)",

@@ -11,14 +11,18 @@ from collections.abc import Sequence
 from consistent_id.cli.answers import told
 from consistent_id.cli.check import add_check
 from consistent_id.cli.compare import add_compare
+from consistent_id.cli.completion import add_completion
 from consistent_id.cli.excite import add_excite
 from consistent_id.cli.export import add_export
 from consistent_id.cli.identify import add_identify
 from consistent_id.cli.info import add_info
+from consistent_id.cli.init import add_init
 from consistent_id.cli.repair import add_repair
+from consistent_id.cli.time_limit import OutOfTime, within
 from consistent_id.errors import ConsistentIdError
 
 _COMMANDS = (
+    add_init,
     add_info,
     add_check,
     add_excite,
@@ -26,8 +30,11 @@ _COMMANDS = (
     add_compare,
     add_export,
     add_repair,
+    add_completion,
 )
 _EPILOG = """examples:
+  consistent-id identify robot.urdf log.csv --output results/robot
+  consistent-id init robot.urdf log.csv
   consistent-id info problems
   consistent-id check robot.urdf log.csv --position q_{joint} --torque tau_{joint}
   consistent-id excite problems/rx60 --time-limit 3 --output results/motion
@@ -45,9 +52,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the tool; return its exit code."""
     options = tool_parser().parse_args(arguments)
     try:
-        return int(options.run(options))
+        with within(getattr(options, "give_up_after", None)):
+            return int(options.run(options))
     except ConsistentIdError as error:
         return told(error)
+    except OutOfTime:
+        limit = f"{options.give_up_after:g} s"
+        print(f"consistent-id: not done within {limit}, given up", file=sys.stderr)
+        return 3
     except KeyboardInterrupt:
         print("consistent-id: interrupted", file=sys.stderr)
         return 130

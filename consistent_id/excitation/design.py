@@ -26,6 +26,7 @@ from consistent_id.excitation.verification import Demands, Proof, demands
 from consistent_id.model import RobotModel
 from consistent_id.motion.limits import MotionLimits, motion_limits
 from consistent_id.regressor import TorqueModel
+from consistent_id.tables import Table
 from consistent_id.trajectory import FourierTrajectory
 
 _FIRST = 0.6  # share of the time limit after which the first of two stages ends
@@ -91,6 +92,18 @@ class ExcitationDesign:
     starts: int
     seconds: float
     notes: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        verdict = "all limits proven" if self.proof.holds else "limits not proven"
+        return (
+            f"ExcitationDesign({self.model.robot.name!r}: {verdict}, "
+            f"{self.form.duration:.4g} s, condition number "
+            f"{self.condition.value:.4g} (random path: "
+            f"{self.unoptimised.condition.value:.4g}))"
+        )
+
+    def _repr_html_(self) -> str:
+        return Table(repr(self), (), (), self.notes).html()
 
     @property
     def limits(self) -> MotionLimits:
