@@ -9,8 +9,12 @@ import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from consistent_id.errors import ConsistentIdError, SolverError
+
+if TYPE_CHECKING:
+    from consistent_id.tables import Table
 
 _EPILOG = """examples:
   consistent-id info problems/rx60
@@ -127,6 +131,23 @@ def _add_design_options(command: argparse.ArgumentParser) -> None:
         action="store_true",
         help="count what the problem's training recordings tell already",
     )
+    command.add_argument(
+        "--dry-run",
+        action="store_true",
+        help="only show what would be designed, within which limits",
+    )
+    command.add_argument(
+        "--format",
+        default="csv,yaml",
+        metavar="ENDINGS",
+        help="files of samples: csv, yaml (ROS), parquet, npz, script (Universal "
+        "Robots), by commas (default: csv,yaml)",
+    )
+    command.add_argument(
+        "--replay",
+        action="store_true",
+        help="also write replay.html, the motion in 3-D; needs consistent-id[viz]",
+    )
 
 
 def _check(options: argparse.Namespace) -> int:
@@ -155,25 +176,24 @@ def _info(options: argparse.Namespace) -> int:
     from consistent_id.commands import info
     from consistent_id.problem import load_problem
 
-    tables = info(load_problem(options.problem))
-    if options.json:
-        print(json.dumps([_as_dict(table) for table in tables], indent=1))
-    else:
-        print("\n\n".join(table.text() for table in tables))
+    _tell(options, info(load_problem(options.problem)))
     return 0
 
 
 def _excite(options: argparse.Namespace) -> int:
-    from consistent_id.excite import (
-        excite,
-        excited_record,
-        excited_tables,
-        write_excited,
-    )
+    from consistent_id import excite as tool
+    from consistent_id.excitation.replay import require_viewer
     from consistent_id.problem import load_problem
 
     problem = load_problem(options.problem)
-    excited = excite(
+    folder = options.output or Path("results") / problem.name
+    if options.replay:
+        require_viewer(folder / tool.REPLAY)
+    if options.dry_run:
+        _tell(options, tool.planned_tables(problem))
+        return 0
+    formats = tool.checked_formats(options.format)
+    excited = tool.excite(
         problem,
         starts=options.starts,
         time_limit=options.time_limit,
@@ -182,14 +202,22 @@ def _excite(options: argparse.Namespace) -> int:
         sequential=options.sequential,
         progress=sys.stderr.isatty(),
     )
-    folder = options.output or Path("results") / problem.name
-    written = write_excited(excited, folder)
+    written = tool.write_excited(excited, folder, formats)
+    if options.replay:
+        written.append(tool.replay_excited(problem, excited, folder))
     if options.json:
-        print(json.dumps(excited_record(excited), indent=1, allow_nan=False))
+        print(json.dumps(tool.excited_record(excited), indent=1, allow_nan=False))
     else:
-        print("\n\n".join(table.text() for table in excited_tables(excited)))
+        _tell(options, tool.excited_tables(excited))
         print("\nwritten: " + ", ".join(str(path) for path in written))
     return 0
+
+
+def _tell(options: argparse.Namespace, tables: Sequence["Table"]) -> None:
+    if options.json:
+        print(json.dumps([_as_dict(table) for table in tables], indent=1))
+    else:
+        print("\n\n".join(table.text() for table in tables))
 
 
 def _identify(options: argparse.Namespace) -> int:

@@ -49,7 +49,8 @@ excitation.scene_file excitation_file problem_file problem_constraints preparati
 problem published published_estimate study diagnosis.coverage diagnosis.diagnose
 diagnosis published_summary summary record commands excitation.clear_starts
 excitation.search excitation.starts excitation.design excitation.validating
-excitation.figure excitation.record excitation.asked_scene excitation.asked excite
+excitation.figure excitation.record excitation.asked_scene excitation.asked
+excitation.drawings excitation.replay excitation.asked_tables excite
 """.split()
 
 HEAVY = {
@@ -67,6 +68,8 @@ HEAVY = {
     "clarabel",
     "coal",
     "mujoco",
+    "viser",
+    "trimesh",
 }
 
 
