@@ -12,12 +12,12 @@ def asked_tables(model: TorqueModel, asked: Asked, required: Demands) -> list[Ta
     form, aim = asked.form, asked.aim
     refine = "no second stage" if aim.refine is None else f"then {aim.refine}"
     growth = "" if aim.refine is None else f", condition up to {aim.growth:g} times"
-    pose = asked.start_pose
+    pose, times = asked.start_pose, asked.periods or 1
     rows = [
         ("duration", f"{form.duration:g} s"),
         ("frequencies", ", ".join(f"{f:.4g}" for f in form.frequencies) + " Hz"),
         ("ends", "from rest to rest" if form.rest else "periodic"),
-        ("played", f"{asked.periods or 1} times"),
+        ("played", "once" if times == 1 else f"{times} times"),
         ("start pose", "any" if pose is None else _pose(pose)),
         ("objective", f"{aim.objective}, {refine}{growth}"),
         ("column scaling", aim.scaling),
