@@ -1,6 +1,7 @@
 """The command ``excite``: from a problem to a motion that is ready to play."""
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -11,18 +12,29 @@ from consistent_id.errors import InfeasibleError, ProblemError
 from consistent_id.estimators.least_squares import joint_noise
 from consistent_id.excitation.aims import Aim
 from consistent_id.excitation.asked import Asked, asked_of
+from consistent_id.excitation.asked_tables import asked_tables
 from consistent_id.excitation.design import ExcitationDesign, design_trajectory
 from consistent_id.excitation.figure import design_figure
 from consistent_id.excitation.record import design_record, design_tables
+from consistent_id.excitation.replay import write_replay
 from consistent_id.excitation.validating import ValidationPath, validation_trajectory
+from consistent_id.excitation.verification import demands
 from consistent_id.figures import save_figure
 from consistent_id.motion.move import Move
 from consistent_id.motion.move_along import move_along
+from consistent_id.parameters import did_you_mean
 from consistent_id.problem import Problem
 from consistent_id.regression import build_regression
 from consistent_id.tables import Table
 from consistent_id.trajectory import FourierTrajectory
 from consistent_id.trajectory_files import write_trajectory
+from consistent_id.trajectory_files.files import FORMAT_OF_ENDING
+from consistent_id.trajectory_files.urscript import UR_RATES
+
+FORMATS = ("csv", "yaml")
+"""Endings of the files of samples that are written unless asked otherwise."""
+
+REPLAY = "replay.html"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,24 +110,84 @@ def excite(
     return Excited(design, moves[0], validation, moves[1], tuple(apart))
 
 
-def write_excited(excited: Excited, folder: Path) -> list[Path]:
-    """Write motions, figure and record into a folder; return the files."""
+def write_excited(
+    excited: Excited, folder: Path, formats: Sequence[str] = FORMATS
+) -> list[Path]:
+    """Write motions, figure and record into a folder; return the files.
+
+    Parameters
+    ----------
+    excited : Excited
+    folder : Path
+    formats : sequence of str
+        Endings of files of samples, such as ``csv``, ``yaml`` or ``script``, that
+        `write_trajectory` knows; the exact motion is always written, as ``json``.
+    """
     require_writable(folder)
-    design, rate = excited.design, excited.design.aim.rate
     written = []
     for name, move in (
         ("trajectory", excited.move),
         ("validation", excited.validation_move),
     ):
-        written.append(write_trajectory(move, folder / f"{name}.json"))
-        written.append(write_trajectory(move, folder / f"{name}.csv", rate=rate))
-        written.append(write_trajectory(move, folder / f"{name}.yaml", rate=rate))
-    figure = design_figure(design)
+        for ending in dict.fromkeys(("json", *formats)):
+            file = folder / f"{name}.{ending}"
+            rate = _rate_of(ending, excited.design.aim.rate)
+            written.append(write_trajectory(move, file, rate=rate))
+    figure = design_figure(excited.design)
     written.append(save_figure(figure, folder / "excitation.png"))
     record = excited_record(excited)
     text = json.dumps(record, indent=1, allow_nan=False)
     written.append(write_atomically(folder / "excitation.json", text + "\n"))
     return written
+
+
+def checked_formats(text: str) -> tuple[str, ...]:
+    """Return endings that are listed with commas.
+
+    Raises
+    ------
+    ProblemError
+        If one is not known; so that it is found before a search, not after.
+
+    Examples
+    --------
+    >>> checked_formats("csv, script")
+    ('csv', 'script')
+    """
+    endings = tuple(word.strip().lstrip(".") for word in text.split(","))
+    for ending in endings:
+        if f".{ending}" not in FORMAT_OF_ENDING:
+            near = did_you_mean(ending, [e.lstrip(".") for e in FORMAT_OF_ENDING])
+            raise ProblemError(f"format {ending!r} of a trajectory; {near}")
+    return endings
+
+
+def replay_excited(problem: Problem, excited: Excited, folder: Path) -> Path:
+    """Write a page that replays the move to learn from; return the file."""
+    model, scene = problem.table.model, problem.table.excitation.scene
+    return write_replay(
+        excited.move,
+        problem.model.robot,
+        folder / REPLAY,
+        urdf=None if model.urdf is None else problem.file(model.urdf),
+        package_dirs=[problem.file(name) for name in scene.packages] if scene else [],
+        locked=model.locked,
+        scene=excited.design.demands.scene,
+    )
+
+
+def planned_tables(problem: Problem) -> list[Table]:
+    """Return what `excite` would design, for people; nothing is searched for."""
+    asked = asked_of(problem)
+    required = demands(problem.model, asked.limits, scene=asked.scene)
+    return asked_tables(problem.model, asked, required)
+
+
+def _rate_of(ending: str, rate: float) -> float:
+    """Return the rate of a file's samples: a UR's controller has its own."""
+    if ending not in ("script", "urscript") or rate in UR_RATES:
+        return rate
+    return UR_RATES[0]
 
 
 def excited_record(excited: Excited) -> dict[str, Any]:

@@ -58,11 +58,12 @@ motion.approaches motion.move_along excitation.limit_rows excitation.programme
 proofs.extremes proofs.friction_bounds proofs.torque_motion proofs.torque_bounds
 proofs.margins excitation.verification excitation.asked_scene excitation.asked
 excitation.clear_starts excitation.search excitation.starts excitation.design
-excitation.validating excitation.figure excitation.record excite _progress cli.colour
-cli.answers cli.repair cli.excite cli.completion cli.time_limit log_columns
-problem_draft drafting cli.log_options cli.init study commands_export cli.export
-diagnosis.coverage diagnosis.diagnose diagnosis record summary commands cli.check
-cli.compare cli.info commands_draft cli.identify cli.tool cli
+excitation.validating excitation.figure excitation.record _progress cli.colour
+cli.answers cli.repair cli.completion cli.time_limit log_columns problem_draft drafting
+cli.log_options cli.init study commands_export cli.export diagnosis.coverage
+diagnosis.diagnose diagnosis record summary commands cli.check cli.compare cli.info
+commands_draft cli.identify excitation.asked_tables excitation.drawings
+excitation.replay excite cli.excite cli.tool cli
 """.split()
 
 HEAVY = {
@@ -81,6 +82,8 @@ HEAVY = {
     "clarabel",
     "coal",
     "mujoco",
+    "viser",
+    "trimesh",
 }
 
 

@@ -1,6 +1,7 @@
 """``consistent-id excite PROBLEM``: its options, and what it prints."""
 
 import argparse
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +45,18 @@ def add_excite(commands: Any) -> None:
         action="store_true",
         help="count what the problem's training recordings tell already",
     )
+    command.add_argument(
+        "--format",
+        default="csv,yaml",
+        metavar="ENDINGS",
+        help="files of samples: csv, yaml (ROS), parquet, npz, script (Universal "
+        "Robots), by commas (default: csv,yaml)",
+    )
+    command.add_argument(
+        "--replay",
+        action="store_true",
+        help="also write replay.html, the motion in 3-D; needs consistent-id[viz]",
+    )
     add_output(command, "results/NAME")
 
 
@@ -53,16 +66,20 @@ def run_excite(options: argparse.Namespace) -> int:
 
 
 def _excite(options: argparse.Namespace) -> Answer:
-    from consistent_id.excite import (
-        excite,
-        excited_record,
-        excited_tables,
-        write_excited,
-    )
+    from consistent_id import excite as tool
+    from consistent_id.excitation.replay import require_viewer
     from consistent_id.problem import load_problem
 
     problem = load_problem(options.problem)
-    excited = excite(
+    folder = options.output or Path("results") / problem.name
+    if options.replay:
+        require_viewer(folder / tool.REPLAY)
+    if options.dry_run:
+        plan = tool.planned_tables(problem)
+        text = "\n\n".join(table.text() for table in plan)
+        return Answer(0, text, [asdict(table) for table in plan])
+    formats = tool.checked_formats(options.format)
+    excited = tool.excite(
         problem,
         starts=options.starts,
         time_limit=options.time_limit,
@@ -71,9 +88,9 @@ def _excite(options: argparse.Namespace) -> Answer:
         sequential=options.sequential,
         progress=shows_progress(options),
     )
-    text = "\n\n".join(table.text() for table in excited_tables(excited))
-    if not options.dry_run:
-        folder = options.output or Path("results") / problem.name
-        written = write_excited(excited, folder)
-        text += "\n\nwritten: " + ", ".join(str(path) for path in written)
-    return Answer(0, text, excited_record(excited))
+    written = tool.write_excited(excited, folder, formats)
+    if options.replay:
+        written.append(tool.replay_excited(problem, excited, folder))
+    text = "\n\n".join(table.text() for table in tool.excited_tables(excited))
+    text += "\n\nwritten: " + ", ".join(str(path) for path in written)
+    return Answer(0, text, tool.excited_record(excited))
