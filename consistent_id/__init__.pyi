@@ -67,6 +67,10 @@ from consistent_id.estimators.least_squares import (
 from consistent_id.estimators.payload import Payload, identify_payload
 from consistent_id.estimators.robust import huber
 from consistent_id.estimators.smooth import smooth_least_squares
+from consistent_id.excitation.accuracy import PredictedAccuracy, predicted_accuracy
+from consistent_id.excitation.aims import Aim, PathForm
+from consistent_id.excitation.design import ExcitationDesign, design_trajectory
+from consistent_id.excitation.validating import ValidationPath, validation_trajectory
 from consistent_id.export import (
     Export,
     mujoco_spec,
@@ -118,6 +122,7 @@ from consistent_id.motion.transfers import transfer
 from consistent_id.parameter_uncertainty import Uncertainty, uncertainty
 from consistent_id.priors import Penalty, PointToSet
 from consistent_id.problem import Problem, load_problem, load_problems
+from consistent_id.proofs.margins import MotionMargins, motion_margins
 from consistent_id.readers import (
     JOINT_STATE,
     Columns,
@@ -184,6 +189,7 @@ __version__: str
 __all__ = [
     "JOINT_STATE",
     "TRAJECTORY_COLUMNS",
+    "Aim",
     "BaseParameters",
     "Body",
     "Bootstrap",
@@ -211,6 +217,7 @@ __all__ = [
     "Ellipsoid",
     "EqualLinks",
     "Estimate",
+    "ExcitationDesign",
     "Export",
     "Finding",
     "FixedCentresOfMass",
@@ -233,6 +240,7 @@ __all__ = [
     "MassBounds",
     "ModelError",
     "MotionLimits",
+    "MotionMargins",
     "MotionNoise",
     "MotionState",
     "Motor",
@@ -242,12 +250,14 @@ __all__ = [
     "Orientation",
     "ParameterBounds",
     "PathError",
+    "PathForm",
     "Payload",
     "Penalty",
     "PhysicalConsistency",
     "PointToSet",
     "PolynomialPath",
     "Polytope",
+    "PredictedAccuracy",
     "Problem",
     "ProblemError",
     "Recording",
@@ -270,6 +280,7 @@ __all__ = [
     "TotalMass",
     "Track",
     "Uncertainty",
+    "ValidationPath",
     "Writer",
     "WritingTask",
     "aligned",
@@ -292,6 +303,7 @@ __all__ = [
     "cross_check",
     "cross_validated",
     "decimated",
+    "design_trajectory",
     "diagnose",
     "differentiated",
     "encoder_resolution",
@@ -327,11 +339,13 @@ __all__ = [
     "mask_onto",
     "mesh_vertices",
     "motion_limits",
+    "motion_margins",
     "motion_noise",
     "move_along",
     "mujoco_spec",
     "nearest_inertia",
     "plane",
+    "predicted_accuracy",
     "prove_clearance",
     "read_recording",
     "read_track",
@@ -364,6 +378,7 @@ __all__ = [
     "trim_standstill",
     "trimmed",
     "uncertainty",
+    "validation_trajectory",
     "weighted_least_squares",
     "with_shapes",
     "without",
