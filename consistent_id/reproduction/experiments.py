@@ -186,7 +186,9 @@ def reproduce_experiments(
     Reproduction
         See `perform_experiments`.
     """
-    names = laboratory_table(problem).experiments if experiments is None else experiments
+    names = (
+        laboratory_table(problem).experiments if experiments is None else experiments
+    )
     known = laboratory_table(problem).experiments
     for name in names:
         if name not in known:
