@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 from consistent_id.cli_export import add_export, run_export
 from consistent_id.cli_repair import add_repair, run_repair
+from consistent_id.cli_reproduce import add_reproduce, run_reproduce
 from consistent_id.errors import ConsistentIdError, SolverError
 
 _EPILOG = """examples:
@@ -25,6 +26,7 @@ _EPILOG = """examples:
   consistent-id compare problems/rx60
   consistent-id export problems/ur10e --format urdf --output ur10e.urdf
   consistent-id repair robot.urdf --dry-run
+  consistent-id reproduce problems/rx60 --quick
 """
 
 
@@ -161,6 +163,7 @@ def _parser() -> argparse.ArgumentParser:
             )
     add_export(commands)
     add_repair(commands)
+    add_reproduce(commands)
     return parser
 
 
@@ -321,4 +324,4 @@ _COMMANDS = {
     "identify": _identify,
     "compare": _compare,
 }
-_OF_ONE_FILE = {"export": run_export, "repair": run_repair}
+_OF_ONE_FILE = {"export": run_export, "repair": run_repair, "reproduce": run_reproduce}

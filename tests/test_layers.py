@@ -40,25 +40,29 @@ intervals sensitivity uncertainty constraint_costs shadow_prices diagnosis.expla
 estimators.gain_search loaded_robot estimators.gains loaded_constraints
 estimators.payload shaped_regression shape_misfit shape_profile shape_fit cutoff
 excitation.aims excitation.accuracy published published_estimate study
-diagnosis.coverage published_summary summary record reproduction reproduction_tables
-export._numpy_template export.drive_values export.exported export.pedigree
-export.casadi_functions export.c_source export.numpy_source export.pinocchio_model
-export._mjcf_body export.record export.shares loaders._splice loaders._urdf_inertial
-export._mjcf_text repair.nearest repair.statement repair.account repair.tell repair.link
-repair.urdf repair cli_repair export._mjcf_tree export._mjcf_source export.new_urdf
-export.urdf export._mjcf_gears export.mjcf commands_export cli_export export
-diagnosis.jackknife diagnosis.linearise diagnosis.small_shifts diagnosis.repeats
-diagnosis.diagnose diagnosis commands collisions collisions.bodies collisions.pieces
-collisions.scene collisions.reach collisions.separation collisions.clearance
-collisions.scene_building collisions.urdf_bodies collisions.scene_file motion
-motion.bernstein motion.limits excitation.basis excitation.information excitation.guards
-excitation.search_task excitation.asked motion.motion_state motion.polynomial_path
-motion.move trajectory_files.document trajectory_files.files trajectory_files
-motion.transfers motion.approaches motion.move_along proofs proofs.grids
-excitation.limit_rows excitation.programme excitation.search excitation.starts
-proofs.interval proofs.jets proofs.peaks proofs.extremes proofs.friction_bounds
-proofs.torque_motion proofs.torque_bounds proofs.margins excitation.verification
-excitation.design excitation.validating excitation.figure excitation.record excite
+diagnosis.coverage published_summary summary record export._numpy_template
+export.drive_values export.exported export.pedigree export.casadi_functions
+export.c_source export.numpy_source export.pinocchio_model export._mjcf_body
+export.record export.shares loaders._splice loaders._urdf_inertial export._mjcf_text
+repair.nearest repair.statement repair.account repair.tell repair.link repair.urdf
+repair cli_repair export._mjcf_tree export._mjcf_source export.new_urdf export.urdf
+export._mjcf_gears export.mjcf commands_export cli_export export diagnosis.jackknife
+diagnosis.linearise diagnosis.small_shifts diagnosis.repeats diagnosis.diagnose
+diagnosis commands collisions collisions.bodies collisions.pieces collisions.scene
+collisions.reach collisions.separation collisions.clearance collisions.scene_building
+collisions.urdf_bodies collisions.scene_file motion motion.bernstein motion.limits
+excitation.basis excitation.information excitation.guards excitation.search_task
+excitation.asked motion.motion_state motion.polynomial_path motion.move
+trajectory_files.document trajectory_files.files trajectory_files motion.transfers
+motion.approaches motion.move_along proofs proofs.grids excitation.limit_rows
+excitation.programme excitation.search excitation.starts proofs.interval proofs.jets
+proofs.peaks proofs.extremes proofs.friction_bounds proofs.torque_motion
+proofs.torque_bounds proofs.margins excitation.verification excitation.design
+excitation.validating excitation.figure excitation.record excite reproduction.exciting
+reproduction.experiments reproduction reproduction.budget reproduction.assumptions
+reproduction.inertia reproduction.tables reproduction.tempo reproduction.verification
+reproduction.study reproduction.section_tables reproduction.figures
+reproduction.sections reproduction.page reproduction.record cli_reproduce
 """.split()
 
 HEAVY = {

@@ -140,7 +140,7 @@ def _account(
 
 
 def unmodelled_torque(laboratory: Laboratory, q: Array, dq: Array, ddq: Array) -> Array:
-    """Return the torque of each cause, shape (causes, joints, samples); offsets last."""
+    """Return each cause's torque, shape (causes, joints, samples); offsets last."""
     robot = laboratory.robot
     start, terms = robot.model.layout.inertial_size, _terms(laboratory)
     Y = robot.model.regressor(q, dq, ddq)

@@ -32,6 +32,7 @@ from consistent_id.recording import Recording
 from consistent_id.regression import build_regression
 from consistent_id.regressor import TorqueModel
 
+METHODS = 4  # by which each experiment is identified
 _PART = 0.2  # of the largest part of a combination; less is not told
 
 

@@ -1,4 +1,4 @@
-"""How slow must tasks have been for a paper's scatter, if its own errors are right?
+"""How slow tasks must have been for a paper's scatter, if its own errors are right.
 
 A paper's verification errors bound what its model leaves out: friction as large as a
 guess may be more than they allow.  Inertial torque falls with the square of a task's
