@@ -273,6 +273,7 @@ class PublishedTable(Table, frozen=True, kw_only=True):
     standard_deviation: list[float] = []
     central_inertia: dict[str, list[float]] = {}
     mean_squared_errors: list[list[float]] = []
+    notes: list[str] = []
     decimals: int = 4
 
 

@@ -18,6 +18,7 @@ from consistent_id.cli.identify import add_identify
 from consistent_id.cli.info import add_info
 from consistent_id.cli.init import add_init
 from consistent_id.cli.repair import add_repair
+from consistent_id.cli.reproduce import add_reproduce
 from consistent_id.cli.time_limit import OutOfTime, within
 from consistent_id.errors import ConsistentIdError
 
@@ -30,6 +31,7 @@ _COMMANDS = (
     add_compare,
     add_export,
     add_repair,
+    add_reproduce,
     add_completion,
 )
 _EPILOG = """examples:
@@ -41,6 +43,7 @@ _EPILOG = """examples:
   consistent-id compare problems/rx60
   consistent-id export problems/ur10e --format urdf --output ur10e.urdf
   consistent-id repair robot.urdf --dry-run
+  consistent-id reproduce problems/rx60 --quick
 
 consistent-id COMMAND --help has more. Exit codes: 0 done, 1 refused (no usable
 estimate, or a faulty log), 2 wrong usage or input, 3 solver failure or out of time,
