@@ -132,7 +132,9 @@ def _pays(case, others, held_out, noise, effort: Effort) -> Iterator[str]:
         yield montecarlo.row(name, condition, tried(path), reference)
 
 
-def sections(effort: Effort) -> Iterator[tuple[str, str, list[str]]]:
+def sections(
+    effort: Effort, figure: Path | None
+) -> Iterator[tuple[str, str, list[str]]]:
     """Yield each section's title, what is to be known, and its lines."""
     if cases.recordings():
         lines = list(designs.against_recordings(effort))
@@ -144,7 +146,10 @@ def sections(effort: Effort) -> Iterator[tuple[str, str, list[str]]]:
         list(designs.against_writing(effort)),
     )
     yield "(c) UR10 and Panda", ABOUT_EXAMPLES, list(designs.examples(effort))
-    lines, _ = against_others(effort)
+    lines, traces = against_others(effort)
+    if figure:
+        rivals.draw(traces, 6.0 * effort.seconds, figure)
+        lines += ["", f"![Best condition numbers over time]({figure.name})"]
     yield "(d) The same problem put to other optimisers", ABOUT_OTHERS, lines
     yield "(e) Single starts from many seeds", ABOUT_SEEDS, list(over_seeds(effort))
     yield (
@@ -191,7 +196,7 @@ predictions on a motion that none of them is. Condition numbers are of unscaled,
 unweighted base columns; designs were made for the noise."""
 
 
-def page(effort: Effort) -> str:
+def page(effort: Effort, figure: Path | None = None) -> str:
     """Return the evidence as Markdown."""
     lines = [
         "# Evidence for designed trajectories",
@@ -205,7 +210,7 @@ def page(effort: Effort) -> str:
         "each table says which, and compares like with like. *Unit columns* are",
         "scaled by their size on the path itself, which hides joints that hardly move.",
     ]
-    for title, about, found in tqdm(sections(effort), total=7, unit="section"):
+    for title, about, found in tqdm(sections(effort, figure), total=7, unit="section"):
         lines += ["", f"## {title}", "", about, "", *found]
     return "\n".join(lines) + "\n"
 
@@ -219,7 +224,8 @@ def main() -> None:
     effort = QUICK if options.quick else FULL
     if options.minutes is not None:
         effort = replace(effort, minutes=options.minutes)
-    text = page(effort)
+    figure = options.write.with_suffix(".png") if options.write else None
+    text = page(effort, figure)
     print(text)
     if options.write:
         options.write.write_text(text)

@@ -8,6 +8,7 @@ samples.  Each runs in two processes with seeds of their own.
 import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from excitation_cases import Case, task_of
@@ -143,6 +144,29 @@ def trace(method: str, case: Case, seconds: float) -> Trace:
             best = value
             kept.append((second, value))
     return Trace(method, tuple(s for s, _ in kept), tuple(v for _, v in kept))
+
+
+def draw(traces: list[Trace], seconds: float, file: Path) -> None:
+    """Draw the best condition numbers over time."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7.0, 3.6), layout="constrained")
+    axes = figure.add_subplot()
+    for one in traces:
+        times = (*one.seconds, seconds)
+        axes.step(times, (*one.value, one.value[-1]), where="post", label=one.method)
+    axes.set(
+        xscale="log",
+        yscale="log",
+        xlim=(0.1, seconds),
+        ylim=(None, 100.0),
+        xlabel="time [s], two processes",
+        ylabel="least condition number",
+        title="UR10, 10 s, five harmonics, unscaled base columns",
+    )
+    axes.grid(which="both", alpha=0.3)
+    axes.legend()
+    figure.savefig(file, dpi=110)
 
 
 @single_threaded
