@@ -86,7 +86,7 @@ def test_the_same_seed_gives_the_same_design_however_many_workers():
         designed(workers=workers, starts=3, seed=3) for workers in (1, 1, 2)
     )
     for design in (again, many):
-        assert [s.seed for s in design.stages] == [s.seed for s in first.stages]
+        assert [s.number for s in design.stages] == [s.number for s in first.stages]
         for field in ("offset", "sine", "cosine"):
             mine, theirs = (getattr(d.trajectory, field) for d in (first, design))
             assert np.array_equal(mine, theirs)

@@ -129,11 +129,15 @@ def test_what_cannot_be_kept_is_named():
 def test_time_that_is_over_leaves_what_a_moment_found():
     task = arm_task(TorqueModel(arm(2)))
     outcome = run_searches(
-        task, [Job("condition", 0)], workers=1, deadline=time.time() - 1.0
+        task,
+        [Job("condition", 0)],
+        workers=1,
+        deadline=time.time() - 1.0,
+        interrupted=bool,
     )
     assert len(outcome.found) == 1 and np.isfinite(outcome.found[0].score)
     assert outcome.out_of_time and not outcome.interrupted
-    late = Searcher(task, deadline=0.0)
+    late = Searcher(task, lambda: True)
     found = search(late, "condition", 0)
     assert np.isfinite(found.score) and largest(late, found.variables).max() <= 1.0
 
@@ -150,8 +154,8 @@ def test_every_improvement_is_reported():
 
 def test_searches_come_back_best_first():
     task = arm_task(TorqueModel(arm(2)))
-    jobs = [Job("condition", seed) for seed in range(3)]
-    outcome = run_searches(task, jobs, workers=1, deadline=np.inf)
+    jobs = [Job("condition", number) for number in range(3)]
+    outcome = run_searches(task, jobs, workers=1, deadline=np.inf, interrupted=bool)
     scores = [one.score for one in outcome.found]
     assert scores == sorted(scores) and len(scores) == 3
     assert not outcome.out_of_time and not outcome.interrupted

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from consistent_id._interrupts import Asked, noted_interrupts
 from consistent_id._threads import single_threaded
 from consistent_id.base import BaseParameters, ConditionNumber, base_parameters
 from consistent_id.collisions.scene import Scene
@@ -32,6 +33,7 @@ from consistent_id.trajectory import FourierTrajectory
 _FIRST = 0.6  # share of the time limit after which the first of two stages ends
 _SECOND = 0.9  # share after which the last stage ends
 _REFINED = 2  # paths that go on to the second stage, however many workers there are
+_COMPARED = 8  # random paths at most that the design is compared with
 _ATTEMPTS = 4  # at a proof, each with less of the limits to use
 _LEAST = 0.01  # rad or m; a joint that can move less is not excited
 
@@ -49,8 +51,8 @@ class Stage:
     accuracy : PredictedAccuracy
         At all samples that will be recorded.
     proof : Proof
-    seed : int
-        Of the search that found it.
+    number : int
+        Of the search that found it, from 0.
     """
 
     objective: str
@@ -58,7 +60,7 @@ class Stage:
     value: float
     accuracy: PredictedAccuracy
     proof: Proof
-    seed: int
+    number: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -183,32 +185,25 @@ def design_trajectory(
     InfeasibleError
         If no path was found that keeps the limits; it names the one in the way.
     """
-    began, now = clock.monotonic(), clock.time()
+    began = clock.monotonic()
     model = TorqueModel(model) if isinstance(model, RobotModel) else model
     form, aim = form or PathForm(), aim or Aim()
     limits = motion_limits(model.robot) if limits is None else limits
-    _require_long_enough(form, aim, limits)
+    workers = _require_sensible(starts, time_limit, seed, workers)
     asked = demands(model, limits, parameters, scene)
-    base, notes = base_parameters(model), asked.notes
-    task = search_task(model, base, form, aim, limits, asked.guards)
-    workers = min(workers or _processors(), max(starts, 1))
-    workshop = _Workshop(task, asked, aim, workers, time_limit, progress)
-    jobs = [Job(aim.objective, seed + k) for k in range(starts)]
-    share = _SECOND if aim.refine in (None, aim.objective) else _FIRST
-    first = workshop.stage(jobs, now + share * time_limit)
-    stages, outcomes = [first.stage], [first.outcome]
-    refine = aim.refine not in (None, aim.objective) and not first.outcome.interrupted
-    if refine:
-        try:
-            second = workshop.stage(
-                workshop.refining(first), now + _SECOND * time_limit
-            )
-        except InfeasibleError:
-            notes += (f"no path better by {aim.refine} was found within the limits",)
-        else:
-            stages.append(second.stage)
-            outcomes.append(second.outcome)
-    if any(outcome.interrupted or outcome.out_of_time for outcome in outcomes):
+    _require_long_enough(form, aim, asked.limits)
+    base = base_parameters(model)
+    task = search_task(model, base, form, aim, asked.limits, asked.guards)
+    task = replace(task, seed=seed)
+    with noted_interrupts() as interrupted:
+        workshop = _Workshop(task, asked, aim, workers, time_limit, progress)
+        settled = workshop.stages(starts, interrupted)
+        unoptimised = _unoptimised(task, aim, starts)
+    cut_short = any(one.cut_short for one in settled)
+    notes = asked.notes
+    if aim.refine not in (None, aim.objective) and len(settled) == 1:
+        notes += (f"no path better by {aim.refine} was found within the limits",)
+    if cut_short:
         notes += ("time or the user ended the search; another run may differ",)
     return ExcitationDesign(
         model=model,
@@ -216,10 +211,10 @@ def design_trajectory(
         demands=asked,
         form=form,
         aim=aim,
-        stages=tuple(stages),
-        unoptimised=_unoptimised(task, aim, jobs),
+        stages=tuple(one.stage for one in settled),
+        unoptimised=unoptimised,
         seed=seed,
-        starts=len(first.outcome.found),
+        starts=settled[0].starts,
         seconds=clock.monotonic() - began,
         notes=notes,
     )
@@ -227,9 +222,12 @@ def design_trajectory(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Settled:
+    """A stage's result: the best that is proven, then what else was found."""
+
     stage: Stage
     found: tuple[Found, ...]
-    outcome: Outcome
+    starts: int
+    cut_short: bool
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -243,47 +241,67 @@ class _Workshop:
     time_limit: float
     progress: bool
 
-    def stage(self, jobs: list[Job], deadline: float) -> _Settled:
+    def stages(self, starts: int, interrupted: Asked) -> list[_Settled]:
+        """Search for the objective, then from the best for the second one."""
+        now, refine = clock.time(), self.aim.refine
+        single = refine in (None, self.aim.objective)
+        jobs = [Job(self.aim.objective, number) for number in range(starts)]
+        share = _SECOND if single else _FIRST
+        settled = [self.stage(jobs, now + share * self.time_limit, interrupted)]
+        if refine is None or single or interrupted():
+            return settled
+        jobs, deadline = self.refining(settled[0], refine), _SECOND * self.time_limit
+        try:
+            settled.append(self.stage(jobs, now + deadline, interrupted))
+        except (InfeasibleError, KeyboardInterrupt):
+            pass  # a proven path is there already
+        return settled
+
+    def stage(self, jobs: list[Job], deadline: float, interrupted: Asked) -> _Settled:
         """Search; where no path can be proven, search on with less to use."""
-        task = self.task
+        task, starts, cut_short = self.task, 0, False
         for _ in range(_ATTEMPTS):
             outcome = run_searches(
                 task,
                 jobs,
                 workers=self.workers,
                 deadline=deadline,
+                interrupted=interrupted,
                 progress=self.progress,
             )
+            starts = starts or len(outcome.found)
+            cut_short |= outcome.interrupted or outcome.out_of_time
             usable = [one for one in outcome.found if one.variables is not None]
+            if not usable and outcome.interrupted:
+                raise KeyboardInterrupt  # before there was anything to keep
             if not usable:
                 raise _nothing_found(outcome)
-            objective = jobs[0].objective
-            stages = (self._proven(objective, one) for one in usable)
-            for stage in stages:
+            for one in usable:
+                stage = self._proven(jobs[0].objective, one)
                 if stage is not None:
-                    return _Settled(stage, tuple(usable), outcome)
+                    others = (other for other in usable if other is not one)
+                    return _Settled(stage, (one, *others), starts, cut_short)
+            if outcome.interrupted:
+                break
             task = replace(task, guards=tuple(g.tightened() for g in task.guards))
-            bound = {job.seed: job.spread_bound for job in jobs}
+            bound = {job.number: job.spread_bound for job in jobs}
             jobs = [
-                Job(objective, one.seed, one.variables, bound[one.seed])
+                Job(jobs[0].objective, one.number, one.variables, bound[one.number])
                 for one in usable[:_REFINED]
             ]
             deadline = max(deadline, clock.time() + 0.3 * self.time_limit)
         self.demands.proof(self._path(usable[0])).require()
         raise InfeasibleError("no path was found that keeps all limits")
 
-    def refining(self, first: _Settled) -> list[Job]:
+    def refining(self, first: _Settled, objective: Objective) -> list[Job]:
         """Return searches from the best paths, bounded in how far they worsen."""
-        objective = self.aim.refine
-        if objective is None:
-            return []
         searcher = Searcher(self.task)
-        starts = first.found[:_REFINED]
-        least = min(
-            searcher.score("condition", np.asarray(one.variables)) for one in starts
-        )
-        bound = least + float(np.log(self.aim.growth))
-        return [Job(objective, one.seed, one.variables, bound) for one in starts]
+        best = np.asarray(first.found[0].variables)
+        bound = searcher.score("condition", best) + float(np.log(self.aim.growth))
+        return [
+            Job(objective, one.number, one.variables, bound)
+            for one in first.found[:_REFINED]
+        ]
 
     def _path(self, found: Found) -> FourierTrajectory:
         variables = np.asarray(found.variables)
@@ -302,7 +320,23 @@ class _Workshop:
                 "the joints that these belong to, and at their friction terms"
             )
         value = float(np.exp(found.score))
-        return Stage(objective, path, value, accuracy, proof, found.seed)
+        return Stage(objective, path, value, accuracy, proof, found.number)
+
+
+def _require_sensible(
+    starts: int, time_limit: float, seed: int, workers: int | None
+) -> int:
+    """Return the number of processes; refuse what makes no sense before any work."""
+    for name, value, least in (
+        ("starts", starts, 1),
+        ("seed", seed, 0),
+        ("workers", 1 if workers is None else workers, 1),
+    ):
+        if not isinstance(value, int | np.integer) or value < least:
+            raise ProblemError(f"{name} is {value!r}, expected {least} or more, whole")
+    if not 0.0 < time_limit < np.inf:
+        raise ProblemError(f"time_limit is {time_limit} s, expected more than 0")
+    return min(workers or _processors(), starts)
 
 
 def _require_long_enough(form: PathForm, aim: Aim, limits: MotionLimits) -> None:
@@ -342,9 +376,10 @@ def _nothing_found(outcome: Outcome) -> InfeasibleError:
     )
 
 
-def _unoptimised(task: SearchTask, aim: Aim, jobs: list[Job]) -> PredictedAccuracy:
+def _unoptimised(task: SearchTask, aim: Aim, starts: int) -> PredictedAccuracy:
     searcher = Searcher(task)
-    paths = [task.basis.trajectory(searcher.random(job.seed)) for job in jobs[:8]]
+    numbers = range(min(starts, _COMPARED))
+    paths = [task.basis.trajectory(searcher.random(number)) for number in numbers]
     told = [predicted_accuracy(task.model, task.base, path, aim) for path in paths]
     return min(told, key=lambda accuracy: accuracy.condition.value)
 

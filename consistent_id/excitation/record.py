@@ -83,7 +83,7 @@ def design_tables(
     rows = [("random path", "-", f"{design.unoptimised.condition.value:.4g}", "-")]
     rows += [
         (
-            f"{stage.objective}, search {stage.seed}",
+            f"{stage.objective}, search {stage.number + 1}",
             f"{stage.value:.4g}",
             f"{stage.accuracy.condition.value:.4g}",
             f"{100.0 * stage.proof.margins.least.relative:.2f} %",
@@ -168,7 +168,7 @@ def _stage(stage: Stage) -> dict[str, Any]:
     return {
         "objective": stage.objective,
         "value": stage.value,
-        "seed": stage.seed,
+        "search": stage.number + 1,
         "condition": _condition(stage.accuracy.condition),
         "singular_values": np.linalg.svd(
             stage.accuracy.factor, compute_uv=False

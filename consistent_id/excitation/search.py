@@ -44,7 +44,8 @@ class Found:
         None if no path was found that keeps them.
     score : float
         The objective's own value, without smoothing.
-    seed : int
+    number : int
+        Of the random path it began with.
     seconds : float
     offence : str
         What stood in the way, if nothing was found.
@@ -52,7 +53,7 @@ class Found:
 
     variables: Matrix | None
     score: float
-    seed: int
+    number: int
     seconds: float
     offence: str = ""
 
@@ -63,8 +64,8 @@ class Searcher:
     Parameters
     ----------
     task : SearchTask
-    deadline : float, [s]
-        Time of the clock at which searches end with what they have.
+    ended : callable, optional
+        Says whether searches are to end with what they have.
     report : callable, optional
         Told of each improvement: score and variables.
     """
@@ -72,10 +73,10 @@ class Searcher:
     def __init__(
         self,
         task: SearchTask,
-        deadline: float = np.inf,
+        ended: Callable[[], bool] | None = None,
         report: Callable[[float, Matrix], None] | None = None,
     ) -> None:
-        self.task, self.deadline = task, deadline
+        self.task, self.ended = task, ended or (lambda: False)
         self.report = report or (lambda *_: None)
         basis = task.basis
         self._information = PathInformation(
@@ -100,9 +101,9 @@ class Searcher:
         """Shape of the variables."""
         return self.task.basis.size, len(self.task.basis.unit)
 
-    def random(self, seed: int) -> Matrix:
+    def random(self, number: int) -> Matrix:
         """Return a random path that keeps the linear limits, and others if it can."""
-        rng = np.random.default_rng(seed)
+        rng = np.random.default_rng((self.task.seed, number))
         variables = rng.normal(size=self.shape) * self._decay[:, None]
         variables[0] = rng.uniform(-0.3, 0.3, self.shape[1])
         variables *= _FILL / self.limits.largest(variables)
@@ -146,7 +147,7 @@ class Searcher:
 def search(
     searcher: Searcher,
     objective: Objective,
-    seed: int,
+    number: int,
     *,
     start: Matrix | None = None,
     spread_bound: float = np.inf,
@@ -157,22 +158,24 @@ def search(
     ----------
     searcher : Searcher
     objective : Objective
-    seed : int
+    number : int
+        Which of the task's random paths to begin with.
     start : ndarray, shape (size, joints), optional
     spread_bound : float
-        That the smooth logarithm of the condition number may not exceed.
+        That the logarithm of the condition number may not exceed.
     """
     began = clock.monotonic()
-    variables = searcher.random(seed) if start is None else start
+    variables = searcher.random(number) if start is None else start
     hunt = _Hunt(searcher, objective, spread_bound)
+    hunt.consider(variables)
     for power, iterations in _SHARPENING if start is None else _SHARPENING[1:]:
         variables = hunt.sharpened(variables, power, iterations)
-        if clock.time() > searcher.deadline:
+        if searcher.ended():
             break
     return Found(
         hunt.best,
         hunt.score,
-        seed,
+        number,
         clock.monotonic() - began,
         ""
         if hunt.best is not None
@@ -190,6 +193,11 @@ class _Hunt:
         times = len(searcher.grid)
         self._places = [guard.standing(times) for guard in searcher.task.guards]
 
+    def consider(self, variables: Matrix) -> None:
+        """Keep a path if it is better than what there is, and offends nothing."""
+        if not self._offended(variables):
+            self._keep(variables)
+
     def sharpened(self, start: Matrix, power: float, iterations: int) -> Matrix:
         """Minimise at one power, with more rows for as long as a guard is offended."""
         self._add_places(start)
@@ -201,7 +209,7 @@ class _Hunt:
                 self._keep(candidate)
                 return candidate
             grown = self._add_places(candidate) | self._add_places(end)
-            if not grown or clock.time() > self._searcher.deadline:
+            if not grown or self._searcher.ended():
                 return end
             start = end
         return start
@@ -239,7 +247,7 @@ class _Hunt:
                     score, best[:] = seen, [candidate]
                     if all(measure.max() <= _ROUNDING for measure in measures):
                         self._keep(candidate)
-            return clock.time() > searcher.deadline
+            return searcher.ended()
 
         count = sum(map(len, self._places)) + bool(np.isfinite(self._bound))
         end = minimise(
