@@ -6,7 +6,7 @@ from typing import Any
 
 from consistent_id.cli.answers import Answer, answered, show
 from consistent_id.cli.log_options import add_columns, columns_of
-from consistent_id.cli.options import add_command, add_problem, positive
+from consistent_id.cli.options import add_command, add_problem, add_time_limit, positive
 
 _MORE = """Clocks, units, signs, exchanged channels, zeros, lags, saturation, leaks.
 With a URDF or MJCF file in place of PROBLEM, and a log, no problem file is needed.
@@ -29,6 +29,7 @@ def add_check(commands: Any) -> None:
         examples=_EXAMPLES,
     )
     add_problem(command)
+    add_time_limit(command)
     command.add_argument(
         "log", type=Path, nargs="?", help="a log, if PROBLEM is a URDF or MJCF file"
     )

@@ -41,6 +41,12 @@ def add_draft_options(command: argparse.ArgumentParser) -> None:
     """Take what a draft of a problem file rests on."""
     add_columns(command)
     command.add_argument(
+        "--base", metavar="LINK", help="link that stands still (default: the root)"
+    )
+    command.add_argument(
+        "--tip", metavar="LINK", help="last link that counts, such as the flange"
+    )
+    command.add_argument(
         "--torque-gain",
         nargs="+",
         type=float,
@@ -72,6 +78,7 @@ def columns_of(options: argparse.Namespace) -> "Columns":
 
 def draft_of(options: argparse.Namespace, model: Path, log: Path) -> "Draft":
     """Draft the problem that a robot and a log make."""
+    from consistent_id.chains import Selection
     from consistent_id.drafting import draft_problem
 
     channels = ("time", "position", "velocity", "torque")
@@ -79,6 +86,7 @@ def draft_of(options: argparse.Namespace, model: Path, log: Path) -> "Draft":
         model,
         log,
         columns_of(options),
+        selection=Selection(options.base, options.tip),
         said=" ".join(name for name in channels if getattr(options, name) is not None),
         torque_gain=options.torque_gain,
         masses="free" if options.masses == "free" else "datasheet",

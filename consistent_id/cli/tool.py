@@ -5,6 +5,7 @@ input, 3 solver failure or out of time, 130 interrupted.
 """
 
 import argparse
+import logging
 import sys
 from collections.abc import Sequence
 
@@ -51,6 +52,8 @@ estimate, or a faulty log), 2 wrong usage or input, 3 solver failure or out of t
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the tool; return its exit code."""
     options = tool_parser().parse_args(arguments)
+    if options.quiet:
+        logging.getLogger("consistent_id").setLevel(logging.ERROR)
     try:
         with within(getattr(options, "give_up_after", None)):
             return int(options.run(options))
