@@ -45,6 +45,7 @@ from consistent_id.constraints import (
 from consistent_id.cross_validation import RegularisationPath, cross_validated
 from consistent_id.cutoff import CutoffChoice, best_cutoff
 from consistent_id.diagnosis import Diagnosis, diagnose
+from consistent_id.drafting import draft_problem
 from consistent_id.errors import (
     ConsistentIdError,
     InfeasibleError,
@@ -67,6 +68,7 @@ from consistent_id.estimators.least_squares import (
 from consistent_id.estimators.payload import Payload, identify_payload
 from consistent_id.estimators.robust import huber
 from consistent_id.estimators.smooth import smooth_least_squares
+from consistent_id.excitation.design import ExcitationDesign, design_trajectory
 from consistent_id.export import (
     Export,
     mujoco_spec,
@@ -118,6 +120,7 @@ from consistent_id.motion.transfers import transfer
 from consistent_id.parameter_uncertainty import Uncertainty, uncertainty
 from consistent_id.priors import Penalty, PointToSet
 from consistent_id.problem import Problem, load_problem, load_problems
+from consistent_id.problem_draft import Draft
 from consistent_id.readers import (
     JOINT_STATE,
     Columns,
@@ -206,11 +209,13 @@ __all__ = [
     "Delay",
     "DensityOn",
     "Diagnosis",
+    "Draft",
     "DriveGains",
     "DriveTerms",
     "Ellipsoid",
     "EqualLinks",
     "Estimate",
+    "ExcitationDesign",
     "Export",
     "Finding",
     "FixedCentresOfMass",
@@ -292,8 +297,10 @@ __all__ = [
     "cross_check",
     "cross_validated",
     "decimated",
+    "design_trajectory",
     "diagnose",
     "differentiated",
+    "draft_problem",
     "encoder_resolution",
     "estimate_delay",
     "estimated_period",

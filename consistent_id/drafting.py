@@ -1,6 +1,6 @@
 """From a robot and a log to the draft of a problem: what is guessed, and how."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Literal, NamedTuple
@@ -16,7 +16,7 @@ from consistent_id.log_columns import guess_columns
 from consistent_id.preparation import prepared
 from consistent_id.problem_draft import VELOCITY_SCALE, Draft
 from consistent_id.problem_file import PreparationTable
-from consistent_id.readers import Columns, read_recording
+from consistent_id.readers import read_recording
 from consistent_id.recording import Recording
 from consistent_id.regressor import TorqueModel
 from consistent_id.signals import resampled, split_at_gaps, standstill, trimmed
@@ -31,11 +31,11 @@ _LOW = 5.0  # Hz; a choice among higher ones alone would be none
 
 
 def draft_problem(
-    model: Path,
-    log: Path,
-    columns: Columns | None = None,
+    model: str | Path,
+    log: str | Path,
     *,
-    said: str = "",
+    columns: Mapping[str, str] | None = None,
+    torque_joints: Sequence[str] = (),
     selection: Selection | None = None,
     torque_gain: Sequence[float] = (),
     masses: Literal["datasheet", "free"] = "datasheet",
@@ -48,14 +48,15 @@ def draft_problem(
 
     Parameters
     ----------
-    model : Path
+    model : str or Path
         URDF or MJCF.
-    log : Path
+    log : str or Path
         See `read_recording`.
-    columns : Columns, optional
-        Of the log, as far as they are known.
-    said : str
-        Names of the channels of `columns` that count, separated by spaces.
+    columns : mapping of str to str, optional
+        Columns by channel, as in `Columns`, as far as they are known, such as
+        ``{"torque": "current{number}"}``; the others are told from the log.
+    torque_joints : sequence of str
+        Joints whose torque the log has, if that is known.
     selection : Selection, optional
         The part of the robot that moves; of its joints, those that the log does not
         have are locked.
@@ -69,10 +70,11 @@ def draft_problem(
     ModelError, RecordingError
         If a file cannot be read, or columns cannot be told.
     """
+    model, log = Path(model), Path(log)
     load = load_mjcf if model.suffix.lower() in (".xml", ".mjcf") else load_urdf
     selection = Selection() if selection is None else selection
     robot = load(model, **asdict(selection))
-    guess = guess_columns(log, robot.joint_names, columns, said=said)
+    guess = guess_columns(log, robot.joint_names, columns, torque_joints=torque_joints)
     locked = tuple(name for name in robot.joint_names if name not in guess.joints)
     if locked:
         robot = load(model, **asdict(replace(selection, joints=guess.joints)))

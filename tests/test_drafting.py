@@ -7,7 +7,6 @@ import pytest
 from logged import URDF, write_arm
 
 from consistent_id import (
-    Columns,
     ProblemError,
     RecordingError,
     load_problem,
@@ -186,8 +185,7 @@ def test_commands_and_currents_are_not_taken_for_what_was_measured(tmp_path):
     header = "time,q_cmd_1,q_cmd_2,q1,q2,tau_desired1,tau_desired2,current1,current2"
     with pytest.raises(RecordingError, match=r"torque.*--torque-gain"):
         guessed(tmp_path, header)
-    given = Columns(torque="current{number}")
-    guess = guessed(tmp_path, header, given=given, said="torque")
+    guess = guessed(tmp_path, header, known={"torque": "current{number}"})
     assert guess.columns.position == "q{number}"
 
 
@@ -205,6 +203,11 @@ def test_of_joints_whose_names_begin_alike_the_longer_is_meant(tmp_path):
     guess = guessed(tmp_path, ",".join(["time", *names]), joints)
     assert guess.columns.position == "pos_{joint}"
     assert guess.joints == joints
+
+
+def test_a_channel_that_there_is_not_is_refused(tmp_path):
+    with pytest.raises(ProblemError, match="no channel 'torqe'"):
+        guessed(tmp_path, "time,q1,q2", known={"torqe": "tau{number}"})
 
 
 def test_some_joints_may_have_no_torque(tmp_path):
