@@ -101,7 +101,7 @@ def test_wrong_usage_ends_with_2(capsys):
 def test_an_interrupt_ends_with_130_and_leaves_nothing_half_written(
     tmp_path, capsys, monkeypatch
 ):
-    def interrupted(*_):
+    def interrupted(*_, **__):
         raise KeyboardInterrupt
 
     monkeypatch.setattr("consistent_id.commands.run_study", interrupted)

@@ -2,6 +2,7 @@
 
 import io
 import json
+import logging
 import subprocess
 import sys
 import time
@@ -70,6 +71,24 @@ def test_init_writes_a_problem_that_compare_works_through(
     assert main(["compare", "problem.toml", "--quiet"]) == 0
     assert capsys.readouterr() == ("", "")
     assert (tmp_path / "results" / "log" / "comparison.md").exists()
+
+
+def test_the_quiet_hear_no_warnings_and_others_do_later(arm, tmp_path, capsys):
+    urdf = tmp_path / "arm.urdf"
+    urdf.write_text(Path(arm[0]).read_text().replace('xyz="0 1 0"', 'xyz="0 2 0"'))
+    logger = logging.getLogger("consistent_id")
+    heard = []
+    handler = logging.Handler()
+    handler.emit = heard.append
+    logger.addHandler(handler)
+    try:
+        main(["init", str(urdf), arm[1], "--dry-run", "--quiet"])
+        assert heard == []
+        main(["init", str(urdf), arm[1], "--dry-run"])
+        assert heard != []
+    finally:
+        logger.removeHandler(handler)
+    capsys.readouterr()
 
 
 def test_init_does_not_write_over_a_file_unless_told(arm, tmp_path, capsys):

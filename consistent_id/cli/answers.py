@@ -2,8 +2,10 @@
 
 import argparse
 import json
+import logging
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
@@ -63,6 +65,19 @@ def told(error: ConsistentIdError) -> int:
     """Print an error; return its exit code."""
     print(f"consistent-id: {error}", file=sys.stderr)
     return 3 if isinstance(error, SolverError) else 2
+
+
+@contextmanager
+def warnings_unless(quiet: bool) -> Iterator[None]:
+    """Let the package's warnings pass, unless told to be quiet."""
+    logger = logging.getLogger("consistent_id")
+    before = logger.level
+    if quiet:
+        logger.setLevel(logging.ERROR)
+    try:
+        yield
+    finally:
+        logger.setLevel(before)
 
 
 def shows_progress(options: argparse.Namespace) -> bool:
