@@ -113,8 +113,11 @@ def _each(
 def _of(
     options: argparse.Namespace, file: Path, name: str | None = None
 ) -> argparse.Namespace:
-    """Return the options for one problem; of several, each has its own folder."""
+    """Return the options for one problem; of several, each has its own files."""
     chosen = argparse.Namespace(**{**vars(options), "problem": file})
     if name is not None and getattr(options, "output", None) is not None:
         chosen.output = options.output / name
+    if name is not None and getattr(options, "report", None) is not None:
+        file = options.report
+        chosen.report = file.with_name(f"{file.stem}-{name}{file.suffix}")
     return chosen
