@@ -135,6 +135,7 @@ from consistent_id.regressor import (
     joint_torque_regressor,
 )
 from consistent_id.repair import Repair, nearest_inertia, repair_urdf
+from consistent_id.report import Advice, advise, comparison_html, report_html
 from consistent_id.segments import segment_regressions
 from consistent_id.shadow_prices import ShadowPrice, shadow_prices
 from consistent_id.shape_fit import ShapeFit, fit_shapes
@@ -187,6 +188,7 @@ __version__ = "0.1.0"
 __all__ = [
     "JOINT_STATE",
     "TRAJECTORY_COLUMNS",
+    "Advice",
     "BaseParameters",
     "Body",
     "Bootstrap",
@@ -275,6 +277,7 @@ __all__ = [
     "Uncertainty",
     "Writer",
     "WritingTask",
+    "advise",
     "aligned",
     "base_feasibility",
     "base_parameters",
@@ -287,6 +290,7 @@ __all__ = [
     "casadi_regressor",
     "chain",
     "compare",
+    "comparison_html",
     "condition_number",
     "consistent_intervals",
     "constrained_least_squares",
@@ -341,6 +345,7 @@ __all__ = [
     "read_trajectory",
     "recording_from",
     "repair_urdf",
+    "report_html",
     "resampled",
     "robot_record",
     "row_weights",

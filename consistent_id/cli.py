@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 from consistent_id.cli_export import add_export, run_export
 from consistent_id.cli_repair import add_repair, run_repair
+from consistent_id.cli_report import add_report, run_report
 from consistent_id.errors import ConsistentIdError, SolverError
 
 _EPILOG = """examples:
@@ -23,6 +24,7 @@ _EPILOG = """examples:
   consistent-id excite problems/rx60 --time-limit 3 --output results/motion
   consistent-id identify problems/ur10e --uncertainty --output results/ur10e
   consistent-id compare problems/rx60
+  consistent-id report problems/ur10e --output ur10e.html
   consistent-id export problems/ur10e --format urdf --output ur10e.urdf
   consistent-id repair robot.urdf --dry-run
 """
@@ -159,6 +161,7 @@ def _parser() -> argparse.ArgumentParser:
             command.add_argument(
                 "--output", type=Path, help=f"folder to write results to{default}"
             )
+    add_report(commands)
     add_export(commands)
     add_repair(commands)
     return parser
@@ -321,4 +324,4 @@ _COMMANDS = {
     "identify": _identify,
     "compare": _compare,
 }
-_OF_ONE_FILE = {"export": run_export, "repair": run_repair}
+_OF_ONE_FILE = {"export": run_export, "repair": run_repair, "report": run_report}

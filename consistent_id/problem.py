@@ -44,6 +44,8 @@ class Problem:
     model : TorqueModel
     constraints : tuple of Constraint
     prior : PointToSet or Penalty
+    file : Path, optional
+        That it was read from.
     """
 
     folder: Path
@@ -51,6 +53,7 @@ class Problem:
     model: TorqueModel
     constraints: tuple[Constraint, ...]
     prior: Prior
+    file: Path | None = None
 
     @property
     def name(self) -> str:
@@ -116,12 +119,22 @@ class Problem:
     @property
     def missing(self) -> tuple[str, ...]:
         """Recordings of the file that are not there."""
+        return tuple(f for f in self._recorded if not self._path(f).exists())
+
+    @property
+    def files(self) -> dict[str, Path]:
+        """All files that the problem consists of, by the names it gives them."""
+        found = {} if self.file is None else {self.file.name: self.file}
+        found |= {p.name: p for p in self.model_files.values() if p is not None}
+        return found | {file: self._path(file) for file in self._recorded}
+
+    @property
+    def _recorded(self) -> tuple[str, ...]:
         data = self.table.data
         if data is None:
             return ()
         files = [entry.file for entry in data.recordings]
-        files += [other.file for entry in data.recordings for other in entry.tracks]
-        return tuple(file for file in files if not self._path(file).exists())
+        return (*files, *(o.file for entry in data.recordings for o in entry.tracks))
 
     def read(self, file: str | Path, *, omit: Sequence[int] = ()) -> Recording:
         """Read a log as the problem's own recordings are read.
@@ -222,6 +235,7 @@ def load_problem(path: str | Path) -> Problem:
         model=model,
         constraints=constraints,
         prior=_prior(table.prior, file),
+        file=file,
     )
 
 

@@ -59,6 +59,11 @@ excitation.limit_rows excitation.programme excitation.search excitation.starts
 proofs.interval proofs.jets proofs.peaks proofs.extremes proofs.friction_bounds
 proofs.torque_motion proofs.torque_bounds proofs.margins excitation.verification
 excitation.design excitation.validating excitation.figure excitation.record excite
+report.advice report.markup report.findings report.certificate report.costs
+report.health report.parameters report.plot report.friction report.projection
+report.published report.reproduce report.residual_figures report.residuals
+report.robot_scene report.robot_view report.links report.thinning report.excitation
+report.torque report.verdict report.page report.html report commands_report cli_report
 """.split()
 
 HEAVY = {
