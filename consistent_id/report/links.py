@@ -100,7 +100,10 @@ def _impossible(report: EstimateReport) -> Html:
     found = report.base_feasibility
     if found.answer != "impossible":
         return Html()
-    said = [tag("strong", f"{report.estimate.method} is impossible. "), found.summary]
+    said = [
+        tag("strong", f"{report.estimate.method} is impossible: "),
+        found.summary.removeprefix("impossible: "),
+    ]
     if found.nearest is not None:
         said.append(
             f". The torque of the nearest robot that can exist differs by "

@@ -72,7 +72,8 @@ def _intervals(sure: Uncertainty) -> list[Html]:
     groups: dict[str, list[ParameterUncertainty]] = {}
     for p in sure.parameters:
         groups.setdefault(p.name.rpartition(".")[0], []).append(p)
-    first = next((n for n, g in groups.items() if g[-1].verdict == "data"), "")
+    telling = (n for n, g in groups.items() if any(p.verdict == "data" for p in g))
+    first = next(telling, "")
     shown = [
         folded(
             tag("span", name, " ", _marks([p.verdict for p in members])),
