@@ -19,7 +19,7 @@ import consistent_id as ci
 from consistent_id.cone_program import LeastNorm
 from consistent_id.cones import Multipliers
 from consistent_id.conic import ConicSet
-from consistent_id.constraints import lowered
+from consistent_id.constraints import Constraint, lowered
 from consistent_id.distances import nominal_distance
 from consistent_id.estimators.best_fit import best_fit
 from consistent_id.estimators.settled import settle
@@ -43,7 +43,7 @@ class Case:
     model: ci.TorqueModel
     truth: np.ndarray
     recording: ci.Recording
-    constraints: tuple[ci.constraints.Constraint, ...]
+    constraints: tuple[Constraint, ...]
     possible: bool
 
 
@@ -75,7 +75,7 @@ def case(seed: int) -> Case:
     motion = random_motion(rng, robot.joint_names, int(rng.choice(SAMPLES)))
     noise = 10.0 ** rng.uniform(-4, 0)
     recording = ci.simulate_torque(model, truth, motion, noise=noise, rng=rng)
-    constraints: list[ci.constraints.Constraint] = [
+    constraints: list[Constraint] = [
         ci.PhysicalConsistency(),
         ci.NonNegativeDrive(),
     ]

@@ -12,6 +12,7 @@ from consistent_id.estimate import Estimate
 from consistent_id.figures import motion_figure, save_figure, torque_figure
 from consistent_id.friction import DriveTerms
 from consistent_id.loaders import load_mjcf, load_urdf
+from consistent_id.parameter_uncertainty import Uncertainty, uncertainty
 from consistent_id.problem import Problem
 from consistent_id.problem_folder import toml_files
 from consistent_id.readers import Columns, read_recording
@@ -25,7 +26,6 @@ from consistent_id.study import Study, excitation_of, identify, run_study
 from consistent_id.study import recordings_of as study_recordings
 from consistent_id.summary import excitation_table, study_tables, uncertainty_table
 from consistent_id.tables import Table
-from consistent_id.uncertainty import Uncertainty, uncertainty
 
 _DRAWN = ("least squares", "constrained")
 
@@ -147,56 +147,15 @@ def identify_problem(
     estimates = identify(problem, training, base=base)
     excitation = excitation_of(build_regression(problem.model, training), base)
     tables = [excitation_table(excitation, training)]
-    tables += [parameter_table(estimate) for estimate in estimates]
+    tables += [estimate.table() for estimate in estimates]
     if output is not None:
         for estimate in estimates:
             estimate.save(output / f"{estimate.method.replace(' ', '_')}.json")
     return estimates, tables
 
 
-def parameter_table(estimate: Estimate) -> Table:
-    """Return an estimate's parameters, with standard errors where there are any."""
-    layout = estimate.model.layout
-    errors = estimate.standard_errors
-    if errors is None:
-        return Table(
-            f"{estimate.method}: {estimate.certificate.verdict}",
-            ("parameter", "value", "unit", "rests on"),
-            tuple(
-                (name, f"{value:.6g}", unit, origin)
-                for name, value, unit, origin in zip(
-                    layout.names,
-                    estimate.parameters,
-                    layout.units,
-                    estimate.origins,
-                    strict=True,
-                )
-            ),
-            (estimate.certificate.reason, *estimate.notes),
-        )
-    return Table(
-        f"{estimate.method}: {estimate.certificate.verdict}",
-        ("base parameter, led by", "value", "standard error", "unit"),
-        tuple(
-            (name, f"{value:.6g}", f"{error:.2g}", layout.units[i])
-            for name, value, error, i in zip(
-                estimate.base.names,
-                estimate.base_values,
-                errors,
-                estimate.base.independent,
-                strict=True,
-            )
-        ),
-        (
-            estimate.certificate.reason,
-            *estimate.notes,
-            *(f"left open by the data: {text}" for text in estimate.undetermined),
-        ),
-    )
-
-
 def compare_problem(
-    problem: Problem, output: Path | None = None
+    problem: Problem, output: Path | None = None, *, progress: bool = False
 ) -> tuple[Study, list[Table], list[Path]]:
     """Work a problem through and compare its estimates.
 
@@ -205,6 +164,8 @@ def compare_problem(
     problem : Problem
     output : Path, optional
         Folder for ``comparison.md``, ``comparison.json`` and figures.
+    progress : bool
+        Show how far it is, on the standard error.
 
     Returns
     -------
@@ -214,7 +175,7 @@ def compare_problem(
     """
     if output is not None:
         require_writable(output)
-    study = run_study(problem)
+    study = run_study(problem, progress=progress)
     tables = study_tables(study)
     written = []
     if output is not None:

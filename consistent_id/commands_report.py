@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from consistent_id._files import require_writable, write_atomically
+from consistent_id._files import require_writable
 from consistent_id.commands import check_problem, uncertainty_of
 from consistent_id.problem import Problem
-from consistent_id.report import Advice, advise, report_html
+from consistent_id.report import Advice, advise, write_report
 from consistent_id.study import run_study
 
 
@@ -49,7 +49,7 @@ def report_problem(
     command : str
         By which the report is made again.
     progress : bool
-        Whether to show the bootstrap's.
+        Show how far it is, on the standard error.
 
     Raises
     ------
@@ -57,15 +57,19 @@ def report_problem(
         See `run_study`; before that, if the file cannot be written.
     """
     require_writable(output.parent)
-    study = run_study(problem)
+    study = run_study(problem, progress=progress)
     uncertainty, _ = uncertainty_of(problem, seed=seed, progress=progress)
     # What is simulated needs no detective.
     recorded = problem.table.data is not None
     diagnosis = check_problem(problem)[0] if recorded else None
-    text = report_html(
-        study, diagnosis=diagnosis, uncertainty=uncertainty, seed=seed, command=command
+    path = write_report(
+        study,
+        output,
+        diagnosis=diagnosis,
+        uncertainty=uncertainty,
+        seed=seed,
+        command=command,
     )
-    path = write_atomically(output, text)
     faults = 0 if diagnosis is None else len(diagnosis.faults)
     advice = advise(study.comparison, diagnosis)
-    return Reported(path, advice, faults, len(text.encode()))
+    return Reported(path, advice, faults, path.stat().st_size)

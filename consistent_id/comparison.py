@@ -7,7 +7,7 @@ import numpy as np
 
 from consistent_id._arrays import Vector
 from consistent_id._threads import single_threaded
-from consistent_id.base_feasibility import BaseFeasibility, base_feasibility
+from consistent_id.base_bodies import BaseFeasibility, base_feasibility
 from consistent_id.certificate import Verdict
 from consistent_id.distances import pullback_distance
 from consistent_id.errors import ProblemError
@@ -17,6 +17,7 @@ from consistent_id.mass_matrix import POSES, least_mass_eigenvalue, random_poses
 from consistent_id.recording import Recording
 from consistent_id.regressor import TorqueModel
 from consistent_id.scaling import reference_bodies
+from consistent_id.tables import Table
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,6 +79,13 @@ class EstimateReport:
         return tuple(link.consistent for link in self.links)
 
     @property
+    def refusal(self) -> str:
+        """Why no robot could have these parameters, or the certificate's reason."""
+        if self.base_feasibility.answer == "impossible":
+            return self.base_feasibility.summary
+        return self.estimate.certificate.reason
+
+    @property
     def verdict(self) -> Verdict:
         """``refused`` where no robot could have these parameters, else its own."""
         if self.base_feasibility.answer == "impossible":
@@ -98,6 +106,48 @@ class Comparison:
                 return report
         known = ", ".join(report.estimate.method for report in self.reports)
         raise ProblemError(f"no estimate by {method!r}; there are: {known}")
+
+    def __repr__(self) -> str:
+        verdicts = (f"{r.estimate.method!r}: {r.verdict}" for r in self.reports)
+        return f"Comparison({', '.join(verdicts)})"
+
+    def __str__(self) -> str:
+        return verdict_table(self).text()
+
+    def _repr_html_(self) -> str:
+        return verdict_table(self).html()
+
+
+def verdict_table(comparison: Comparison) -> Table:
+    """Return each estimate's verdict, and how well it predicts torque held out."""
+    reports = comparison.reports
+    certified = [r.estimate.method for r in reports if r.verdict == "certified"]
+    held_out = [error.recording for error in reports[0].validation]
+    refused = (
+        f"{r.estimate.method} is refused: {r.refusal}"
+        for r in reports
+        if r.verdict == "refused"
+    )
+    return Table(
+        f"{comparison.model.robot.name}: {len(certified)} of {len(reports)} estimates "
+        "are certified",
+        (
+            "estimate",
+            "verdict",
+            "links that are bodies",
+            *(f"torque error on {name}" for name in held_out),
+        ),
+        tuple(
+            (
+                r.estimate.method,
+                r.verdict,
+                f"{sum(r.consistent_links)} of {len(r.consistent_links)}",
+                *(f"{error.stacked:.2%}" for error in r.validation),
+            )
+            for r in reports
+        ),
+        tuple(refused),
+    )
 
 
 @single_threaded

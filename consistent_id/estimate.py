@@ -3,17 +3,22 @@
 import json
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Self, get_args
+from typing import TYPE_CHECKING, Any, Self, get_args
 
 import numpy as np
 
 from consistent_id._arrays import Array, Matrix, Vector, frozen
+from consistent_id._extras import pandas
 from consistent_id._files import write_atomically
 from consistent_id.base import BaseParameters
 from consistent_id.certificate import Verdict
 from consistent_id.errors import ProblemError
 from consistent_id.recording import Recording
 from consistent_id.regressor import TorqueModel
+from consistent_id.tables import Table
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 _FORMAT = "consistent_id estimate 1"
 
@@ -97,6 +102,12 @@ class Estimate:
             f"{len(self.parameters)}, {self.certificate.verdict})"
         )
 
+    def __str__(self) -> str:
+        return self.table().text()
+
+    def _repr_html_(self) -> str:
+        return self.table().html()
+
     @property
     def base_values(self) -> Vector:
         """Base parameters, shape (base,)."""
@@ -139,6 +150,73 @@ class Estimate:
             recording.velocity,
             recording.acceleration,
         )
+
+    def table(self) -> Table:
+        """Return the verdict and the parameters, for people.
+
+        Of what has standard errors the base parameters, which alone are determined by
+        the data; else the standard parameters, with what each rests on.
+        """
+        title = f"{self.method}: {self.certificate.verdict}"
+        notes = (self.certificate.reason, *self.notes)
+        units, errors = self.model.layout.units, self.standard_errors
+        if errors is None:
+            return Table(
+                title,
+                ("parameter", "value", "unit", "rests on"),
+                tuple(
+                    (name, f"{value:.6g}", unit, origin)
+                    for name, value, unit, origin in zip(
+                        self.model.layout.names,
+                        self.parameters,
+                        units,
+                        self.origins,
+                        strict=True,
+                    )
+                ),
+                notes,
+            )
+        return Table(
+            title,
+            ("base parameter, led by", "value", "standard error", "unit"),
+            tuple(
+                (name, f"{value:.6g}", f"{error:.2g}", units[i])
+                for name, value, error, i in zip(
+                    self.base.names,
+                    self.base_values,
+                    errors,
+                    self.base.independent,
+                    strict=True,
+                )
+            ),
+            (*notes, *(f"left open by the data: {text}" for text in self.undetermined)),
+        )
+
+    def to_frame(self) -> "DataFrame":
+        """Return the standard parameters as a pandas data frame.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Indexed by ``parameter``, with columns ``value``, ``unit`` and
+            ``rests_on``; the method and the verdict are in its ``attrs``.
+
+        Raises
+        ------
+        ProblemError
+            If pandas is not installed.
+        """
+        layout = self.model.layout
+        frame = pandas().DataFrame(
+            {
+                "value": self.parameters,
+                "unit": list(layout.units),
+                "rests_on": list(self.origins),
+            },
+            index=pandas().Index(layout.names, name="parameter"),
+        )
+        frame.attrs = {"method": self.method, "verdict": self.certificate.verdict}
+        return frame
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything but the model as plain numbers and text."""

@@ -4,8 +4,9 @@ from typing import Annotated, Literal
 
 from msgspec import Meta
 
-from consistent_id.file_tables import Pair, Positive, Table
+from consistent_id.file_tables import NonNegative, Pair, Positive, Table
 
+Three = tuple[float, float, float]
 PerJoint = Positive | list[Positive] | dict[str, Positive]
 
 
@@ -18,6 +19,56 @@ class LimitsTable(Table, frozen=True, kw_only=True):
     jerk: PerJoint | None = None
     effort: PerJoint | None = None
     share: Annotated[float, Meta(gt=0.0, le=1.0)] = 1.0
+
+
+class SphereTable(Table, frozen=True, kw_only=True):
+    """A ball about the body's position; in m, as all that follow."""
+
+    radius: Positive
+
+
+class BoxTable(Table, frozen=True, kw_only=True):
+    """A box about the body's position."""
+
+    size: tuple[Positive, Positive, Positive]
+
+
+class RodTable(Table, frozen=True, kw_only=True):
+    """A capsule or cylinder: along z of the body, or between two points."""
+
+    radius: Positive
+    length: Positive | None = None
+    ends: tuple[Three, Three] | None = None
+
+
+class BodyTable(Table, frozen=True, kw_only=True):
+    """A body of the robot, on a link, or without one an obstacle: one of four shapes.
+
+    `position` [m] and `rpy_deg` [degrees] place it in the link's or the base's frame.
+    """
+
+    name: Annotated[str, Meta(min_length=1)]
+    link: str | None = None
+    position: Three = (0.0, 0.0, 0.0)
+    rpy_deg: Three = (0.0, 0.0, 0.0)
+    sphere: SphereTable | None = None
+    box: BoxTable | None = None
+    capsule: RodTable | None = None
+    cylinder: RodTable | None = None
+
+
+class SceneTable(Table, frozen=True, kw_only=True):
+    """What must not touch: the robot's own bodies, and what stands around it."""
+
+    robot: Literal["urdf", "bodies"] = "urdf"
+    elements: Literal["collision", "visual"] = "collision"
+    packages: list[str] = []
+    pieces: Annotated[int, Meta(ge=1)] = 4
+    ground: float | None = None
+    bodies: list[BodyTable] = []
+    clearance: NonNegative = 0.0
+    extra: dict[str, NonNegative] = {}
+    allowed: list[tuple[str, str]] = []
 
 
 class ExcitationTable(Table, frozen=True, kw_only=True):
@@ -36,3 +87,4 @@ class ExcitationTable(Table, frozen=True, kw_only=True):
     rate: Positive = 100.0
     start_pose: dict[str, float] = {}
     limits: LimitsTable = LimitsTable()
+    scene: SceneTable | None = None

@@ -132,6 +132,7 @@ class LaboratoryTable(Table, frozen=True, kw_only=True):
     experiments: Annotated[list[str], Meta(min_length=1)]
     cutoff: Positive
     cameras: CamerasTable
+    verification: list[str] = []
     trim: NonNegative = 0.0
     seed: Annotated[int, Meta(ge=0)] = 0
     substeps: Annotated[int, Meta(ge=1)] = 2

@@ -30,6 +30,7 @@ from consistent_id.recording import Recording
 from consistent_id.regressor import TorqueModel
 from consistent_id.signals import Track, trimmed
 from consistent_id.sinusoids import Sinusoid, SinusoidalMotion
+from consistent_id.tables import Table
 
 
 @dataclass(frozen=True)
@@ -44,8 +45,8 @@ class Problem:
     model : TorqueModel
     constraints : tuple of Constraint
     prior : PointToSet or Penalty
-    file : Path, optional
-        That it was read from.
+    source : Path, optional
+        File that it was read from.
     """
 
     folder: Path
@@ -53,7 +54,34 @@ class Problem:
     model: TorqueModel
     constraints: tuple[Constraint, ...]
     prior: Prior
-    file: Path | None = None
+    source: Path | None = None
+
+    def __repr__(self) -> str:
+        robot = self.model.robot
+        return (
+            f"Problem({self.name!r}: robot {robot.name!r} with {len(robot)} joints, "
+            f"{len(self.model.layout)} parameters, {self._recorded()})"
+        )
+
+    def _repr_html_(self) -> str:
+        terms = {", ".join(t.names) or "none" for t in self.model.terms}
+        rows = (
+            ("robot", self.model.robot.name),
+            ("joints", ", ".join(self.model.robot.joint_names)),
+            ("drive terms", "; ".join(sorted(terms))),
+            ("constraints", ", ".join(type(c).__name__ for c in self.constraints)),
+            ("prior", repr(self.prior)),
+            ("data", self._recorded()),
+        )
+        note = (self.table.description,) if self.table.description else ()
+        return Table(f"Problem {self.name}", ("what", "which"), rows, note).html()
+
+    def _recorded(self) -> str:
+        if self.table.data is None:
+            return "simulated data" if self.has_data else "no data"
+        roles = [entry.role for entry in self.table.data.recordings]
+        learned, judged = roles.count("training"), roles.count("validation")
+        return f"{learned} recordings to learn from, {judged} to judge by"
 
     @property
     def name(self) -> str:
@@ -65,9 +93,13 @@ class Problem:
         """Files that the robot was loaded from, by format: ``urdf``, ``mjcf``."""
         model = self.table.model
         return {
-            form: None if name is None else self.folder / expanded(name, self.name)
+            form: None if name is None else self.file(name)
             for form, name in (("urdf", model.urdf), ("mjcf", model.mjcf))
         }
+
+    def file(self, path: str) -> Path:
+        """Return a path of the file: from its folder, with ``${NAME}`` replaced."""
+        return self.folder / expanded(path, self.name)
 
     @cached_property
     def training(self) -> tuple[Recording, ...]:
@@ -119,17 +151,17 @@ class Problem:
     @property
     def missing(self) -> tuple[str, ...]:
         """Recordings of the file that are not there."""
-        return tuple(f for f in self._recorded if not self._path(f).exists())
+        return tuple(f for f in self._logs if not self._path(f).exists())
 
     @property
     def files(self) -> dict[str, Path]:
         """All files that the problem consists of, by the names it gives them."""
-        found = {} if self.file is None else {self.file.name: self.file}
+        found = {} if self.source is None else {self.source.name: self.source}
         found |= {p.name: p for p in self.model_files.values() if p is not None}
-        return found | {file: self._path(file) for file in self._recorded}
+        return found | {file: self._path(file) for file in self._logs}
 
     @property
-    def _recorded(self) -> tuple[str, ...]:
+    def _logs(self) -> tuple[str, ...]:
         data = self.table.data
         if data is None:
             return ()
@@ -220,7 +252,23 @@ def load_problem(path: str | Path) -> Problem:
             "them all with load_problems"
         )
     (file,) = files
-    table = read_problem_table(file)
+    return problem_of(read_problem_table(file), file)
+
+
+def problem_of(table: ProblemTable, file: Path) -> Problem:
+    """Return the problem that a problem file's content states.
+
+    Parameters
+    ----------
+    table : ProblemTable
+    file : Path
+        Files are named relative to its folder; it need not be there itself.
+
+    Raises
+    ------
+    ProblemError, ModelError
+        See `load_problem`.
+    """
     model = torque_model(table, file)
     if table.data is not None:
         columns = table.data.columns or ColumnsTable()
@@ -235,7 +283,7 @@ def load_problem(path: str | Path) -> Problem:
         model=model,
         constraints=constraints,
         prior=_prior(table.prior, file),
-        file=file,
+        source=file,
     )
 
 

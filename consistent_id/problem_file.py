@@ -273,6 +273,7 @@ class PublishedTable(Table, frozen=True, kw_only=True):
     standard_deviation: list[float] = []
     central_inertia: dict[str, list[float]] = {}
     mean_squared_errors: list[list[float]] = []
+    notes: list[str] = []
     decimals: int = 4
 
 
@@ -316,6 +317,17 @@ def read_problem_table(path: Path) -> ProblemTable:
         text = path.read_bytes()
     except OSError as cause:
         raise ProblemError(f"{path}: cannot be read ({cause.strerror})") from None
+    return problem_table(text, path)
+
+
+def problem_table(text: str | bytes, path: Path) -> ProblemTable:
+    """Decode the text of a problem file; the path is for messages.
+
+    Raises
+    ------
+    ProblemError
+        If it does not fit; with the path of the faulty key.
+    """
     try:
         return msgspec.toml.decode(text, type=ProblemTable)
     except msgspec.ValidationError as cause:

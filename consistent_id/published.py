@@ -7,7 +7,7 @@ import numpy as np
 
 from consistent_id._arrays import Array, Matrix, Vector
 from consistent_id.base import base_parameters, linear_combination
-from consistent_id.base_feasibility import BaseFeasibility, base_feasibility
+from consistent_id.base_bodies import BaseFeasibility, base_feasibility
 from consistent_id.constraints import (
     Constraint,
     FixedCentresOfMass,
@@ -158,7 +158,7 @@ def check_published(problem: Problem) -> PublishedReport:
         f"experiment {i}": row for i, row in enumerate(experiments, start=1)
     }
     standard = {name: mine.parameters(alpha, known) for name, alpha in vectors.items()}
-    inertia = _central_inertia(problem.model, standard["mean"])
+    inertia = central_inertia_of(problem.model, standard["mean"])
     return PublishedReport(
         parametrisation=mine,
         motion=motion,
@@ -222,8 +222,11 @@ def _differences(
     }
 
 
-def _central_inertia(model: TorqueModel, x: Vector) -> dict[str, Array]:
-    """Return A, B, C, D, E, F of each link; products are ``-Iyz, -Ixz, -Ixy``."""
+def central_inertia_of(model: TorqueModel, x: Vector) -> dict[str, Array]:
+    """Return A, B, C, D, E, F of each link; products are ``-Iyz, -Ixz, -Ixy``.
+
+    About the centre of mass; of a link without a known mass, about its origin.
+    """
     tables = {}
     for k, name in enumerate(model.layout.links):
         body = InertialParameters(x[10 * k : 10 * k + 10])

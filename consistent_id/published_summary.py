@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from consistent_id._arrays import Array
-from consistent_id.base_feasibility import in_words
+from consistent_id.base_bodies import in_words
 from consistent_id.published import PublishedReport
 from consistent_id.tables import Table
 

@@ -2,13 +2,19 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
 from consistent_id._arrays import Matrix, Vector, frozen
+from consistent_id._extras import pandas, xarray
 from consistent_id.errors import RecordingError
 from consistent_id.parameters import did_you_mean
+from consistent_id.tables import Table
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+    from xarray import Dataset
 
 _LATEST = 1e12  # s, some 30 000 years: no clock that still resolves milliseconds
 _CHANNELS = ("position", "velocity", "acceleration", "torque")
@@ -109,8 +115,23 @@ class Recording:
             )
         return array
 
+    def __repr__(self) -> str:
+        return (
+            f"Recording({self.name!r}: {len(self)} samples of {len(self.joints)} "
+            f"joints, {self.duration:.4g} s at {self.rate:.4g} Hz; "
+            f"{', '.join(self.channels)})"
+        )
+
+    def _repr_html_(self) -> str:
+        return self.table().html()
+
     def __len__(self) -> int:
         return len(self.time)
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """The channels that were recorded, position first."""
+        return tuple(name for name in _CHANNELS if getattr(self, name) is not None)
 
     @property
     def duration(self) -> float:
@@ -143,6 +164,61 @@ class Recording:
             if (values := getattr(self, channel)) is not None
         }
         return replace(self, joints=tuple(joints), **channels)
+
+    def table(self) -> Table:
+        """Return how far each joint moved and how hard it was driven, for people."""
+        channels = {name: getattr(self, name) for name in self.channels}
+        return Table(
+            f"{self.name}: {len(self)} samples, {self.duration:.4g} s at "
+            f"{self.rate:.4g} Hz",
+            ("joint", *channels),
+            tuple(
+                (
+                    joint,
+                    *(
+                        f"{values[:, k].min():.4g} to {values[:, k].max():.4g}"
+                        for values in channels.values()
+                    ),
+                )
+                for k, joint in enumerate(self.joints)
+            ),
+            ("least and largest, in rad, m, s, N m and N",),
+        )
+
+    def to_frame(self) -> "DataFrame":
+        """Return all channels as a pandas data frame.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Indexed by ``time`` [s]; columns ``(channel, joint)``.
+
+        Raises
+        ------
+        ProblemError
+            If pandas is not installed.
+        """
+        columns = pandas().MultiIndex.from_product(
+            (self.channels, self.joints), names=("channel", "joint")
+        )
+        values = np.hstack([getattr(self, name) for name in self.channels])
+        index = pandas().Index(self.time, name="time")
+        return pandas().DataFrame(values, index=index, columns=columns)
+
+    def to_xarray(self) -> "Dataset":
+        """Return all channels as an xarray data set with axes ``time`` and ``joint``.
+
+        Raises
+        ------
+        ProblemError
+            If xarray is not installed.
+        """
+        axes = ("time", "joint")
+        return xarray().Dataset(
+            {name: (axes, getattr(self, name)) for name in self.channels},
+            coords={"time": self.time, "joint": list(self.joints)},
+            attrs={"name": self.name},
+        )
 
     def samples(self, keep: slice) -> Self:
         """Return a run of samples (every ``keep.step``-th of them)."""

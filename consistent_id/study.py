@@ -1,10 +1,11 @@
 """From a problem to its answer: identify, compare, with everything that was found."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from consistent_id._progress import stages
 from consistent_id.base import (
     BaseParameters,
     ConditionNumber,
@@ -13,7 +14,7 @@ from consistent_id.base import (
     linear_combination,
 )
 from consistent_id.comparison import Comparison, compare
-from consistent_id.constraint_costs import ConstraintCost, constraint_costs
+from consistent_id.constraint_prices import ShadowPrice, shadow_prices
 from consistent_id.constraints import PhysicalConsistency
 from consistent_id.cross_validation import RegularisationPath, cross_validated
 from consistent_id.errors import ProblemError
@@ -26,13 +27,13 @@ from consistent_id.estimators.least_squares import (
     weighted_least_squares,
 )
 from consistent_id.estimators.robust import huber
+from consistent_id.fit_costs import ConstraintCost, constraint_costs
 from consistent_id.problem import Problem
 from consistent_id.published import PublishedReport, check_published
 from consistent_id.published_estimate import published_least_squares
 from consistent_id.recording import Recording
 from consistent_id.regression import Regression, build_regression
 from consistent_id.segments import segment_regressions
-from consistent_id.shadow_prices import ShadowPrice, shadow_prices
 from consistent_id.simulation import simulate_torque
 
 
@@ -180,18 +181,32 @@ def regularisation_path(
     )
 
 
-def run_study(problem: Problem) -> Study:
+def run_study(problem: Problem, *, progress: bool = False) -> Study:
     """Work a problem through: its paper if it has one, estimates, comparison.
+
+    Parameters
+    ----------
+    problem : Problem
+    progress : bool
+        Show how far it is, on the standard error.
 
     Raises
     ------
     ProblemError
         If the problem has neither recordings nor a simulated experiment.
     """
+    with stages(6, progress) as begin:
+        return _run_study(problem, begin)
+
+
+def _run_study(problem: Problem, begin: Callable[[str], None]) -> Study:
+    begin("recordings")
     published = None if problem.table.published is None else check_published(problem)
     training, validation = recordings_of(problem, published)
     base = base_parameters(problem.model)
+    begin("weight of the prior")
     path = regularisation_path(problem, training, base=base)
+    begin("estimates")
     estimates = identify(problem, training, base=base, path=path)
     if published is not None:
         estimates = (
@@ -199,17 +214,22 @@ def run_study(problem: Problem) -> Study:
             *estimates,
         )
     regression = build_regression(problem.model, training)
+    excitation = excitation_of(regression, base)
+    begin("comparison")
+    comparison = compare(estimates, validation, training=training)
+    begin("costs of constraints")
+    costs = constraint_costs(problem.model, regression, problem.constraints, base=base)
+    begin("shadow prices")
+    prices = shadow_prices(problem.model, regression, problem.constraints, base=base)
     return Study(
         problem=problem,
         base=base,
         training=training,
         validation=validation,
-        excitation=excitation_of(regression, base),
-        comparison=compare(estimates, validation, training=training),
-        costs=constraint_costs(
-            problem.model, regression, problem.constraints, base=base
-        ),
-        prices=shadow_prices(problem.model, regression, problem.constraints, base=base),
+        excitation=excitation,
+        comparison=comparison,
+        costs=costs,
+        prices=prices,
         path=path,
         published=published,
     )

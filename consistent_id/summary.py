@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 
 from consistent_id.comparison import Comparison, EstimateReport
-from consistent_id.constraint_costs import ConstraintCost
+from consistent_id.constraint_prices import ShadowPrice
 from consistent_id.cross_validation import RegularisationPath
+from consistent_id.fit_costs import ConstraintCost
+from consistent_id.parameter_uncertainty import Uncertainty
 from consistent_id.published_summary import published_tables
-from consistent_id.shadow_prices import ShadowPrice
 from consistent_id.study import Excitation, Study
 from consistent_id.tables import Table
-from consistent_id.uncertainty import Uncertainty
 
 _DEAREST = 12  # single constraints shown
 
@@ -138,7 +138,7 @@ def comparison_tables(comparison: Comparison) -> list[Table]:
         tables.append(_error_table(f"Torque {where}", joints, reports, i))
         tables.append(_mse_table(f"Mean squared error {where}", joints, reports, i))
     tables.append(_consistency_table(reports))
-    whys = tuple(f"{r.estimate.method}: {r.verdict}; {_reason(r)}" for r in reports)
+    whys = tuple(f"{r.estimate.method}: {r.verdict}; {r.refusal}" for r in reports)
     return [*tables, Table("Why", (), (), whys)]
 
 
@@ -180,12 +180,6 @@ def _consistency_table(reports: Sequence[EstimateReport]) -> Table:
 def _to_nearest(report: EstimateReport) -> str:
     nearest = report.base_feasibility.nearest
     return "-" if nearest is None else f"{nearest.torque_change:.2%}"
-
-
-def _reason(report: EstimateReport) -> str:
-    if report.base_feasibility.answer == "impossible":
-        return report.base_feasibility.summary
-    return report.estimate.certificate.reason
 
 
 def _error_table(

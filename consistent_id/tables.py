@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from html import escape
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +54,21 @@ class Table:
             lines.append("")
         lines += [f"{note}\n" for note in self.notes]
         return "\n".join(lines)
+
+    def html(self) -> str:
+        """Return the table as HTML, for notebooks."""
+        rows = "".join(_html_row(row, "td") for row in self.rows)
+        head = _html_row(self.header, "th") if self.rows else ""
+        notes = "".join(f"<p>{escape(note)}</p>" for note in self.notes)
+        return (
+            f"<table><caption>{escape(self.title)}</caption>"
+            f"<thead>{head}</thead><tbody>{rows}</tbody></table>{notes}"
+        )
+
+
+def _html_row(cells: Sequence[str], tag: str) -> str:
+    inner = "".join(f"<{tag}>{escape(cell)}</{tag}>" for cell in cells)
+    return f"<tr>{inner}</tr>"
 
 
 def _row(cells: Sequence[str]) -> str:

@@ -82,3 +82,51 @@ def test_the_table_of_repaired_robots_can_be_made(tmp_path):
     assert (before, after) == (1, 0)
     table = repair.page([repair.Case("robot.urdf", done, before, after, 0)])
     assert "| robot.urdf | 4 | 1 |" in table
+
+
+def test_the_wrist_draws_what_it_is_to_write():
+    cases = _benchmark("excitation").cases
+    robot = cases.rx60_problem().model.robot
+    path = cases.writing_tasks(10.0)["a circle"]
+    middle = np.array([0.4, 0.05, 0.25])
+    for q in path.evaluate([0.0, 3.0, 7.7])[0]:
+        away = cases._wrist(robot, q) - middle
+        # Twelve harmonics of the joints' motion leave a tenth of a millimetre.
+        assert np.linalg.norm(away) == pytest.approx(cases.SIZE, abs=1e-4)
+        assert away[2] == pytest.approx(0.0, abs=1e-4)
+
+
+def test_random_paths_of_the_benchmark_use_all_of_the_limits():
+    cases = _benchmark("excitation").cases
+    case = cases.rx60()
+    margins = cases.motion_margins(cases.random_path(case, 0), case.limits)
+    assert margins.holds
+    for joint in case.limits.joints:
+        least = min(m.relative for m in margins.margins if m.joint == joint)
+        assert least < 0.01
+
+
+def test_simulated_scatter_is_that_of_the_prediction():
+    excitation = _benchmark("excitation")
+    cases, case = excitation.cases, excitation.cases.rx60()
+    path, noise = cases.random_path(case, 0), np.array([0.1, 0.2, 0.3])
+    mine = excitation.montecarlo.scatter(case, path, path, noise)
+    base = cases.ci.base_parameters(case.model)
+    expected = cases.predicted_accuracy(
+        case.model, base, path, cases.Aim(noise=noise, rate=cases.RATE)
+    ).standard_errors()
+    # 500 draws know a standard deviation to 3 %.
+    assert mine.errors == pytest.approx(expected, rel=0.15)
+
+
+def test_rivals_are_measured_within_the_limits():
+    rivals = _benchmark("excitation").rivals
+    case = _benchmark("excitation").cases.rx60()
+    judge = rivals.Judge(case, 60.0)
+    path = 5.0 * judge.searcher.random(0)
+    inside = judge.searcher.limits.within(path)
+    expected = judge.searcher.score("condition", inside)
+    assert judge(path.ravel()) == pytest.approx(expected)
+    assert judge.trace[-1][1] == pytest.approx(np.exp(expected))
+    with pytest.raises(rivals.TimeIsUp):
+        rivals.random_search(rivals.Judge(case, 0.2), 0)

@@ -101,7 +101,7 @@ def test_wrong_usage_ends_with_2(capsys):
 def test_an_interrupt_ends_with_130_and_leaves_nothing_half_written(
     tmp_path, capsys, monkeypatch
 ):
-    def interrupted(*_):
+    def interrupted(*_, **__):
         raise KeyboardInterrupt
 
     monkeypatch.setattr("consistent_id.commands.run_study", interrupted)
@@ -112,7 +112,8 @@ def test_an_interrupt_ends_with_130_and_leaves_nothing_half_written(
 
 def test_help_does_not_load_solvers():
     code = (
-        "import sys; from consistent_id.cli import _parser; _parser().format_help();"
+        "import sys; from consistent_id.cli.tool import tool_parser;"
+        "tool_parser().format_help();"
         "heavy = {'cvxpy', 'casadi', 'pinocchio', 'scipy', 'matplotlib'};"
         "sys.exit(bool(heavy & set(sys.modules)))"
     )

@@ -21,7 +21,7 @@ from consistent_id import (
     least_squares,
     simulate_torque,
 )
-from consistent_id.base_feasibility import in_words
+from consistent_id.base_bodies import in_words
 from consistent_id.comparison import torque_error
 from consistent_id.mass_matrix import mass_matrices, random_poses
 from consistent_id.summary import comparison_tables

@@ -27,7 +27,7 @@ from consistent_id import (
     least_squares,
     simulate_torque,
 )
-from consistent_id.constraint_costs import constraint_costs
+from consistent_id.fit_costs import constraint_costs
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -12,58 +12,67 @@ ORDER = """
 errors _newton_euler _files _arrays _threads inertia log_cholesky parameters model
 chains loaders.findings loaders._xml loaders._urdf_tree loaders._urdf_parts
 loaders._urdf_lint loaders.urdf loaders._mjcf_checks loaders.mjcf loaders.dh loaders
-_joint_geometry recording scaling conic constraints.solids priors cones cone_program
+_joint_geometry scaling conic constraints.solids priors cones cone_program
 second_opinion certificate feasibility conflict estimators.body_variables
-estimators.smooth_fit estimators diagnosis.findings diagnosis.clock
-diagnosis.corrections tables readers.mat_lint readers.merging readers.units
-readers.columns readers.arrays readers.csv readers.frames readers.hdf5
-readers.jointstate readers.bag readers.mat readers.npz readers.parquet readers.files
-correlation drive_terms friction regressor base simulation constraints._rows
-constraints.datasheet constraints.parameters constraints.shape constraints.symmetry
-distances estimate link_condition mass_matrix figures constraints.motors constraints
-base_feasibility estimators.constraint_variables comparison shapes signals.clocks
-signals.differences signals.filters signals.kalman signals.resolution signals.masks
-signals.cuts signals.savitzky_golay signals.smoother signals.track signals.alignment
-signals.delay diagnosis.tell sinusoids excitation paths trajectory signals.fourier
-signals.period excitation._callbacks excitation.criteria excitation.kernels
-trajectory_files.content trajectory_files.ros trajectory_files.urscript kinematics
-curves frame_motion writing_tasks path_refusals writer inverse_kinematics
-laboratory.control laboratory.robot laboratory.sensors laboratory.closed_loop
-laboratory.experiment laboratory.one_clock laboratory file_tables excitation_file
-laboratory_file problem_file problem_constraints signals.folds signals preparation
-problem_folder problem_model readers.tracks readers trajectory_files.tables problem
-problem_laboratory problem_list row_filter regression estimators.least_squares
-estimators.robust segments parametrisation estimators.scaled_fit estimators.best_fit
-estimators.penalised estimators.nearest estimators.contradiction estimators.settled
-estimators.constrained estimators.smooth cross_check cross_validation bootstrap
-intervals sensitivity uncertainty constraint_costs shadow_prices diagnosis.explain
+estimators.smooth_fit estimators diagnosis.findings tables readers.mat_lint
+readers.merging readers.units readers.columns correlation drive_terms friction regressor
+base constraints._rows constraints.datasheet constraints.parameters constraints.shape
+constraints.symmetry distances link_condition mass_matrix constraints.motors constraints
+base_bodies estimators.constraint_variables shapes signals.kalman diagnosis.tell
+excitation excitation._callbacks excitation.criteria excitation.kernels kinematics
+curves frame_motion writing_tasks path_refusals writer laboratory.robot
+laboratory.sensors file_tables excitation_file laboratory_file problem_file
+problem_constraints problem_folder problem_model row_filter export._numpy_template
+export.exported export.shares loaders._splice loaders._urdf_inertial export._mjcf_text
+repair.nearest repair.statement repair.account repair.tell repair.link repair.urdf
+repair export._mjcf_tree diagnosis.jackknife collisions collisions.bodies
+collisions.pieces collisions.scene collisions.reach collisions.separation
+collisions.scene_building collisions.urdf_bodies collisions.scene_file motion
+motion.bernstein motion.limits motion.polynomial_path proofs proofs.grids
+proofs.interval proofs.jets proofs.peaks cli.options _face readers.names _extras
+recording diagnosis.clock diagnosis.corrections readers.arrays readers.csv
+readers.frames readers.hdf5 readers.jointstate readers.bag readers.mat readers.npz
+readers.parquet readers.files simulation estimate figures comparison signals.clocks
+signals.differences signals.filters signals.resolution signals.masks signals.cuts
+signals.savitzky_golay signals.smoother signals.track signals.alignment signals.delay
+sinusoids paths trajectory signals.fourier signals.period trajectory_files.content
+trajectory_files.ros trajectory_files.urscript inverse_kinematics laboratory.control
+laboratory.closed_loop laboratory.experiment laboratory.one_clock laboratory
+signals.folds signals preparation readers.tracks readers trajectory_files.tables problem
+problem_laboratory problem_list regression estimators.least_squares estimators.robust
+segments parametrisation estimators.scaled_fit estimators.best_fit estimators.penalised
+estimators.nearest estimators.contradiction estimators.settled estimators.constrained
+estimators.smooth fit_cross_check cross_validation segment_bootstrap intervals
+sensitivity parameter_uncertainty fit_costs constraint_prices diagnosis.explain
 estimators.gain_search loaded_robot estimators.gains loaded_constraints
 estimators.payload shaped_regression shape_misfit shape_profile shape_fit cutoff
-excitation.aims excitation.accuracy published published_estimate study
-diagnosis.coverage published_summary summary record reproduction reproduction_tables
-export._numpy_template export.drive_values export.exported export.pedigree
-export.casadi_functions export.c_source export.numpy_source export.pinocchio_model
-export._mjcf_body export.record export.shares loaders._splice loaders._urdf_inertial
-export._mjcf_text repair.nearest repair.statement repair.account repair.tell repair.link
-repair.urdf repair cli_repair export._mjcf_tree export._mjcf_source export.new_urdf
-export.urdf export._mjcf_gears export.mjcf commands_export cli_export export
-diagnosis.jackknife diagnosis.linearise diagnosis.small_shifts diagnosis.repeats
-diagnosis.diagnose diagnosis commands collisions collisions.bodies collisions.pieces
-collisions.scene collisions.reach collisions.separation collisions.clearance
-collisions.scene_building collisions.urdf_bodies collisions.scene_file motion
-motion.bernstein motion.limits excitation.basis excitation.information excitation.guards
-excitation.search_task excitation.asked motion.motion_state motion.polynomial_path
-motion.move trajectory_files.document trajectory_files.files trajectory_files
-motion.transfers motion.approaches motion.move_along proofs proofs.grids
-excitation.limit_rows excitation.programme excitation.search excitation.starts
-proofs.interval proofs.jets proofs.peaks proofs.extremes proofs.friction_bounds
+excitation.aims excitation.accuracy published published_estimate published_summary
+export.drive_values export.pedigree export.casadi_functions export.c_source
+export.numpy_source export.pinocchio_model export._mjcf_body export.record
+export._mjcf_source export.new_urdf export.urdf export._mjcf_gears export.mjcf export
+diagnosis.linearise diagnosis.small_shifts diagnosis.repeats collisions.clearance
+excitation.basis excitation.information excitation.guards excitation.search_task
+motion.motion_state motion.move trajectory_files.document trajectory_files.files
+trajectory_files motion.transfers motion.approaches motion.move_along
+excitation.limit_rows excitation.programme proofs.extremes proofs.friction_bounds
 proofs.torque_motion proofs.torque_bounds proofs.margins excitation.verification
-excitation.design excitation.validating excitation.figure excitation.record excite
-report.advice report.markup report.findings report.certificate report.costs
-report.health report.parameters report.plot report.friction report.projection
-report.published report.reproduce report.residual_figures report.residuals
-report.robot_scene report.robot_view report.links report.thinning report.excitation
-report.torque report.verdict report.page report.html report commands_report cli_report
+excitation.asked_scene excitation.asked excitation.clear_starts excitation.search
+_progress cli.colour cli.answers cli.repair cli.completion cli.time_limit log_columns
+problem_draft drafting cli.log_options cli.init study commands_export cli.export
+diagnosis.coverage diagnosis.diagnose diagnosis record summary commands cli.check
+cli.compare cli.info commands_draft excitation.asked_tables excitation.drawings
+excitation.replay reproduction.experiments reproduction reproduction.budget
+reproduction.assumptions reproduction.inertia reproduction.tables reproduction.tempo
+reproduction.verification _interrupts excitation.starts excitation.design
+excitation.validating excitation.figure excitation.record excite cli.excite
+reproduction.exciting reproduction.study reproduction.section_tables
+reproduction.figures reproduction.sections reproduction.page reproduction.record
+cli.reproduce report.advice report.markup report.findings report.certificate
+report.costs report.health report.parameters report.plot report.friction
+report.projection report.published report.reproduce report.residual_figures
+report.residuals report.robot_scene report.robot_view report.links report.thinning
+report.excitation report.torque report.verdict report.page report.html report
+cli.identify commands_report cli.report cli.tool cli
 """.split()
 
 HEAVY = {
@@ -78,9 +87,12 @@ HEAVY = {
     "apsw",
     "sqlite3",
     "pandas",
+    "xarray",
     "clarabel",
     "coal",
     "mujoco",
+    "viser",
+    "trimesh",
 }
 
 
@@ -109,9 +121,9 @@ def _imported(tree: ast.AST) -> list[str]:
 
 def test_every_module_has_its_place_and_imports_only_from_those_before_it():
     modules = _modules()
-    assert set(modules) - {"", "cli"} == set(ORDER)
+    assert set(modules) - {"", "__main__"} == set(ORDER)
     for name, tree in modules.items():
-        if name in ("", "cli"):
+        if name in ("", "__main__"):
             continue
         for imported in _imported(tree):
             if imported.startswith("consistent_id."):

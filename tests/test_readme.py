@@ -5,12 +5,19 @@ from pathlib import Path
 
 import pytest
 
+import consistent_id
+
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text()
-PAGES = {
-    page.name: re.findall(r"```python\n(.*?)```", page.read_text(), re.DOTALL)
-    for page in sorted((ROOT / "docs").glob("*.md"))
+DOCS = ROOT / "docs"
+TEXTS = {
+    page.relative_to(DOCS).with_suffix("").as_posix(): page.read_text()
+    for page in sorted(DOCS.rglob("*.md"))
 }
+# A block of Python, and what it prints if the page shows that.
+BLOCK = re.compile(r"```python\n(.*?)```(?:\n\n```text\n(.*?)```)?", re.DOTALL)
+PAGES = {name: BLOCK.findall(text) for name, text in TEXTS.items()}
+NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[-+]\d+)?")
 
 
 def test_the_python_example_runs_and_tells_bodies_from_least_squares(capsys):
@@ -32,13 +39,41 @@ def test_there_is_one_command_to_run_and_one_to_test():
 @pytest.mark.parametrize("page", [name for name, blocks in PAGES.items() if blocks])
 def test_the_python_of_the_pages_runs(page, capsys, tmp_path, monkeypatch):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    names = {}  # later blocks of a page go on where the first ended
-    for block in PAGES[page]:
+    names, printed = {}, ""  # later blocks of a page go on where the first ended
+    for block, shown in PAGES[page]:
         exec(compile(block, page, "exec"), names)
-    assert capsys.readouterr().out
+        out = capsys.readouterr().out
+        printed += out
+        if shown:
+            assert_alike(out, shown)
+    assert printed
 
 
-def test_every_page_is_in_the_index():
-    index = (ROOT / "docs" / "index.md").read_text()
-    for page in PAGES:
-        assert page == "index.md" or f"({page})" in index
+def assert_alike(out, shown):
+    """The same words, and numbers as near as another machine's rounding leaves them."""
+    assert NUMBER.sub("#", out) == NUMBER.sub("#", shown)
+    for mine, theirs in zip(NUMBER.findall(out), NUMBER.findall(shown), strict=True):
+        last = 10.0 ** -len(theirs.partition(".")[2])
+        assert float(mine) == pytest.approx(float(theirs), rel=0.1, abs=2.0 * last)
+
+
+def test_every_page_is_in_the_index_once():
+    tables = re.findall(r"```\{toctree\}\n---\n.*?---\n(.*?)```", TEXTS["index"], re.S)
+    listed = [name for table in tables for name in table.split()]
+    assert sorted(listed) == sorted(name for name in TEXTS if name != "index")
+
+
+def test_every_public_name_is_documented_once():
+    pages = "".join(text for name, text in TEXTS.items() if name.startswith("api/"))
+    blocks = re.findall(r"```\{public\}\n(.*?)```", pages, re.DOTALL)
+    listed = [name for block in blocks for name in block.split()]
+    assert sorted(listed) == sorted(consistent_id.__all__)
+
+
+def test_every_key_that_is_cited_is_in_the_references():
+    known = set(re.findall(r"^\| (\w+) \|", TEXTS["references"], re.MULTILINE))
+    sources = [file.read_text() for file in (ROOT / "consistent_id").rglob("*.py")]
+    cited = re.findall(
+        r"\[([A-Z][A-Za-z]+\d{4})\]", "".join([*sources, *TEXTS.values()])
+    )
+    assert set(cited) <= known

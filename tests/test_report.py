@@ -189,7 +189,7 @@ def test_it_says_how_to_get_it_again(study, html):
     page = Page(html)
     assert "do it again" in page.texts
     assert "3" in page.texts
-    text_of_file = study.problem.file.read_text()
+    text_of_file = study.problem.source.read_text()
     assert text_of_file in page.text
     assert any(re.fullmatch("[0-9a-f]{64}", part) for part in page.texts)
 

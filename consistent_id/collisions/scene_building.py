@@ -16,6 +16,7 @@ from consistent_id.model import Joint, RobotModel
 from consistent_id.parameters import did_you_mean
 
 _ALWAYS = 0.95  # share of random poses; a pair that touches in more is not watched
+_USUALLY = 0.5  # share of poses; nearer than wanted in more, only touching counts
 _ANYWHERE = 1.0  # [m]; how far a sliding joint without limits is moved either way
 
 
@@ -33,8 +34,8 @@ def build_scene(
 
     Not watched are bodies on the same link, on links that a single joint connects, and
     bodies of the robot that touch at nearly all random poses; the last are told in
-    `Scene.notes`.  Where two bodies of the robot never are as far apart as is wanted,
-    but do not always touch, it is only wanted that they do not.
+    `Scene.notes`.  Where two bodies of the robot are nearer than is wanted at more than
+    half of these poses, it is only wanted that they do not touch.
 
     Parameters
     ----------
@@ -115,11 +116,11 @@ def _sifted(scene: Scene, q: ArrayLike) -> Scene:
             if not obstacle:
                 notes.append(PairNote(*names, False, seen))
                 continue
-        if not obstacle and distance.max() < pair.wanted:
+        near_by = int(np.count_nonzero(distance < pair.wanted))
+        if not obstacle and near_by > _USUALLY * len(distance):
             seen = (
-                f"at {len(distance)} random poses at most "
-                f"{distance.max() * 1e3:.1f} mm apart, so "
-                f"{pair.wanted * 1e3:.1f} mm cannot be kept"
+                f"nearer than {pair.wanted * 1e3:.1f} mm at {near_by} of "
+                f"{len(distance)} random poses"
             )
             notes.append(PairNote(*names, True, f"{seen}; only not to touch is wanted"))
             pair = Pair(pair.first, pair.second, 0.0)

@@ -110,25 +110,25 @@ def nearest(
     gradient = np.zeros((n, m, len(scene.robot)))
     normal = found.normal.reshape(n, m, 3)
     points = found.points.transpose(1, 0, 2).reshape(n, m, 2, 3)
-    for k, pair in enumerate(chosen):
-        for side, body, sign in ((0, pair.first, -1.0), (1, pair.second, 1.0)):
-            link = places.carriers[body]
-            gradient[:, k] += sign * _along(
-                places.links, link, points[:, k, side], normal[:, k]
-            )
+    for side, sign in ((0, -1.0), (1, 1.0)):
+        bodies = [(pair.first, pair.second)[side] for pair in chosen]
+        carriers = [places.carriers[body] for body in bodies]
+        gradient += sign * _along(places.links, carriers, points[:, :, side], normal)
     distance = found.distance.reshape(n, m)
     return Nearest(chosen, distance, gradient, normal, points)
 
 
-def _along(links: LinkPlaces, link: int, points: Array, normal: Array) -> Array:
-    """``n^T J`` of a point of a link, shape (samples, joints)."""
-    rates = np.zeros((len(links), len(links.robot)))
-    for j in ancestors(links.robot, link):
-        push = normal
-        if links.robot.joints[j].kind != "prismatic":
+def _along(links: LinkPlaces, carriers: list[int], points: Array, n: Array) -> Array:
+    """``n^T J`` of points of links, shape (samples, points, joints)."""
+    rates = np.zeros((*points.shape[:2], len(links.robot)))
+    moved_by = [set(ancestors(links.robot, link)) for link in carriers]
+    for j, joint in enumerate(links.robot.joints):
+        on = [k for k, joints in enumerate(moved_by) if j in joints]
+        push = n[:, on]
+        if joint.kind != "prismatic":
             # n.(e x r) = e.(r x n)
-            push = np.cross(points - links.translation[:, j], normal)
-        rates[:, j] = np.einsum("ni,ni->n", links.axis[:, j], push)
+            push = np.cross(points[:, on] - links.translation[:, None, j], push)
+        rates[:, on, j] = np.einsum("ni,nki->nk", links.axis[:, j], push)
     return rates
 
 

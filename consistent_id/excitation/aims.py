@@ -83,7 +83,8 @@ class Aim:
         `growth` times the best.
     growth : float
     scaling : {"none", "unit columns"}
-        Of the regressor's columns, in every criterion.
+        Of the regressor's columns in condition numbers; errors are those of the
+        parameters in their own units.
     noise : array_like or mapping, optional, [N m or N]
         Standard deviation of each torque joint's noise; its rows are divided by it.  By
         default one for all.

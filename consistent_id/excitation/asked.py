@@ -2,23 +2,30 @@
 
 from dataclasses import dataclass
 
+from consistent_id.collisions.scene import Scene
+from consistent_id.collisions.separation import nearest
+from consistent_id.errors import ProblemError
 from consistent_id.excitation.aims import Aim, PathForm
-from consistent_id.excitation_file import ExcitationTable
+from consistent_id.excitation.asked_scene import asked_scene
+from consistent_id.excitation_file import LimitsTable
 from consistent_id.model import RobotModel
 from consistent_id.motion.limits import MotionLimits, motion_limits
+from consistent_id.parameters import did_you_mean
+from consistent_id.problem import Problem
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Asked:
-    """Form, aim and limits of a path, and how it is to be played.
+    """Form, aim, limits and surroundings of a path, and how it is to be played.
 
     Parameters
     ----------
     form : PathForm
     aim : Aim
     limits : MotionLimits
+    scene : Scene, optional
     start_pose : dict from joint to position, optional
-        Where the robot rests before and after.
+        Where the robot rests before and after, all joints of it.
     periods : int, optional
         How often a periodic path is repeated; None for one that rests at its ends.
     """
@@ -26,27 +33,22 @@ class Asked:
     form: PathForm
     aim: Aim
     limits: MotionLimits
+    scene: Scene | None
     start_pose: dict[str, float] | None
     periods: int | None
 
 
-def asked_of(table: ExcitationTable, robot: RobotModel) -> Asked:
-    """Return what an ``[excitation]`` table asks for.
+def asked_of(problem: Problem) -> Asked:
+    """Return what the ``[excitation]`` table of a problem asks for.
 
     Raises
     ------
     ProblemError
-        If a joint is unknown, or its limits leave no motion.
+        If a joint is unknown, its limits leave no motion, the scene contradicts itself,
+        or bodies are too near to one another in the start pose.
     """
-    given = table.limits
-    limits = motion_limits(
-        robot,
-        position={name: (low, high) for name, (low, high) in given.position.items()},
-        velocity=given.velocity,
-        acceleration=given.acceleration,
-        jerk=given.jerk,
-        effort=given.effort,
-    )
+    table = problem.table.excitation
+    limits = _limits(table.limits, problem.model.robot)
     bases = table.base_frequencies
     form = PathForm(
         table.duration,
@@ -62,10 +64,42 @@ def asked_of(table: ExcitationTable, robot: RobotModel) -> Asked:
         noise=table.noise,
         rate=table.rate,
     )
-    return Asked(
-        form,
-        aim,
-        limits.within(given.share),
-        dict(table.start_pose) or None,
-        None if table.rest else table.periods,
+    pose = None
+    if table.start_pose:
+        middle = dict(zip(limits.joints, limits.middle.tolist(), strict=True))
+        pose = middle | table.start_pose
+    scene = asked_scene(problem)
+    if scene is not None and pose is not None:
+        _require_clear(scene, pose)
+    return Asked(form, aim, limits, scene, pose, None if table.rest else table.periods)
+
+
+def _limits(given: LimitsTable, robot: RobotModel) -> MotionLimits:
+    limits = motion_limits(
+        robot,
+        position={name: (low, high) for name, (low, high) in given.position.items()},
+        velocity=given.velocity,
+        acceleration=given.acceleration,
+        jerk=given.jerk,
+        effort=given.effort,
     )
+    return limits.within(given.share)
+
+
+def _require_clear(scene: Scene, pose: dict[str, float]) -> None:
+    for name in pose:
+        if name not in scene.robot.joint_names:
+            near = did_you_mean(name, scene.robot.joint_names)
+            raise ProblemError(f"[excitation] start_pose: no joint {name!r}; {near}")
+    q = [[pose[name] for name in scene.robot.joint_names]]
+    if not scene.pairs:
+        return
+    found = nearest(scene, q)
+    k = int(found.slack[0].argmin())
+    if found.slack[0, k] < 0.0:
+        first, second = scene.names(scene.pairs[k])
+        raise ProblemError(
+            f"[excitation] start_pose: bodies {first!r} and {second!r} are "
+            f"{found.distance[0, k] * 1e3:.1f} mm apart (negative: in one another), at "
+            f"least {scene.pairs[k].wanted * 1e3:.1f} mm are wanted; give another pose"
+        )

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from consistent_id._interrupts import Asked, noted_interrupts
 from consistent_id._threads import single_threaded
 from consistent_id.base import BaseParameters, ConditionNumber, base_parameters
 from consistent_id.collisions.scene import Scene
@@ -19,18 +20,20 @@ from consistent_id.errors import InfeasibleError, NotExcitedError, ProblemError
 from consistent_id.excitation.accuracy import PredictedAccuracy, predicted_accuracy
 from consistent_id.excitation.aims import Aim, PathForm
 from consistent_id.excitation.criteria import Objective
-from consistent_id.excitation.search import BOUND_POWER, Found, Searcher
+from consistent_id.excitation.search import Found, Searcher
 from consistent_id.excitation.search_task import SearchTask, search_task
 from consistent_id.excitation.starts import Job, Outcome, run_searches
 from consistent_id.excitation.verification import Demands, Proof, demands
 from consistent_id.model import RobotModel
 from consistent_id.motion.limits import MotionLimits, motion_limits
 from consistent_id.regressor import TorqueModel
+from consistent_id.tables import Table
 from consistent_id.trajectory import FourierTrajectory
 
-_FIRST = 0.6  # share of the time limit after which the first stage ends
-_SECOND = 0.9  # share after which the second stage ends
+_FIRST = 0.6  # share of the time limit after which the first of two stages ends
+_SECOND = 0.9  # share after which the last stage ends
 _REFINED = 2  # paths that go on to the second stage, however many workers there are
+_COMPARED = 8  # random paths at most that the design is compared with
 _ATTEMPTS = 4  # at a proof, each with less of the limits to use
 _LEAST = 0.01  # rad or m; a joint that can move less is not excited
 
@@ -48,8 +51,8 @@ class Stage:
     accuracy : PredictedAccuracy
         At all samples that will be recorded.
     proof : Proof
-    seed : int
-        Of the search that found it.
+    number : int
+        Of the search that found it, from 0.
     """
 
     objective: str
@@ -57,7 +60,7 @@ class Stage:
     value: float
     accuracy: PredictedAccuracy
     proof: Proof
-    seed: int
+    number: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,6 +94,18 @@ class ExcitationDesign:
     starts: int
     seconds: float
     notes: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        verdict = "all limits proven" if self.proof.holds else "limits not proven"
+        return (
+            f"ExcitationDesign({self.model.robot.name!r}: {verdict}, "
+            f"{self.form.duration:.4g} s, condition number "
+            f"{self.condition.value:.4g} (random path: "
+            f"{self.unoptimised.condition.value:.4g}))"
+        )
+
+    def _repr_html_(self) -> str:
+        return Table(repr(self), (), (), self.notes).html()
 
     @property
     def limits(self) -> MotionLimits:
@@ -170,31 +185,25 @@ def design_trajectory(
     InfeasibleError
         If no path was found that keeps the limits; it names the one in the way.
     """
-    began, now = clock.monotonic(), clock.time()
+    began = clock.monotonic()
     model = TorqueModel(model) if isinstance(model, RobotModel) else model
     form, aim = form or PathForm(), aim or Aim()
     limits = motion_limits(model.robot) if limits is None else limits
-    _require_long_enough(form, aim, limits)
+    workers = _require_sensible(starts, time_limit, seed, workers)
     asked = demands(model, limits, parameters, scene)
-    base, notes = base_parameters(model), asked.notes
-    task = search_task(model, base, form, aim, limits, asked.guards)
-    workers = min(workers or _processors(), max(starts, 1))
-    workshop = _Workshop(task, asked, aim, workers, time_limit, progress)
-    jobs = [Job(aim.objective, seed + k) for k in range(starts)]
-    first = workshop.stage(jobs, now + _FIRST * time_limit)
-    stages, outcomes = [first.stage], [first.outcome]
-    refine = aim.refine not in (None, aim.objective) and not first.outcome.interrupted
-    if refine:
-        try:
-            second = workshop.stage(
-                workshop.refining(first), now + _SECOND * time_limit
-            )
-        except InfeasibleError:
-            notes += (f"no path better by {aim.refine} was found within the limits",)
-        else:
-            stages.append(second.stage)
-            outcomes.append(second.outcome)
-    if any(outcome.interrupted or outcome.out_of_time for outcome in outcomes):
+    _require_long_enough(form, aim, asked.limits)
+    base = base_parameters(model)
+    task = search_task(model, base, form, aim, asked.limits, asked.guards)
+    task = replace(task, seed=seed)
+    with noted_interrupts() as interrupted:
+        workshop = _Workshop(task, asked, aim, workers, time_limit, progress)
+        settled = workshop.stages(starts, interrupted)
+        unoptimised = _unoptimised(task, aim, starts)
+    cut_short = any(one.cut_short for one in settled)
+    notes = asked.notes
+    if aim.refine not in (None, aim.objective) and len(settled) == 1:
+        notes += (f"no path better by {aim.refine} was found within the limits",)
+    if cut_short:
         notes += ("time or the user ended the search; another run may differ",)
     return ExcitationDesign(
         model=model,
@@ -202,10 +211,10 @@ def design_trajectory(
         demands=asked,
         form=form,
         aim=aim,
-        stages=tuple(stages),
-        unoptimised=_unoptimised(task, aim, jobs),
+        stages=tuple(one.stage for one in settled),
+        unoptimised=unoptimised,
         seed=seed,
-        starts=len(first.outcome.found),
+        starts=settled[0].starts,
         seconds=clock.monotonic() - began,
         notes=notes,
     )
@@ -213,9 +222,12 @@ def design_trajectory(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Settled:
+    """A stage's result: the best that is proven, then what else was found."""
+
     stage: Stage
     found: tuple[Found, ...]
-    outcome: Outcome
+    starts: int
+    cut_short: bool
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -229,50 +241,67 @@ class _Workshop:
     time_limit: float
     progress: bool
 
-    def stage(self, jobs: list[Job], deadline: float) -> _Settled:
+    def stages(self, starts: int, interrupted: Asked) -> list[_Settled]:
+        """Search for the objective, then from the best for the second one."""
+        now, refine = clock.time(), self.aim.refine
+        single = refine in (None, self.aim.objective)
+        jobs = [Job(self.aim.objective, number) for number in range(starts)]
+        share = _SECOND if single else _FIRST
+        settled = [self.stage(jobs, now + share * self.time_limit, interrupted)]
+        if refine is None or single or interrupted():
+            return settled
+        jobs, deadline = self.refining(settled[0], refine), _SECOND * self.time_limit
+        try:
+            settled.append(self.stage(jobs, now + deadline, interrupted))
+        except (InfeasibleError, KeyboardInterrupt):
+            pass  # a proven path is there already
+        return settled
+
+    def stage(self, jobs: list[Job], deadline: float, interrupted: Asked) -> _Settled:
         """Search; where no path can be proven, search on with less to use."""
-        task = self.task
+        task, starts, cut_short = self.task, 0, False
         for _ in range(_ATTEMPTS):
             outcome = run_searches(
                 task,
                 jobs,
                 workers=self.workers,
                 deadline=deadline,
+                interrupted=interrupted,
                 progress=self.progress,
             )
+            starts = starts or len(outcome.found)
+            cut_short |= outcome.interrupted or outcome.out_of_time
             usable = [one for one in outcome.found if one.variables is not None]
+            if not usable and outcome.interrupted:
+                raise KeyboardInterrupt  # before there was anything to keep
             if not usable:
-                raise _nothing_found(outcome.found)
-            objective = jobs[0].objective
-            stages = (self._proven(objective, one) for one in usable)
-            for stage in stages:
+                raise _nothing_found(outcome)
+            for one in usable:
+                stage = self._proven(jobs[0].objective, one)
                 if stage is not None:
-                    return _Settled(stage, tuple(usable), outcome)
+                    others = (other for other in usable if other is not one)
+                    return _Settled(stage, (one, *others), starts, cut_short)
+            if outcome.interrupted:
+                break
             task = replace(task, guards=tuple(g.tightened() for g in task.guards))
-            bound = {job.seed: job.spread_bound for job in jobs}
+            bound = {job.number: job.spread_bound for job in jobs}
             jobs = [
-                Job(objective, one.seed, one.variables, bound[one.seed])
+                Job(jobs[0].objective, one.number, one.variables, bound[one.number])
                 for one in usable[:_REFINED]
             ]
             deadline = max(deadline, clock.time() + 0.3 * self.time_limit)
         self.demands.proof(self._path(usable[0])).require()
         raise InfeasibleError("no path was found that keeps all limits")
 
-    def refining(self, first: _Settled) -> list[Job]:
+    def refining(self, first: _Settled, objective: Objective) -> list[Job]:
         """Return searches from the best paths, bounded in how far they worsen."""
-        objective = self.aim.refine
-        if objective is None:
-            return []
         searcher = Searcher(self.task)
-        criterion = searcher.criterion("condition", BOUND_POWER)
-        growth = float(np.log(self.aim.growth))
-        jobs = []
-        for one in first.found[:_REFINED]:
-            if one.variables is not None:
-                matrix = searcher.information(one.variables).matrix
-                bound = criterion(matrix).value + growth
-                jobs.append(Job(objective, one.seed, one.variables, bound))
-        return jobs
+        best = np.asarray(first.found[0].variables)
+        bound = searcher.score("condition", best) + float(np.log(self.aim.growth))
+        return [
+            Job(objective, one.number, one.variables, bound)
+            for one in first.found[:_REFINED]
+        ]
 
     def _path(self, found: Found) -> FourierTrajectory:
         variables = np.asarray(found.variables)
@@ -291,7 +320,23 @@ class _Workshop:
                 "the joints that these belong to, and at their friction terms"
             )
         value = float(np.exp(found.score))
-        return Stage(objective, path, value, accuracy, proof, found.seed)
+        return Stage(objective, path, value, accuracy, proof, found.number)
+
+
+def _require_sensible(
+    starts: int, time_limit: float, seed: int, workers: int | None
+) -> int:
+    """Return the number of processes; refuse what makes no sense before any work."""
+    for name, value, least in (
+        ("starts", starts, 1),
+        ("seed", seed, 0),
+        ("workers", 1 if workers is None else workers, 1),
+    ):
+        if not isinstance(value, int | np.integer) or value < least:
+            raise ProblemError(f"{name} is {value!r}, expected {least} or more, whole")
+    if not 0.0 < time_limit < np.inf:
+        raise ProblemError(f"time_limit is {time_limit} s, expected more than 0")
+    return min(workers or _processors(), starts)
 
 
 def _require_long_enough(form: PathForm, aim: Aim, limits: MotionLimits) -> None:
@@ -317,21 +362,24 @@ def _require_long_enough(form: PathForm, aim: Aim, limits: MotionLimits) -> None
         )
 
 
-def _nothing_found(found: tuple[Found, ...]) -> InfeasibleError:
-    if not found:
+def _nothing_found(outcome: Outcome) -> InfeasibleError:
+    if not outcome.found:
         return InfeasibleError(
             "time was over before any path was found; give a longer time_limit"
         )
-    obstacles = sorted({one.offence for one in found if one.offence})
+    obstacles = sorted({one.offence for one in outcome.found if one.offence})
+    more = "give a longer time_limit, " if outcome.out_of_time else ""
     return InfeasibleError(
-        f"{len(found)} searches found no path that keeps {', '.join(obstacles)} within "
-        "its limit; raise it, or narrow the joints' ranges to where less is needed"
+        f"{len(outcome.found)} searches found no path that keeps "
+        f"{', '.join(obstacles)} within its limit; {more}raise it, or narrow the "
+        "joints' ranges to where less is needed"
     )
 
 
-def _unoptimised(task: SearchTask, aim: Aim, jobs: list[Job]) -> PredictedAccuracy:
+def _unoptimised(task: SearchTask, aim: Aim, starts: int) -> PredictedAccuracy:
     searcher = Searcher(task)
-    paths = [task.basis.trajectory(searcher.random(job.seed)) for job in jobs[:8]]
+    numbers = range(min(starts, _COMPARED))
+    paths = [task.basis.trajectory(searcher.random(number)) for number in numbers]
     told = [predicted_accuracy(task.model, task.base, path, aim) for path in paths]
     return min(told, key=lambda accuracy: accuracy.condition.value)
 

@@ -29,7 +29,8 @@ def design_figure(design: ExcitationDesign, before: Vector | None = None) -> Any
     time = path.start + path.duration * np.linspace(0.0, 1.0, _SAMPLES)
     motion = path.evaluate(time)
     figure = Figure(figsize=(13.0, 1.5 * len(joints) + 1.5), layout="constrained")
-    figure.suptitle(f"{design.model.robot.name}: condition number {design.condition}")
+    title = f"{design.model.robot.name}: condition number {design.condition}"
+    figure.suptitle("\n".join([title, *_room(design)]))
     sides: Any = figure.subfigures(1, 2, width_ratios=(2.0, 1.0))
     left, right = sides
     axes = left.subplots(len(joints), 3, sharex=True, squeeze=False)
@@ -47,6 +48,16 @@ def design_figure(design: ExcitationDesign, before: Vector | None = None) -> Any
     _singular_values(upper, design, before)
     _tool_path(lower, design, motion[0])
     return figure
+
+
+def _room(design: ExcitationDesign) -> list[str]:
+    report = design.proof.clearance
+    if report is None or not report.first:
+        return []
+    return [
+        f"least room: {report.first} and {report.second} at {report.time:.2f} s, "
+        f"{report.proven * 1e3:.1f} mm proven for all times"
+    ]
 
 
 def _draw(axis: Any, time: Vector, values: Vector, limit: float) -> None:

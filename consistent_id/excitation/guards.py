@@ -21,7 +21,12 @@ from consistent_id.regressor import TorqueModel
 _TIGHTER = 0.03  # share of a limit given up where a proof has failed
 _CLOSE = 0.1  # m; unit of distances, and beyond it they need not be known well
 _FURTHER = 0.01  # m; distance added where a proof has failed
+_SHARP = 20.0  # one over the distance, in tenths of a metre, at which a row is blunt
 _NEAR = 0.05  # share of what is allowed within which an item gets a row
+
+
+EVERY = -1
+"""In place of an item: all items that a guard watches, as one row."""
 
 
 class ItemRows(NamedTuple):
@@ -42,6 +47,9 @@ class Guard(Protocol):
 
     def told(self, item: int) -> str:
         """Name an item for people."""
+
+    def standing(self, times: int) -> "set[Place]":
+        """Return the places of rows that a search has from its start."""
 
     def tightened(self) -> Self:
         """Return a guard that allows a little less."""
@@ -83,6 +91,10 @@ class TorqueGuard:
         """Name the joint."""
         return f"torque of joint {self.model.torque_joints[item % len(self.effort)]!r}"
 
+    def standing(self, times: int) -> "set[Place]":
+        """Return none: few torques come near their limits, and rows take time."""
+        return set()
+
     def tightened(self) -> Self:
         """Return a guard with less of each limit to use."""
         return replace(self, reach=self.reach - _TIGHTER)
@@ -118,21 +130,30 @@ class ClearanceGuard:
         return np.asarray((self.spare - slack) / _CLOSE)
 
     def rows(self, motion: Array, items: IntArray) -> ItemRows:
-        """Return the chosen pairs, with derivatives."""
+        """Return the chosen pairs, or a smooth maximum over all, with derivatives."""
         values = np.empty(len(items))
         slopes = np.zeros((len(items), *np.delete(motion.shape, 1)))
         for item in np.unique(items):
             which = items == item
-            pair = (self.scene.pairs[item],)
-            found = nearest(self.scene, motion[0, which], pair)
-            values[which] = (self.spare - found.slack[:, 0]) / _CLOSE
-            slopes[which, 0] = -found.gradient[:, 0] / _CLOSE
+            pairs = None if item == EVERY else (self.scene.pairs[item],)
+            found = nearest(self.scene, motion[0, which], pairs, within=_CLOSE)
+            near = (self.spare - found.slack) / _CLOSE
+            largest = near.max(axis=1, keepdims=True)
+            share = np.exp(_SHARP * (near - largest))
+            total = share.sum(axis=1)
+            values[which] = largest[:, 0] + np.log(total) / _SHARP
+            pull = np.einsum("nk,nkj->nj", share, found.gradient) / total[:, None]
+            slopes[which, 0] = -pull / _CLOSE
         return ItemRows(values, slopes)
 
     def told(self, item: int) -> str:
         """Name the two bodies."""
         first, second = self.scene.names(self.scene.pairs[item])
         return f"the distance of {first!r} and {second!r}"
+
+    def standing(self, times: int) -> "set[Place]":
+        """Return a row for each time: bodies deep in one another show no way out."""
+        return {Place(time, EVERY) for time in range(times)}
 
     def tightened(self) -> Self:
         """Return a guard that keeps bodies a little further apart."""

@@ -4,10 +4,7 @@ Objective and nonlinear rows are Python functions of the flattened variables tha
 return values and first derivatives; curvature is learnt on the way.
 """
 
-import signal
-import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -63,8 +60,6 @@ def minimise(
     ------
     SolverError
         If IPOPT could not begin.
-    KeyboardInterrupt
-        If the user asked for it; after the iterate at hand.
     """
     import casadi as ca
 
@@ -89,21 +84,17 @@ def minimise(
         lower = np.append(lower, np.full(programme.count, -np.inf))
         upper = np.append(upper, np.zeros(programme.count))
     curvature = QuasiNewton(len(start), A.shape[0], objective.memory, memory)
-    with _interruptible() as interrupted:
-        observer = Observer(len(start), len(upper), lambda y: watch(y) or interrupted())
-        solver = ca.nlpsol(
-            "excitation",
-            "ipopt",
-            {"x": x, "f": objective(x), "g": ca.vertcat(*g)},
-            _options(iterations)
-            | {"iteration_callback": observer, "hess_lag": curvature},
-        )
-        try:
-            result = solver(x0=start, lbg=lower, ubg=upper)
-        except RuntimeError as cause:
-            raise SolverError(f"IPOPT could not begin: {cause}") from None
-    if interrupted():
-        raise KeyboardInterrupt
+    observer = Observer(len(start), len(upper), watch)
+    solver = ca.nlpsol(
+        "excitation",
+        "ipopt",
+        {"x": x, "f": objective(x), "g": ca.vertcat(*g)},
+        _options(iterations) | {"iteration_callback": observer, "hess_lag": curvature},
+    )
+    try:
+        result = solver(x0=start, lbg=lower, ubg=upper)
+    except RuntimeError as cause:
+        raise SolverError(f"IPOPT could not begin: {cause}") from None
     return np.asarray(result["x"]).ravel()
 
 
@@ -121,17 +112,3 @@ def _options(iterations: int) -> dict[str, Any]:
             "mu_strategy": "adaptive",
         },
     }
-
-
-@contextmanager
-def _interruptible() -> Iterator[Callable[[], bool]]:
-    """Note an interrupt instead of raising it in the middle of foreign code."""
-    asked = threading.Event()
-    if threading.current_thread() is not threading.main_thread():
-        yield asked.is_set
-        return
-    before = signal.signal(signal.SIGINT, lambda *_: asked.set())
-    try:
-        yield asked.is_set
-    finally:
-        signal.signal(signal.SIGINT, before)

@@ -1,21 +1,35 @@
 """A design as plain values for JSON, and as tables for people."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from consistent_id.base import ConditionNumber
+from consistent_id.collisions.clearance import ClearanceReport
 from consistent_id.excitation.design import ExcitationDesign, Stage
 from consistent_id.excitation.validating import ValidationPath
 from consistent_id.motion.limits import MotionLimits
 from consistent_id.proofs.margins import Margin
 from consistent_id.tables import Table
 
+_MOVES = ("whole_move", "validation_move")
+
 
 def design_record(
-    design: ExcitationDesign, validation: ValidationPath | None = None
+    design: ExcitationDesign,
+    validation: ValidationPath | None = None,
+    clearances: Sequence[ClearanceReport] = (),
 ) -> dict[str, Any]:
-    """Return all there is to know of a design, for a file that outlives it."""
+    """Return all there is to know of a design, for a file that outlives it.
+
+    Parameters
+    ----------
+    design : ExcitationDesign
+    validation : ValidationPath, optional
+    clearances : sequence of ClearanceReport
+        Of the whole moves, with run-in and run-out: to learn from, to judge by.
+    """
     aim, form = design.aim, design.form
     return {
         "robot": design.model.robot.name,
@@ -40,6 +54,7 @@ def design_record(
             "earlier_recordings": len(aim.recordings),
         },
         "limits": _limits(design.limits),
+        "scene": _scene(design, clearances),
         "before": _condition(design.unoptimised.condition),
         "stages": [_stage(stage) for stage in design.stages],
         "base_parameters": list(design.base.groupings),
@@ -48,17 +63,27 @@ def design_record(
         else {
             "trajectory": validation.trajectory.to_dict(),
             "margins": [_margin(m) for m in validation.proof.margins.margins],
+            "clearance": _clearance(validation.proof.clearance),
             "velocity_correlation": validation.likeness.tolist(),
         },
     }
 
 
-def design_tables(design: ExcitationDesign) -> list[Table]:
-    """Return a design as tables: what is reached, what is proven, what it tells."""
+def design_tables(
+    design: ExcitationDesign, clearances: Sequence[ClearanceReport] = ()
+) -> list[Table]:
+    """Return a design as tables: what is reached, what is proven, what it tells.
+
+    Parameters
+    ----------
+    design : ExcitationDesign
+    clearances : sequence of ClearanceReport
+        As `design_record`.
+    """
     rows = [("random path", "-", f"{design.unoptimised.condition.value:.4g}", "-")]
     rows += [
         (
-            f"{stage.objective}, search {stage.seed}",
+            f"{stage.objective}, search {stage.number + 1}",
             f"{stage.value:.4g}",
             f"{stage.accuracy.condition.value:.4g}",
             f"{100.0 * stage.proof.margins.least.relative:.2f} %",
@@ -77,14 +102,73 @@ def design_tables(design: ExcitationDesign) -> list[Table]:
             *design.notes,
         ),
     )
-    return [found, design.proof.margins.table(), design.accuracy.table()]
+    margins = design.proof.margins.table()
+    return [found, margins, *_room(design, clearances), design.accuracy.table()]
+
+
+def _room(
+    design: ExcitationDesign, clearances: Sequence[ClearanceReport]
+) -> list[Table]:
+    scene = design.demands.scene
+    if scene is None or design.proof.clearance is None:
+        return []
+    reports = zip(
+        ("trajectory", *_MOVES), (design.proof.clearance, *clearances), strict=False
+    )
+    rows = tuple(
+        (
+            name.replace("_", " "),
+            f"{report.first}, {report.second}",
+            f"{report.time:.3f}",
+            f"{report.distance * 1e3:.1f}",
+            f"{report.wanted * 1e3:.1f}",
+            f"{report.proven * 1e3:.1f}",
+        )
+        for name, report in reports
+    )
+    notes = (
+        f"{len(scene.pairs)} pairs of bodies watched; proven for all times",
+        *(str(note) for note in scene.notes),
+        *(f"link {name} of the file is not looked at" for name in scene.dropped),
+    )
+    header = ("motion", "least room between", "at [s]", "seen [mm]", "wanted", "proven")
+    return [Table("Clearance", header, rows, notes)]
+
+
+def _scene(
+    design: ExcitationDesign, clearances: Sequence[ClearanceReport]
+) -> dict[str, Any] | None:
+    scene = design.demands.scene
+    if scene is None:
+        return None
+    return {
+        "bodies": [body.name for body in scene.bodies],
+        "pairs": [
+            {"bodies": list(scene.names(pair)), "wanted_m": pair.wanted}
+            for pair in scene.pairs
+        ],
+        "notes": [str(note) for note in scene.notes],
+        "dropped": list(scene.dropped),
+    } | {name: _clearance(of) for name, of in zip(_MOVES, clearances, strict=False)}
+
+
+def _clearance(report: ClearanceReport | None) -> dict[str, Any] | None:
+    if report is None or not report.first:
+        return None
+    return {
+        "bodies": [report.first, report.second],
+        "at_s": report.time,
+        "distance_m": report.distance,
+        "wanted_m": report.wanted,
+        "proven_m": report.proven,
+    }
 
 
 def _stage(stage: Stage) -> dict[str, Any]:
     return {
         "objective": stage.objective,
         "value": stage.value,
-        "seed": stage.seed,
+        "search": stage.number + 1,
         "condition": _condition(stage.accuracy.condition),
         "singular_values": np.linalg.svd(
             stage.accuracy.factor, compute_uv=False
@@ -92,6 +176,7 @@ def _stage(stage: Stage) -> dict[str, Any]:
         "standard_errors": stage.accuracy.standard_errors().tolist(),
         "standard_errors_per_unit_noise": stage.accuracy.unit_noise,
         "margins": [_margin(m) for m in stage.proof.margins.margins],
+        "clearance": _clearance(stage.proof.clearance),
         "proven": stage.proof.holds,
         "trajectory": stage.trajectory.to_dict(),
     }

@@ -8,6 +8,7 @@ import numpy as np
 
 from consistent_id._arrays import Array, Matrix, Vector
 from consistent_id._threads import single_threaded
+from consistent_id.excitation.clear_starts import clear_start
 from consistent_id.excitation.criteria import (
     Criterion,
     Objective,
@@ -16,7 +17,7 @@ from consistent_id.excitation.criteria import (
     scaled,
     spread,
 )
-from consistent_id.excitation.guards import Place, guard_rows, near_places
+from consistent_id.excitation.guards import EVERY, guard_rows, near_places
 from consistent_id.excitation.information import Informed, PathInformation
 from consistent_id.excitation.kernels import RegressorKernel
 from consistent_id.excitation.limit_rows import LimitRows, limit_rows
@@ -24,13 +25,12 @@ from consistent_id.excitation.programme import Programme, minimise
 from consistent_id.excitation.search_task import SearchTask
 
 _SHARPENING = ((2.0, 40), (8.0, 120), (20.0, 80))  # power, iterations
-BOUND_POWER = 8.0
-"""Of the smooth condition number that a later stage is held to."""
-
+_BOUND_POWER = 20.0  # of the smooth condition number, never below the true one
 _ROUNDING = 1e-7  # by which a row may be missed
 _AIM = 0.01  # by which the programme is asked to do better than a row demands
 _GRID = 24  # samples per period of the highest frequency, where guards look
 _ROUNDS = 8  # of adding rows where a guard was offended
+_SELDOM = 3  # one in so many of the grid's times is enough for a random start
 _FILL = 0.8  # share of the limits that a random start uses
 
 
@@ -44,7 +44,8 @@ class Found:
         None if no path was found that keeps them.
     score : float
         The objective's own value, without smoothing.
-    seed : int
+    number : int
+        Of the random path it began with.
     seconds : float
     offence : str
         What stood in the way, if nothing was found.
@@ -52,7 +53,7 @@ class Found:
 
     variables: Matrix | None
     score: float
-    seed: int
+    number: int
     seconds: float
     offence: str = ""
 
@@ -63,8 +64,8 @@ class Searcher:
     Parameters
     ----------
     task : SearchTask
-    deadline : float, [s]
-        Time of the clock at which searches end with what they have.
+    ended : callable, optional
+        Says whether searches are to end with what they have.
     report : callable, optional
         Told of each improvement: score and variables.
     """
@@ -72,10 +73,10 @@ class Searcher:
     def __init__(
         self,
         task: SearchTask,
-        deadline: float = np.inf,
+        ended: Callable[[], bool] | None = None,
         report: Callable[[float, Matrix], None] | None = None,
     ) -> None:
-        self.task, self.deadline = task, deadline
+        self.task, self.ended = task, ended or (lambda: False)
         self.report = report or (lambda *_: None)
         basis = task.basis
         self._information = PathInformation(
@@ -100,12 +101,14 @@ class Searcher:
         """Shape of the variables."""
         return self.task.basis.size, len(self.task.basis.unit)
 
-    def random(self, seed: int) -> Matrix:
-        """Return a random path that keeps the linear limits."""
-        rng = np.random.default_rng(seed)
+    def random(self, number: int) -> Matrix:
+        """Return a random path that keeps the linear limits, and others if it can."""
+        rng = np.random.default_rng((self.task.seed, number))
         variables = rng.normal(size=self.shape) * self._decay[:, None]
         variables[0] = rng.uniform(-0.3, 0.3, self.shape[1])
-        return np.asarray(variables * (_FILL / self.limits.largest(variables)))
+        variables *= _FILL / self.limits.largest(variables)
+        guards, seldom = self.task.guards, self.grid[::_SELDOM]
+        return clear_start(variables, self.task.basis, self.limits, guards, seldom, rng)
 
     def information(self, variables: Matrix) -> Informed:
         """Return the information of a path; the last one is remembered."""
@@ -120,9 +123,13 @@ class Searcher:
         return Value(value, pull(gradient))
 
     def criterion(self, objective: Objective, power: float = np.inf) -> Criterion:
-        """Return an objective's criterion in the task's scaling, smooth or itself."""
+        """Return an objective's criterion, smooth or itself.
+
+        Only condition numbers are scaled: columns of unit size would hide how large
+        the errors are that the others speak of.
+        """
         plain = criterion_of(objective, power, self.task.gram)
-        return scaled(plain, self.task.scaling)
+        return scaled(plain, self.task.scaling) if objective == "condition" else plain
 
     def score(self, objective: Objective, variables: Matrix) -> float:
         """Return an objective's own value, a logarithm."""
@@ -140,7 +147,7 @@ class Searcher:
 def search(
     searcher: Searcher,
     objective: Objective,
-    seed: int,
+    number: int,
     *,
     start: Matrix | None = None,
     spread_bound: float = np.inf,
@@ -151,22 +158,24 @@ def search(
     ----------
     searcher : Searcher
     objective : Objective
-    seed : int
+    number : int
+        Which of the task's random paths to begin with.
     start : ndarray, shape (size, joints), optional
     spread_bound : float
-        That the smooth logarithm of the condition number may not exceed.
+        That the logarithm of the condition number may not exceed.
     """
     began = clock.monotonic()
-    variables = searcher.random(seed) if start is None else start
+    variables = searcher.random(number) if start is None else start
     hunt = _Hunt(searcher, objective, spread_bound)
+    hunt.consider(variables)
     for power, iterations in _SHARPENING if start is None else _SHARPENING[1:]:
         variables = hunt.sharpened(variables, power, iterations)
-        if clock.time() > searcher.deadline:
+        if searcher.ended():
             break
     return Found(
         hunt.best,
         hunt.score,
-        seed,
+        number,
         clock.monotonic() - began,
         ""
         if hunt.best is not None
@@ -181,7 +190,13 @@ class _Hunt:
         self.best: Matrix | None = None
         self.score = np.inf
         self._searcher, self._objective, self._bound = searcher, objective, bound
-        self._places: list[set[Place]] = [set() for _ in searcher.task.guards]
+        times = len(searcher.grid)
+        self._places = [guard.standing(times) for guard in searcher.task.guards]
+
+    def consider(self, variables: Matrix) -> None:
+        """Keep a path if it is better than what there is, and offends nothing."""
+        if not self._offended(variables):
+            self._keep(variables)
 
     def sharpened(self, start: Matrix, power: float, iterations: int) -> Matrix:
         """Minimise at one power, with more rows for as long as a guard is offended."""
@@ -194,7 +209,7 @@ class _Hunt:
                 self._keep(candidate)
                 return candidate
             grown = self._add_places(candidate) | self._add_places(end)
-            if not grown or clock.time() > self._searcher.deadline:
+            if not grown or self._searcher.ended():
                 return end
             start = end
         return start
@@ -226,11 +241,13 @@ class _Hunt:
             nonlocal score
             candidate = searcher.limits.within(x.reshape(shape))
             seen = searcher.score(self._objective, candidate)
-            if seen < score and self._keeps_rows(candidate):
-                score, best[:] = seen, [candidate]
-                if not searcher.task.guards:
-                    self._keep(candidate)
-            return clock.time() > searcher.deadline
+            if seen < score and self._within_bound(candidate):
+                measures = searcher.measures(candidate)
+                if self._keeps_rows(measures):
+                    score, best[:] = seen, [candidate]
+                    if all(measure.max() <= _ROUNDING for measure in measures):
+                        self._keep(candidate)
+            return searcher.ended()
 
         count = sum(map(len, self._places)) + bool(np.isfinite(self._bound))
         end = minimise(
@@ -263,22 +280,27 @@ class _Hunt:
 
     @property
     def _spread(self) -> Criterion:
-        return scaled(spread(BOUND_POWER), self._searcher.task.scaling)
+        return scaled(spread(_BOUND_POWER), self._searcher.task.scaling)
 
-    def _keeps_rows(self, variables: Matrix) -> bool:
-        if not any(self._places) and not np.isfinite(self._bound):
+    def _keeps_rows(self, measures: list[Matrix]) -> bool:
+        """Tell whether guards are not offended where they have rows."""
+        for places, measure in zip(self._places, measures, strict=True):
+            for time, item in places:
+                seen = measure[time].max() if item == EVERY else measure[time, item]
+                if seen > _ROUNDING:
+                    return False
+        return True
+
+    def _within_bound(self, variables: Matrix) -> bool:
+        if np.isinf(self._bound):
             return True
-        values, _ = self._rows(variables)
-        return bool((values <= _AIM + _ROUNDING).all())
+        matrix = self._searcher.information(variables).matrix
+        return self._spread(matrix).value <= self._bound + _ROUNDING
 
     def _offended(self, variables: Matrix) -> bool:
         measures = self._searcher.measures(variables)
-        if any(measure.max() > _ROUNDING for measure in measures):
-            return True
-        if np.isinf(self._bound):
-            return False
-        matrix = self._searcher.information(variables).matrix
-        return self._spread(matrix).value > self._bound + _ROUNDING
+        offended = any(measure.max() > _ROUNDING for measure in measures)
+        return offended or not self._within_bound(variables)
 
     def _add_places(self, variables: Matrix) -> bool:
         """Add rows where guards are near their limits; say whether any is new."""

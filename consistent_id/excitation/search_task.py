@@ -39,6 +39,8 @@ class SearchTask:
     gram : ndarray, shape (base, base), optional
         Of the task whose torque is to be predicted.
     guards : tuple of Guard
+    seed : int
+        Of the random paths that searches begin with.
     """
 
     model: TorqueModel
@@ -52,6 +54,7 @@ class SearchTask:
     scaling: Scaling
     gram: Matrix | None = None
     guards: tuple[Guard, ...] = ()
+    seed: int = 0
 
 
 def search_task(

@@ -14,9 +14,12 @@ from typing import Any
 import numpy as np
 
 from consistent_id._arrays import Matrix
+from consistent_id._interrupts import Asked
 from consistent_id.excitation.criteria import Objective
 from consistent_id.excitation.search import Found, Searcher, search
 from consistent_id.excitation.search_task import SearchTask
+
+_WAIT = 0.2  # s between looks at whether the user has asked to end
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,15 +29,16 @@ class Job:
     Parameters
     ----------
     objective : Objective
-    seed : int
+    number : int
+        Which of the task's random paths it begins with, or began with.
     start : ndarray, optional
-        By default a random path of this seed.
+        In place of the random path.
     spread_bound : float
         See `search`.
     """
 
     objective: Objective
-    seed: int
+    number: int
     start: Matrix | None = None
     spread_bound: float = np.inf
 
@@ -63,6 +67,7 @@ def run_searches(
     *,
     workers: int,
     deadline: float,
+    interrupted: Asked,
     progress: bool = False,
 ) -> Outcome:
     """Run searches until all are done, time is up or the user interrupts.
@@ -75,30 +80,36 @@ def run_searches(
         Processes, this one among them.
     deadline : float, [s]
         Time of the clock.
+    interrupted : callable
+        Says whether the user has asked to end.
     progress : bool
         Show a bar with the best value so far.
     """
     from tqdm import tqdm
 
     found: list[Found] = []
-    interrupted = False
+
+    def ended() -> bool:
+        return interrupted() or clock.time() > deadline
+
     with (
         TemporaryDirectory(prefix="excitation-") as folder,
         tqdm(total=len(jobs), disable=not progress, unit="start") as bar,
     ):
-        try:
-            for one in _shared_out(task, jobs, workers, deadline, Path(folder)):
-                found.append(one)
-                bar.update()
-                best = min(f.score for f in found)
-                bar.set_postfix_str(f"best {jobs[0].objective}: {np.exp(best):.4g}")
-        except KeyboardInterrupt:
-            interrupted = True
-        done = {one.seed for one in found}
-        found += [one for one in _left_behind(Path(folder)) if one.seed not in done]
-    best_first = sorted(found, key=lambda one: (one.score, one.seed))
+        place = Path(folder)
+        for one in _shared_out(task, jobs, workers, deadline, ended, place):
+            found.append(one)
+            bar.update()
+            best = min(f.score for f in found)
+            bar.set_postfix_str(f"best {jobs[0].objective}: {np.exp(best):.4g}")
+        done = {one.number for one in found}
+        found += [one for one in _left_behind(place) if one.number not in done]
+        if not found and not interrupted():
+            # Processes take a second to begin: some path is better than none.
+            found += [_run(task, job, ended, place) for job in jobs[:1]]
+    best_first = sorted(found, key=lambda one: (one.score, one.number))
     late = clock.time() > deadline or len(found) < len(jobs)
-    return Outcome(tuple(best_first), interrupted, late and not interrupted)
+    return Outcome(tuple(best_first), interrupted(), late and not interrupted())
 
 
 def _shared_out(
@@ -106,37 +117,40 @@ def _shared_out(
     jobs: Sequence[Job],
     workers: int,
     deadline: float,
+    ended: Asked,
     folder: Path,
 ) -> Iterator[Found]:
     """Yield results as they come; this process searches while others start and do."""
     waiting = deque(jobs)
     if workers == 1 or len(jobs) == 1:
-        while waiting and clock.time() < deadline:
-            yield _run(task, waiting.popleft(), deadline, folder)
+        while waiting and not ended():
+            yield _run(task, waiting.popleft(), ended, folder)
         return
-    from loky import get_reusable_executor
+    from loky import get_reusable_executor, wait
 
     with _deaf_children():
         executor = get_reusable_executor(max_workers=workers - 1)
     running: list[Any] = []
     try:
-        while (waiting or running) and not (clock.time() > deadline and not running):
-            while len(running) < workers - 1 and len(waiting) > 1:
+        while running or (waiting and not ended()):
+            while len(running) < workers - 1 and len(waiting) > 1 and not ended():
                 job = waiting.popleft()
                 with _deaf_children():
                     future = executor.submit(_in_worker, task, job, deadline, folder)
                 running.append(future)
-            if waiting and clock.time() < deadline:
-                yield _run(task, waiting.popleft(), deadline, folder)
-            elif running:
-                running[0].exception()  # waits
+            if waiting and not ended():
+                yield _run(task, waiting.popleft(), ended, folder)
+            elif ended() and clock.time() < deadline:
+                break  # the user has: what others have reported so far is enough
+            else:
+                wait(running, timeout=_WAIT)
             for future in [future for future in running if future.done()]:
                 running.remove(future)
                 if (one := future.result()) is not None:
                     yield one
-    except BaseException:
-        executor.shutdown(wait=False, kill_workers=True)
-        raise
+    finally:
+        if running:
+            executor.shutdown(wait=False, kill_workers=True)
 
 
 @contextmanager
@@ -162,21 +176,21 @@ def _in_worker(
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # where it was not inherited
     if clock.time() > deadline:
         return None
-    return _run(task, job, deadline, folder)
+    return _run(task, job, lambda: clock.time() > deadline, folder)
 
 
-def _run(task: SearchTask, job: Job, deadline: float, folder: Path) -> Found:
+def _run(task: SearchTask, job: Job, ended: Asked, folder: Path) -> Found:
     def report(score: float, variables: Matrix) -> None:
-        temporary = folder / f"{job.seed}.partial"
+        temporary = folder / f"{job.number}.partial"
         with temporary.open("wb") as file:
             np.savez(file, score=score, variables=variables)
-        temporary.replace(folder / f"{job.seed}.npz")
+        temporary.replace(folder / f"{job.number}.npz")
 
-    searcher = Searcher(task, deadline, report)
+    searcher = Searcher(task, ended, report)
     return search(
         searcher,
         job.objective,
-        job.seed,
+        job.number,
         start=job.start,
         spread_bound=job.spread_bound,
     )

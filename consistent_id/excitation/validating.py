@@ -13,12 +13,15 @@ from consistent_id._threads import single_threaded
 from consistent_id.errors import InfeasibleError
 from consistent_id.excitation.accuracy import predicted_accuracy
 from consistent_id.excitation.basis import FourierBasis
+from consistent_id.excitation.clear_starts import clear_start
 from consistent_id.excitation.design import ExcitationDesign
 from consistent_id.excitation.limit_rows import limit_rows
 from consistent_id.excitation.verification import Proof
 from consistent_id.trajectory import FourierTrajectory
 
-_SHARES = (0.95, 0.8, 0.6, 0.4, 0.2)  # of the limits, tried in this order
+_REACH = 0.95  # share of the limits that a path may use
+_SHARES = (1.0, 0.85, 0.65, 0.4, 0.2)  # of its swing, tried in this order
+_GRID = 8  # samples per period of the highest frequency, where guards look
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,8 +68,15 @@ def validation_trajectory(
     drawn = [rng.normal(size=shape) for _ in range(candidates)]
     for variables in drawn:
         variables[0] = rng.uniform(-0.3, 0.3, shape[1])
+    guards = design.demands.guards
+    count = int(np.ceil(_GRID * form.frequencies[-1] * form.duration))
+    time = np.linspace(0.0, form.duration, count + 1)
+    drawn = [
+        clear_start(v * (_REACH / rows.largest(v)), basis, rows, guards, time, rng)
+        for v in drawn
+    ]
     for share in _SHARES:
-        paths = [basis.trajectory(v * (share / rows.largest(v))) for v in drawn]
+        paths = [basis.trajectory(np.vstack([v[:1], share * v[1:]])) for v in drawn]
         conditions = [
             predicted_accuracy(
                 design.model, design.base, path, design.aim

@@ -1,15 +1,17 @@
 """Studies and comparisons as one HTML file."""
 
 from collections.abc import Sequence
+from pathlib import Path
 
+from consistent_id._files import write_atomically
 from consistent_id.comparison import Comparison
 from consistent_id.diagnosis import Diagnosis
+from consistent_id.parameter_uncertainty import Uncertainty
 from consistent_id.recording import Recording
 from consistent_id.report.advice import advise
 from consistent_id.report.findings import Findings
 from consistent_id.report.page import page
 from consistent_id.study import Study
-from consistent_id.uncertainty import Uncertainty
 
 
 def report_html(
@@ -60,6 +62,35 @@ def report_html(
             command=command,
         )
     )
+
+
+def write_report(
+    study: Study,
+    path: str | Path,
+    *,
+    diagnosis: Diagnosis | None = None,
+    uncertainty: Uncertainty | None = None,
+    seed: int | None = None,
+    command: str = "",
+) -> Path:
+    """Write `report_html` to a file, whole or not at all; return its path.
+
+    Parameters
+    ----------
+    study : Study
+    path : str or Path
+    diagnosis, uncertainty, seed, command
+        See `report_html`.
+
+    Raises
+    ------
+    ProblemError
+        If the file cannot be written.
+    """
+    html = report_html(
+        study, diagnosis=diagnosis, uncertainty=uncertainty, seed=seed, command=command
+    )
+    return write_atomically(path, html)
 
 
 def comparison_html(

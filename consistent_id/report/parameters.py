@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from consistent_id.estimate import Estimate
+from consistent_id.parameter_uncertainty import ParameterUncertainty, Uncertainty
 from consistent_id.report.findings import Findings, Section
 from consistent_id.report.markup import (
     Html,
@@ -17,7 +18,6 @@ from consistent_id.report.markup import (
     tag,
 )
 from consistent_id.summary import uncertainty_table
-from consistent_id.uncertainty import ParameterUncertainty, Uncertainty
 
 _MEANING = {
     "data": "the data determine it",

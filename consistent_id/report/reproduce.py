@@ -36,8 +36,8 @@ def _files(problem: Problem) -> Html:
     parts = [grid(("file", "SHA-256"), rows)] if rows else []
     about = (problem.table.description, problem.table.source, problem.table.licence)
     parts.insert(0, paragraphs(*(text for text in about if text)))
-    if problem.file is not None:
-        text = problem.file.read_text(encoding="utf-8", errors="replace")
+    if problem.source is not None:
+        text = problem.source.read_text(encoding="utf-8", errors="replace")
         parts.append(folded("The problem file", tag("pre", tag("code", text))))
     return joined(parts)
 

@@ -31,7 +31,7 @@ from consistent_id.trajectory_files.tables import (
 from consistent_id.trajectory_files.urscript import urscript_of
 
 Format = Literal["json", "npz", "csv", "parquet", "ros", "urscript"]
-_FORMATS: dict[str, Format] = {
+FORMAT_OF_ENDING: dict[str, Format] = {
     ".json": "json",
     ".npz": "npz",
     ".csv": "csv",
@@ -41,6 +41,7 @@ _FORMATS: dict[str, Format] = {
     ".script": "urscript",
     ".urscript": "urscript",
 }
+"""Which form an ending says."""
 
 
 class _Probe(msgspec.Struct):
@@ -96,8 +97,8 @@ def write_trajectory(
     """
     file = Path(file)
     chosen = format or _format_of(file)
-    if chosen not in _FORMATS.values():
-        known = ", ".join(dict.fromkeys(_FORMATS.values()))
+    if chosen not in FORMAT_OF_ENDING.values():
+        known = ", ".join(dict.fromkeys(FORMAT_OF_ENDING.values()))
         raise ProblemError(f"{file}: format {chosen!r}, expected one of {known}")
     require_names(path.joints, file)
     if chosen == "json":
@@ -166,9 +167,9 @@ def _is_message(content: bytes) -> bool:
 
 
 def _format_of(file: Path) -> Format:
-    if file.suffix.lower() not in _FORMATS:
+    if file.suffix.lower() not in FORMAT_OF_ENDING:
         raise ProblemError(
             f"{file}: {file.suffix or 'no ending'}, expected one of "
-            f"{', '.join(_FORMATS)}"
+            f"{', '.join(FORMAT_OF_ENDING)}"
         )
-    return _FORMATS[file.suffix.lower()]
+    return FORMAT_OF_ENDING[file.suffix.lower()]

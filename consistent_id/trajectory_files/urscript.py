@@ -8,7 +8,9 @@ from consistent_id._arrays import Matrix
 from consistent_id.errors import ProblemError
 from consistent_id.paths import JointPath
 
-_RATES = (125.0, 500.0)  # Hz, of CB and of e-Series controllers
+UR_RATES = (125.0, 500.0)
+"""Cycles of CB and of e-Series controllers [Hz]."""
+
 _JOINTS = 6
 _TO_START = "a=0.5, v=0.25"  # rad/s^2, rad/s: slow, since nobody checked this way
 _TRACKING = "0.1, 300"  # lookahead time [s] and gain, the controller's own defaults
@@ -30,7 +32,7 @@ def urscript_of(path: JointPath, rate: float, where: Path) -> str:
             f"{where}: {len(path.joints)} joints, expected {_JOINTS}: URScript is the "
             "language of arms with six"
         )
-    if rate not in _RATES:
+    if rate not in UR_RATES:
         raise ProblemError(
             f"{where}: rate is {rate:g} Hz, expected the controller's cycle: 125 "
             "(CB series) or 500 (e-Series)"

@@ -14,7 +14,6 @@ import numpy as np
 from consistent_id._arrays import Vector
 from consistent_id._threads import single_threaded
 from consistent_id.base import BaseParameters, base_parameters, parameter_origins
-from consistent_id.bootstrap import Bootstrap, bootstrap
 from consistent_id.constraints import Constraint, lowered
 from consistent_id.errors import ProblemError
 from consistent_id.estimators.constrained import DEFAULT_CONSTRAINTS
@@ -25,6 +24,7 @@ from consistent_id.parameters import did_you_mean
 from consistent_id.priors import Prior
 from consistent_id.regression import Regression
 from consistent_id.regressor import TorqueModel
+from consistent_id.segment_bootstrap import Bootstrap, bootstrap
 from consistent_id.segments import merged
 from consistent_id.sensitivity import covariance, segment_scores
 

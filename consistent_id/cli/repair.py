@@ -1,28 +1,39 @@
 """``consistent-id repair robot.urdf``: its options, and what it prints."""
 
 import argparse
-import json
 from pathlib import Path
 from typing import Any
 
+from consistent_id.cli.answers import Answer, show
+from consistent_id.cli.options import add_command, add_dry_run
 from consistent_id.errors import ProblemError
 
-TEXT = "make the inertials of a URDF those of bodies, with the least change"
 _MORE = """Masses, centres of mass and axes stay; moments of inertia move to the
 nearest ones that a body has. Nothing else in the file changes by a byte. What would
 have to be made up is refused unless it is stated. Exit code 1: something was refused,
 and nothing was written."""
+_EXAMPLES = """
+consistent-id repair robot.urdf --dry-run
+consistent-id repair robot.urdf --output good.urdf --mass tool=0.4
+consistent-id repair robot.urdf --density 1000 --thickness 0.001
+"""
 
 
 def add_repair(commands: Any) -> None:
     """Add the command to a parser's commands."""
-    command = commands.add_parser("repair", help=TEXT, description=f"{TEXT}. {_MORE}")
+    command = add_command(
+        commands,
+        "repair",
+        "make the inertials of a URDF those of bodies, with the least change",
+        run_repair,
+        more=_MORE,
+        examples=_EXAMPLES,
+    )
     command.add_argument("urdf", type=Path, help="the file")
     command.add_argument(
         "--output", type=Path, help="file to write (default: NAME.repaired.urdf)"
     )
-    command.add_argument("--dry-run", action="store_true", help="write nothing")
-    command.add_argument("--json", action="store_true", help="print JSON, not a table")
+    add_dry_run(command)
     command.add_argument(
         "--mass",
         action="append",
@@ -62,13 +73,10 @@ def run_repair(options: argparse.Namespace) -> int:
     if not (options.dry_run or repair.refused) and (changed or options.output):
         name = f"{options.urdf.stem}.repaired{options.urdf.suffix}"
         written = repair.save(options.output or options.urdf.with_name(name))
-    if options.json:
-        record = repair_record(repair) | {"written": written and str(written)}
-        print(json.dumps(record, indent=1, allow_nan=False))
-    else:
-        print(repair_table(repair).text())
-        print(f"written: {written}" if written else "nothing was written")
-    return 1 if repair.refused else 0
+    record = repair_record(repair) | {"written": written and str(written)}
+    text = repair_table(repair).text()
+    text += f"\nwritten: {written}" if written else "\nnothing was written"
+    return show(options, Answer(1 if repair.refused else 0, text, record))
 
 
 def _mass(text: str) -> tuple[str, float]:

@@ -1,21 +1,34 @@
 """``consistent-id export PROBLEM``: its options, and what it prints."""
 
 import argparse
-import json
 import sys
 from pathlib import Path
 from typing import Any
 
-TEXT = "write the constrained estimate for other programmes"
+from consistent_id.cli.answers import Answer, show
+from consistent_id.cli.options import add_command, add_dry_run
+
 _FORMATS = ("urdf", "mjcf", "json", "pin", "numpy", "casadi", "c")
 _MORE = """Into the problem's own URDF (only numbers change) or MJCF, or as JSON,
 pinocchio.Model, stand-alone NumPy, CasADi function or C. What a format cannot express
 is said. Exit code 1: the estimate is refused, and nothing was written."""
+_EXAMPLES = """
+consistent-id export problems/ur10e --format urdf --output ur10e.urdf
+consistent-id export problems/rx60 --format c --output rx60.c
+consistent-id export problems/rx60 --format json --output rx60.json --dry-run
+"""
 
 
 def add_export(commands: Any) -> None:
     """Add the command to a parser's commands."""
-    command = commands.add_parser("export", help=TEXT, description=f"{TEXT}. {_MORE}")
+    command = add_command(
+        commands,
+        "export",
+        "write the constrained estimate for other programmes",
+        run_export,
+        more=_MORE,
+        examples=_EXAMPLES,
+    )
     command.add_argument(
         "problem", type=Path, help="folder with a problem.toml, or the file"
     )
@@ -37,8 +50,7 @@ def add_export(commands: Any) -> None:
     command.add_argument(
         "--allow-refused", action="store_true", help="write even what is refused"
     )
-    command.add_argument("--dry-run", action="store_true", help="write nothing")
-    command.add_argument("--json", action="store_true", help="print JSON, not text")
+    add_dry_run(command)
 
 
 def run_export(options: argparse.Namespace) -> int:
@@ -72,11 +84,6 @@ def run_export(options: argparse.Namespace) -> int:
         "notes": list(export.notes),
         "written": written and str(written),
     }
-    if options.json:
-        print(json.dumps(record, indent=1))
-    else:
-        print(f"{estimate.method}: {verdict}")
-        for note in export.notes:
-            print(f"  {note}")
-        print(f"written: {written}" if written else "nothing was written")
-    return 0
+    lines = [f"{estimate.method}: {verdict}", *(f"  {n}" for n in export.notes)]
+    lines.append(f"written: {written}" if written else "nothing was written")
+    return show(options, Answer(0, "\n".join(lines), record))

@@ -21,8 +21,8 @@ from consistent_id import (
     from_modified_dh,
     simulate_torque,
 )
+from consistent_id.parameter_uncertainty import uncertainty
 from consistent_id.segments import segment_regressions
-from consistent_id.uncertainty import uncertainty
 
 BODIES = (PhysicalConsistency(), FixedMasses(), NonNegativeDrive())
 

@@ -1,6 +1,6 @@
 """Reproduced experiments as a paper prints them."""
 
-from consistent_id.reproduction import ParameterTable, Reproduction
+from consistent_id.reproduction.experiments import ParameterTable, Reproduction
 from consistent_id.tables import Table
 
 

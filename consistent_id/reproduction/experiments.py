@@ -5,14 +5,14 @@ to two clocks made one.  Each is identified as the paper did, and with constrain
 and standard deviation over the experiments are what papers print.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._arrays import Matrix, Vector, frozen
-from consistent_id.base import base_parameters
+from consistent_id.base import base_parameters, linear_combination
 from consistent_id.errors import ProblemError
 from consistent_id.estimate import Estimate
 from consistent_id.estimators.constrained import constrained_least_squares
@@ -32,6 +32,9 @@ from consistent_id.recording import Recording
 from consistent_id.regression import build_regression
 from consistent_id.regressor import TorqueModel
 
+METHODS = 4  # by which each experiment is identified
+_PART = 0.2  # of the largest part of a combination; less is not told
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Excited:
@@ -45,11 +48,18 @@ class Excited:
         unit length.
     open_directions : ndarray, shape (combinations, directions)
         Orthonormal; along them no torque of the experiment changes.
+    left_open : tuple of str
+        The same, in readable form.
+    weakest : str
+        The combination told least of those that count, in units of the columns' norms;
+        its largest parts.
     """
 
     rank: int
     condition: float
     open_directions: Matrix
+    left_open: tuple[str, ...]
+    weakest: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -135,6 +145,10 @@ class Reproduction:
             for i, estimate in enumerate(first)
         )
 
+    def scatter(self, table: ParameterTable) -> Vector:
+        """Return the sample's standard deviation of `errors`, shape (combinations,)."""
+        return np.asarray(self.errors(table).std(axis=0, ddof=1))
+
     def errors(self, table: ParameterTable) -> Matrix:
         """Return vectors less the truth, shape (experiments, combinations).
 
@@ -171,61 +185,97 @@ def reproduce_experiments(
     Returns
     -------
     Reproduction
-        By three methods: least squares as published, which knows no friction; the
-        constrained estimate of the same model; the constrained estimate of a model with
-        friction and a torque offset.
+        See `perform_experiments`.
     """
-    table = laboratory_table(problem)
+    names = (
+        laboratory_table(problem).experiments if experiments is None else experiments
+    )
+    known = laboratory_table(problem).experiments
+    for name in names:
+        if name not in known:
+            raise ProblemError(
+                f"{name!r} is not among the laboratory's experiments: "
+                f"{', '.join(known)}"
+            )
+    return perform_experiments(
+        problem,
+        inertial,
+        {name: task_motion(problem, name) for name in names},
+        places=[known.index(name) for name in names],
+        friction=friction,
+    )
+
+
+def perform_experiments(
+    problem: Problem,
+    inertial: ArrayLike,
+    motions: Mapping[str, Recording],
+    *,
+    places: Sequence[int] | None = None,
+    friction: bool = True,
+    seed: int | None = None,
+) -> Reproduction:
+    """Perform and identify experiments along any motions, in a problem's laboratory.
+
+    Parameters
+    ----------
+    problem : Problem
+        With ``[published]`` and ``[laboratory]``.
+    inertial : array_like, shape (10 links,)
+        Of the robot in the laboratory.
+    motions : mapping of str to Recording
+        Uniformly sampled, with velocity and acceleration.
+    places : sequence of int, optional
+        Which stream of noise each experiment draws from; by default in their order.
+    friction : bool
+        Whether the robot's friction is switched on.
+    seed : int, optional
+        By default the laboratory's.
+
+    Returns
+    -------
+    Reproduction
+        By four methods: least squares as published, which knows no friction; the
+        constrained estimate of the same model; both again with friction and a torque
+        offset in the model.
+    """
+    if not motions:
+        raise ProblemError("no experiments to reproduce; name one task or more")
     mine = parametrisation_of(problem)
     known = frozen(inertial, (problem.model.layout.inertial_size,), "inertial")
     laboratory = laboratory_of(problem, known)
     if not friction:
         laboratory = laboratory.without_friction()
-    names = tuple(table.experiments if experiments is None else experiments)
-    if not names:
-        raise ProblemError("no experiments to reproduce; name one task or more")
-    done = []
-    # A stream for each of the file's experiments: leaving some out changes no other.
-    streams = dict(
-        zip(
-            table.experiments,
-            np.random.default_rng(table.seed).spawn(len(table.experiments)),
-            strict=True,
-        )
+    places = list(range(len(motions))) if places is None else places
+    seed = laboratory_table(problem).seed if seed is None else seed
+    # A stream for each place: leaving some experiments out changes no other.
+    streams = np.random.default_rng(seed).spawn(max(places) + 1)
+    done = tuple(
+        identify_experiment(problem, name, perform(laboratory, motion, streams[place]))
+        for (name, motion), place in zip(motions.items(), places, strict=True)
     )
-    for name in names:
-        if name not in streams:
-            raise ProblemError(
-                f"{name!r} is not among the laboratory's experiments: "
-                f"{', '.join(table.experiments)}"
-            )
-        log = perform(laboratory, task_motion(problem, name), streams[name])
-        done.append(identify_experiment(problem, name, log))
-    return Reproduction(mine.names, mine.matrix[:, : len(known)] @ known, tuple(done))
+    return Reproduction(mine.names, mine.matrix[:, : len(known)] @ known, done)
 
 
 def identify_experiment(
     problem: Problem, name: str, log: ExperimentLog
 ) -> IdentifiedExperiment:
-    """Identify one experiment, by each method of `reproduce_experiments`."""
+    """Identify one experiment, by each method of `perform_experiments`."""
     table, mine = laboratory_table(problem), parametrisation_of(problem)
     together = on_one_clock(log, cutoff=table.cutoff, trim=table.trim)
     recording = together.recording
-    rubbing = DriveTerms(
+    drive = DriveTerms(
         viscous=True,
         coulomb="tanh",
         velocity_scale=table.friction.velocity_scale,
         offset=True,
     )
+    rubbing = TorqueModel(problem.model.robot, drive)
     estimates = (
         published_least_squares(problem, recording),
         _constrained(problem, problem.model, recording, "constrained"),
-        _constrained(
-            problem,
-            TorqueModel(problem.model.robot, rubbing),
-            recording,
-            "constrained, with friction",
-        ),
+        published_least_squares(problem, recording, drive=drive),
+        _constrained(problem, rubbing, recording, "constrained, with friction"),
     )
     size = problem.model.layout.inertial_size
     C = mine.matrix[:, :size]
@@ -256,6 +306,7 @@ def _excited(
     mine: Parametrisation, fixed: Sequence[str], recording: Recording
 ) -> Excited:
     free = [i for i in range(len(mine)) if i not in mine.places(fixed)]
+    names = tuple(mine.names[i] for i in free)
     R = mine.factor(recording)[:, free]
     solution = solve_linear(R, np.zeros(len(R)))
     s, rank = solution.singular_values, solution.rank
@@ -263,4 +314,20 @@ def _excited(
     directions[free] = solution.null_space
     if directions.size:
         directions = np.linalg.qr(directions)[0]
-    return Excited(rank, float(s[0] / s[rank - 1]), directions)
+    return Excited(
+        rank=rank,
+        condition=float(s[0] / s[rank - 1]),
+        open_directions=directions,
+        left_open=tuple(
+            linear_combination(direction, names) for direction in solution.null_space.T
+        ),
+        weakest=_weakest(R, rank, names),
+    )
+
+
+def _weakest(R: Matrix, rank: int, names: tuple[str, ...]) -> str:
+    norms = np.linalg.norm(R, axis=0)
+    _, _, Vt = np.linalg.svd(R / np.where(norms > 0.0, norms, 1.0))
+    direction = Vt[rank - 1] / Vt[rank - 1][abs(Vt[rank - 1]).argmax()]
+    large = np.where(abs(direction) > _PART, direction, 0.0)
+    return linear_combination(large, names, digits=2)

@@ -1,6 +1,5 @@
 """The bootstrap: reproducible, honest about failures, and right about white noise."""
 
-import importlib
 from functools import lru_cache
 
 import numpy as np
@@ -12,20 +11,18 @@ from consistent_id import (
     ProblemError,
     SolverError,
     joint_noise,
+    segment_bootstrap,
     simulate_torque,
 )
 from consistent_id.base import base_parameters
-from consistent_id.bootstrap import bootstrap
 from consistent_id.estimators.constrained import DEFAULT_CONSTRAINTS
 from consistent_id.estimators.settled import settle
 from consistent_id.priors import Penalty
+from consistent_id.segment_bootstrap import bootstrap
 from consistent_id.segments import merged, segment_regressions
 from consistent_id.sensitivity import covariance, segment_scores, white_scores
 
 PRIOR = Penalty(0.1)
-
-# The package has a function of the same name.
-MODULE = importlib.import_module("consistent_id.bootstrap")
 
 
 @lru_cache
@@ -45,7 +42,7 @@ def test_the_same_seed_gives_the_same_result_whatever_the_number_of_workers(
     model, segments, _ = simulated()
     first = bootstrap(model, segments, replicates=20, seed=3)
     for workers in (1, 3):
-        monkeypatch.setattr(MODULE, "_WORKERS", workers)
+        monkeypatch.setattr("consistent_id.segment_bootstrap._WORKERS", workers)
         again = bootstrap(model, segments, replicates=20, seed=3)
         assert np.array_equal(again.estimates, first.estimates)
     other = bootstrap(model, segments, replicates=20, seed=4)
@@ -97,15 +94,15 @@ def test_its_scatter_is_the_covariance_from_segments_and_that_of_white_noise():
 def failing(monkeypatch, fails, error):
     """Let the fits of the draws with these numbers fail."""
     calls = iter(range(10**6))
-    solve = MODULE.penalised_fit
+    solve = segment_bootstrap.penalised_fit
 
     def sometimes(*args, **options):
         if next(calls) in fails:
             raise error
         return solve(*args, **options)
 
-    monkeypatch.setattr(MODULE, "_WORKERS", 1)
-    monkeypatch.setattr(MODULE, "penalised_fit", sometimes)
+    monkeypatch.setattr("consistent_id.segment_bootstrap._WORKERS", 1)
+    monkeypatch.setattr("consistent_id.segment_bootstrap.penalised_fit", sometimes)
 
 
 def test_an_interruption_keeps_the_replicates_so_far(monkeypatch):

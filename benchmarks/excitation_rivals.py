@@ -1,0 +1,196 @@
+"""The same question put to other optimisers, with the same limits and time.
+
+All look for the least condition number in the variables of the package's own search,
+and all candidates are measured after the same scaling into the limits, at the same
+samples.  Each runs in two processes with seeds of their own.
+"""
+
+import time as clock
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from excitation_cases import Case, task_of
+from excitation_designs import PROCESSES
+from joblib import Parallel, delayed
+from scipy.optimize import differential_evolution, minimize
+
+from consistent_id._threads import single_threaded
+from consistent_id.excitation.search import Searcher, search
+
+
+@dataclass(frozen=True)
+class Trace:
+    """How far a method had come by when.
+
+    Parameters
+    ----------
+    method : str
+    seconds, value : tuple of float
+        Each time a better condition number was found.
+    """
+
+    method: str
+    seconds: tuple[float, ...]
+    value: tuple[float, ...]
+
+    def at(self, second: float) -> float:
+        """Return the least condition number found by a time."""
+        by_then = [
+            v for s, v in zip(self.seconds, self.value, strict=True) if s <= second
+        ]
+        return min(by_then, default=np.inf)
+
+
+class TimeIsUp(Exception):
+    """Ends an optimiser from within its objective."""
+
+
+class Judge:
+    """Measures candidates, and keeps the trace of the best."""
+
+    def __init__(self, case: Case, seconds: float) -> None:
+        self.searcher = Searcher(task_of(case))
+        self.began = clock.monotonic()
+        self.until = self.began + seconds
+        self.trace: list[tuple[float, float]] = []
+        self.best = np.inf
+
+    def __call__(self, x: np.ndarray) -> float:
+        """Return the logarithm of the condition number within the limits."""
+        if clock.monotonic() > self.until:
+            raise TimeIsUp
+        variables = self.searcher.limits.within(x.reshape(self.searcher.shape))
+        score = self.searcher.score("condition", variables)
+        self.note(score)
+        return score
+
+    def plain(self, x: np.ndarray) -> float:
+        """Return it as it is, for methods that have limits as rows of their own."""
+        self(x)
+        return self.searcher.score("condition", x.reshape(self.searcher.shape))
+
+    def note(self, score: float) -> None:
+        """Keep a score if it is the best so far."""
+        if score < self.best:
+            self.best = score
+            self.trace.append((clock.monotonic() - self.began, float(np.exp(score))))
+
+
+def random_search(judge: Judge, seed: int) -> None:
+    """Draw paths that use all of the limits."""
+    while True:
+        variables = judge.searcher.random(seed)
+        variables /= judge.searcher.limits.largest(variables)
+        judge(variables)
+        seed += PROCESSES
+
+
+def evolution(judge: Judge, seed: int) -> None:
+    """SciPy's differential evolution, its box as large as limits leave room for."""
+    size = int(np.prod(judge.searcher.shape))
+    differential_evolution(
+        judge,
+        [(-1.5, 1.5)] * size,
+        popsize=2,  # times the variables; more is slower here
+        maxiter=10**6,
+        tol=0.0,
+        polish=False,
+        rng=seed,
+    )
+
+
+def slsqp(judge: Judge, seed: int) -> None:
+    """SciPy's SLSQP with finite differences, limits as rows, from random paths."""
+    A = judge.searcher.limits.matrix.toarray()
+    rows = {
+        "type": "ineq",
+        "fun": lambda x: np.append(1.0 - A @ x, 1.0 + A @ x),
+        "jac": lambda _: np.vstack([-A, A]),
+    }
+    while True:
+        start = judge.searcher.random(seed).ravel()
+        minimize(judge.plain, start, method="SLSQP", constraints=rows)
+        seed += PROCESSES
+
+
+def ours(judge: Judge, seed: int) -> None:
+    """Run the package's own search from one random path after another."""
+    judge.searcher.ended = lambda: clock.monotonic() > judge.until
+    judge.searcher.report = lambda score, _: judge.note(score)
+    while clock.monotonic() < judge.until:
+        search(judge.searcher, "condition", seed)
+        seed += PROCESSES
+
+
+METHODS: dict[str, Callable[[Judge, int], None]] = {
+    "consistent_id": ours,
+    "SLSQP, finite differences": slsqp,
+    "differential evolution": evolution,
+    "random search": random_search,
+}
+
+
+def trace(method: str, case: Case, seconds: float) -> Trace:
+    """Run a method for a time, in all processes, and merge what they found."""
+    single = Parallel(n_jobs=PROCESSES)(
+        delayed(_run)(method, case, seed, seconds) for seed in range(PROCESSES)
+    )
+    events = sorted(event for one in single for event in one)
+    best, kept = np.inf, []
+    for second, value in events:
+        if value < best:
+            best = value
+            kept.append((second, value))
+    return Trace(method, tuple(s for s, _ in kept), tuple(v for _, v in kept))
+
+
+def draw(traces: list[Trace], seconds: float, file: Path) -> None:
+    """Draw the best condition numbers over time."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7.0, 3.6), layout="constrained")
+    axes = figure.add_subplot()
+    for one in traces:
+        times = (*one.seconds, seconds)
+        axes.step(times, (*one.value, one.value[-1]), where="post", label=one.method)
+    axes.set(
+        xscale="log",
+        yscale="log",
+        xlim=(0.1, seconds),
+        ylim=(None, 100.0),
+        xlabel="time [s], two processes",
+        ylabel="least condition number",
+        title="UR10, 10 s, five harmonics, unscaled base columns",
+    )
+    axes.grid(which="both", alpha=0.3)
+    axes.legend()
+    figure.savefig(file, dpi=110)
+
+
+@single_threaded
+def _run(
+    method: str, case: Case, seed: int, seconds: float
+) -> list[tuple[float, float]]:
+    judge = Judge(case, seconds)
+    try:
+        METHODS[method](judge, seed)
+    except TimeIsUp:
+        pass
+    return judge.trace
+
+
+def single_starts(case: Case, seeds: int) -> tuple[list[float], list[float]]:
+    """Return what single searches reach, and the processor time each takes."""
+    results = Parallel(n_jobs=PROCESSES)(
+        delayed(_single)(case, seed) for seed in range(seeds)
+    )
+    return [value for value, _ in results], [seconds for _, seconds in results]
+
+
+@single_threaded
+def _single(case: Case, seed: int) -> tuple[float, float]:
+    began = clock.process_time()
+    found = search(Searcher(task_of(case)), "condition", seed)
+    return float(np.exp(found.score)), clock.process_time() - began

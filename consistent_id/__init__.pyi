@@ -1,0 +1,398 @@
+# The public names and where they live.  Type checkers and editors read this file, and
+# so does `_face`, which imports a name's module when the name is first asked for.
+
+from consistent_id.base import BaseParameters, base_parameters, condition_number
+from consistent_id.base_bodies import base_feasibility
+from consistent_id.chains import chain, held
+from consistent_id.collisions.bodies import (
+    Body,
+    Box,
+    Capsule,
+    Cylinder,
+    HalfSpace,
+    Hull,
+    Sphere,
+    plane,
+)
+from consistent_id.collisions.clearance import ClearanceReport, prove_clearance
+from consistent_id.collisions.scene import Scene
+from consistent_id.collisions.scene_building import build_scene
+from consistent_id.collisions.scene_file import scene_from_urdf
+from consistent_id.comparison import Comparison, compare
+from consistent_id.constraint_prices import ShadowPrice, shadow_prices
+from consistent_id.constraints import (
+    CentreOfMassBoxes,
+    CentreOfMassIn,
+    DensityOn,
+    Ellipsoid,
+    EqualLinks,
+    FixedCentresOfMass,
+    FixedMasses,
+    FixedParameters,
+    LinearRelation,
+    MassBounds,
+    Motor,
+    NonNegativeDrive,
+    ParameterBounds,
+    PhysicalConsistency,
+    Polytope,
+    RotorInertias,
+    SharedMotors,
+    SymmetricLink,
+    TotalMass,
+    mesh_vertices,
+)
+from consistent_id.cross_validation import RegularisationPath, cross_validated
+from consistent_id.cutoff import CutoffChoice, best_cutoff
+from consistent_id.diagnosis import Diagnosis, diagnose
+from consistent_id.errors import (
+    ConsistentIdError,
+    InfeasibleError,
+    ModelError,
+    NotExcitedError,
+    PathError,
+    ProblemError,
+    RecordingError,
+    SolverError,
+)
+from consistent_id.estimate import Certificate, Estimate
+from consistent_id.estimators.constrained import constrained_least_squares
+from consistent_id.estimators.contradiction import Contradiction, contradiction
+from consistent_id.estimators.gains import DriveGains, identify_gains
+from consistent_id.estimators.least_squares import (
+    joint_noise,
+    least_squares,
+    weighted_least_squares,
+)
+from consistent_id.estimators.payload import Payload, identify_payload
+from consistent_id.estimators.robust import huber
+from consistent_id.estimators.smooth import smooth_least_squares
+from consistent_id.excitation.accuracy import PredictedAccuracy, predicted_accuracy
+from consistent_id.excitation.aims import Aim, PathForm
+from consistent_id.excitation.design import ExcitationDesign, design_trajectory
+from consistent_id.excitation.validating import ValidationPath, validation_trajectory
+from consistent_id.export import (
+    Export,
+    mujoco_spec,
+    robot_record,
+    to_c,
+    to_casadi,
+    to_json,
+    to_mjcf,
+    to_numpy,
+    to_pinocchio,
+    to_urdf,
+)
+from consistent_id.fit_costs import constraint_costs
+from consistent_id.fit_cross_check import CrossCheck, cross_check
+from consistent_id.friction import DriveTerms, GearCoupling
+from consistent_id.inertia import InertialParameters
+from consistent_id.intervals import ConsistentIntervals, consistent_intervals
+from consistent_id.inverse_kinematics import TaskPath, follow
+from consistent_id.kinematics import frame_places
+from consistent_id.link_condition import LinkCondition, link_conditions
+from consistent_id.loaders import (
+    DHRow,
+    Finding,
+    from_classical_dh,
+    from_modified_dh,
+    lint_urdf,
+    load_mjcf,
+    load_urdf,
+)
+from consistent_id.log_cholesky import (
+    body_from_log_cholesky,
+    log_cholesky_from_body,
+    log_cholesky_jacobian,
+)
+from consistent_id.model import (
+    Datasheet,
+    FixedFrame,
+    Joint,
+    JointLimits,
+    Link,
+    RobotModel,
+)
+from consistent_id.motion.limits import MotionLimits, motion_limits
+from consistent_id.motion.motion_state import MotionState
+from consistent_id.motion.move import Move
+from consistent_id.motion.move_along import move_along
+from consistent_id.motion.polynomial_path import PolynomialPath
+from consistent_id.motion.transfers import transfer
+from consistent_id.parameter_uncertainty import Uncertainty, uncertainty
+from consistent_id.priors import Penalty, PointToSet
+from consistent_id.problem import Problem, load_problem, load_problems
+from consistent_id.proofs.margins import MotionMargins, motion_margins
+from consistent_id.readers import (
+    JOINT_STATE,
+    Columns,
+    read_recording,
+    read_track,
+    recording_from,
+)
+from consistent_id.recording import Recording
+from consistent_id.regression import Regression, build_regression
+from consistent_id.regressor import (
+    TorqueModel,
+    casadi_regressor,
+    joint_torque_regressor,
+)
+from consistent_id.repair import Repair, nearest_inertia, repair_urdf
+from consistent_id.report import (
+    Advice,
+    advise,
+    comparison_html,
+    report_html,
+    write_report,
+)
+from consistent_id.segment_bootstrap import Bootstrap, bootstrap
+from consistent_id.segments import segment_regressions
+from consistent_id.shape_fit import ShapeFit, fit_shapes
+from consistent_id.shapes import shapes_of, with_shapes
+from consistent_id.signals import (
+    Delay,
+    Fold,
+    FourierFit,
+    MotionNoise,
+    Track,
+    aligned,
+    blocked_folds,
+    decimated,
+    differentiated,
+    encoder_resolution,
+    estimate_delay,
+    estimated_period,
+    fit_trajectory,
+    fourier_differentiated,
+    fourier_fit,
+    kalman_differentiated,
+    low_passed,
+    mask_onto,
+    motion_noise,
+    resampled,
+    row_weights,
+    saturated,
+    savitzky_golay_differentiated,
+    split_at_gaps,
+    standstill,
+    track,
+    trim_standstill,
+    trimmed,
+    without,
+)
+from consistent_id.simulation import simulate_torque
+from consistent_id.study import Study, identify, run_study
+from consistent_id.trajectory import FourierTrajectory, harmonics_of
+from consistent_id.trajectory_files import (
+    TRAJECTORY_COLUMNS,
+    read_trajectory,
+    write_trajectory,
+)
+from consistent_id.writer import Writer
+from consistent_id.writing_tasks import Orientation, WritingTask
+
+__version__: str
+
+__all__ = [
+    "JOINT_STATE",
+    "TRAJECTORY_COLUMNS",
+    "Advice",
+    "Aim",
+    "BaseParameters",
+    "Body",
+    "Bootstrap",
+    "Box",
+    "Capsule",
+    "CentreOfMassBoxes",
+    "CentreOfMassIn",
+    "Certificate",
+    "ClearanceReport",
+    "Columns",
+    "Comparison",
+    "ConsistentIdError",
+    "ConsistentIntervals",
+    "Contradiction",
+    "CrossCheck",
+    "CutoffChoice",
+    "Cylinder",
+    "DHRow",
+    "Datasheet",
+    "Delay",
+    "DensityOn",
+    "Diagnosis",
+    "DriveGains",
+    "DriveTerms",
+    "Ellipsoid",
+    "EqualLinks",
+    "Estimate",
+    "ExcitationDesign",
+    "Export",
+    "Finding",
+    "FixedCentresOfMass",
+    "FixedFrame",
+    "FixedMasses",
+    "FixedParameters",
+    "Fold",
+    "FourierFit",
+    "FourierTrajectory",
+    "GearCoupling",
+    "HalfSpace",
+    "Hull",
+    "InertialParameters",
+    "InfeasibleError",
+    "Joint",
+    "JointLimits",
+    "LinearRelation",
+    "Link",
+    "LinkCondition",
+    "MassBounds",
+    "ModelError",
+    "MotionLimits",
+    "MotionMargins",
+    "MotionNoise",
+    "MotionState",
+    "Motor",
+    "Move",
+    "NonNegativeDrive",
+    "NotExcitedError",
+    "Orientation",
+    "ParameterBounds",
+    "PathError",
+    "PathForm",
+    "Payload",
+    "Penalty",
+    "PhysicalConsistency",
+    "PointToSet",
+    "PolynomialPath",
+    "Polytope",
+    "PredictedAccuracy",
+    "Problem",
+    "ProblemError",
+    "Recording",
+    "RecordingError",
+    "Regression",
+    "RegularisationPath",
+    "Repair",
+    "RobotModel",
+    "RotorInertias",
+    "Scene",
+    "ShadowPrice",
+    "ShapeFit",
+    "SharedMotors",
+    "SolverError",
+    "Sphere",
+    "Study",
+    "SymmetricLink",
+    "TaskPath",
+    "TorqueModel",
+    "TotalMass",
+    "Track",
+    "Uncertainty",
+    "ValidationPath",
+    "Writer",
+    "WritingTask",
+    "advise",
+    "aligned",
+    "base_feasibility",
+    "base_parameters",
+    "best_cutoff",
+    "blocked_folds",
+    "body_from_log_cholesky",
+    "bootstrap",
+    "build_regression",
+    "build_scene",
+    "casadi_regressor",
+    "chain",
+    "compare",
+    "comparison_html",
+    "condition_number",
+    "consistent_intervals",
+    "constrained_least_squares",
+    "constraint_costs",
+    "contradiction",
+    "cross_check",
+    "cross_validated",
+    "decimated",
+    "design_trajectory",
+    "diagnose",
+    "differentiated",
+    "encoder_resolution",
+    "estimate_delay",
+    "estimated_period",
+    "fit_shapes",
+    "fit_trajectory",
+    "follow",
+    "fourier_differentiated",
+    "fourier_fit",
+    "frame_places",
+    "from_classical_dh",
+    "from_modified_dh",
+    "harmonics_of",
+    "held",
+    "huber",
+    "identify",
+    "identify_gains",
+    "identify_payload",
+    "joint_noise",
+    "joint_torque_regressor",
+    "kalman_differentiated",
+    "least_squares",
+    "link_conditions",
+    "lint_urdf",
+    "load_mjcf",
+    "load_problem",
+    "load_problems",
+    "load_urdf",
+    "log_cholesky_from_body",
+    "log_cholesky_jacobian",
+    "low_passed",
+    "mask_onto",
+    "mesh_vertices",
+    "motion_limits",
+    "motion_margins",
+    "motion_noise",
+    "move_along",
+    "mujoco_spec",
+    "nearest_inertia",
+    "plane",
+    "predicted_accuracy",
+    "prove_clearance",
+    "read_recording",
+    "read_track",
+    "read_trajectory",
+    "recording_from",
+    "repair_urdf",
+    "report_html",
+    "resampled",
+    "robot_record",
+    "row_weights",
+    "run_study",
+    "saturated",
+    "savitzky_golay_differentiated",
+    "scene_from_urdf",
+    "segment_regressions",
+    "shadow_prices",
+    "shapes_of",
+    "simulate_torque",
+    "smooth_least_squares",
+    "split_at_gaps",
+    "standstill",
+    "to_c",
+    "to_casadi",
+    "to_json",
+    "to_mjcf",
+    "to_numpy",
+    "to_pinocchio",
+    "to_urdf",
+    "track",
+    "transfer",
+    "trim_standstill",
+    "trimmed",
+    "uncertainty",
+    "validation_trajectory",
+    "weighted_least_squares",
+    "with_shapes",
+    "without",
+    "write_report",
+    "write_trajectory",
+]

@@ -1,0 +1,7 @@
+"""``python -m consistent_id`` is the shell tool."""
+
+import sys
+
+from consistent_id.cli import main
+
+sys.exit(main())

@@ -1,0 +1,9 @@
+"""The shell tool: a file per command, each with ``add_NAME`` and ``run_NAME``.
+
+``add_NAME(commands)`` says what the command takes, ``run_NAME(options)`` does it and
+returns the exit code; `tool` lists the commands.
+"""
+
+from consistent_id.cli.tool import main
+
+__all__ = ["main"]

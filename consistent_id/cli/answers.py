@@ -1,0 +1,105 @@
+"""What commands have to say, of one problem or of several, and how it is said."""
+
+import argparse
+import json
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from consistent_id.cli.colour import coloured, wants_colour
+from consistent_id.errors import ConsistentIdError, SolverError
+
+
+class Answer(NamedTuple):
+    """What a command has to say of one problem."""
+
+    code: int
+    text: str
+    record: object
+
+
+AnswerTo = Callable[[argparse.Namespace], Answer]
+
+
+def answered(options: argparse.Namespace, answer_to: AnswerTo) -> int:
+    """Answer for every problem that ``options.problem`` stands for.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+    answer_to : callable
+        From the options, ``problem`` being one file, to an `Answer`.
+
+    Returns
+    -------
+    int
+        The highest exit code.
+    """
+    from consistent_id.problem_folder import problem_files
+
+    files = problem_files(options.problem)
+    if len(files) > 1:
+        return _each(options, files, answer_to)
+    return show(options, answer_to(_of(options, files[0])))
+
+
+def show(options: argparse.Namespace, answer: Answer) -> int:
+    """Print an answer as the options ask; return its exit code."""
+    if options.json:
+        print(json.dumps(answer.record, indent=1, allow_nan=False))
+    else:
+        say(options, answer.text)
+    return answer.code
+
+
+def say(options: argparse.Namespace, text: str) -> None:
+    """Print text, unless told to be quiet."""
+    if not options.quiet:
+        print(coloured(text) if wants_colour(sys.stdout) else text, flush=True)
+
+
+def told(error: ConsistentIdError) -> int:
+    """Print an error; return its exit code."""
+    print(f"consistent-id: {error}", file=sys.stderr)
+    return 3 if isinstance(error, SolverError) else 2
+
+
+def shows_progress(options: argparse.Namespace) -> bool:
+    """Tell whether somebody watches long work."""
+    return sys.stderr.isatty() and not options.quiet
+
+
+def _each(
+    options: argparse.Namespace, files: Sequence[Path], answer_to: AnswerTo
+) -> int:
+    """Work through several problems; one that fails does not stop the others."""
+    from consistent_id.problem import require_distinct
+    from consistent_id.problem_file import read_problem_table
+
+    codes, records, names = [], {}, []
+    for file in files:
+        try:
+            names.append(read_problem_table(file).name)
+            require_distinct(names)
+            answer = answer_to(_of(options, file, names[-1]))
+        except ConsistentIdError as error:
+            codes.append(told(error))
+            continue
+        codes.append(answer.code)
+        records[names[-1]] = answer.record
+        if not options.json:
+            say(options, f"=== {names[-1]}\n\n{answer.text}\n")
+    if options.json:
+        print(json.dumps(records, indent=1, allow_nan=False))
+    return max(codes)
+
+
+def _of(
+    options: argparse.Namespace, file: Path, name: str | None = None
+) -> argparse.Namespace:
+    """Return the options for one problem; of several, each has its own folder."""
+    chosen = argparse.Namespace(**{**vars(options), "problem": file})
+    if name is not None and getattr(options, "output", None) is not None:
+        chosen.output = options.output / name
+    return chosen

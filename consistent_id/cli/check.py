@@ -1,0 +1,59 @@
+"""``consistent-id check``: what is wrong with a problem's recordings, or with a log."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from consistent_id.cli.answers import Answer, answered, show
+from consistent_id.cli.log_options import add_columns, columns_of
+from consistent_id.cli.options import add_command, add_problem, positive
+
+_MORE = """Clocks, units, signs, exchanged channels, zeros, lags, saturation, leaks.
+With a URDF or MJCF file in place of PROBLEM, and a log, no problem file is needed.
+Exit code 1: something is wrong."""
+_EXAMPLES = """
+consistent-id check problems/ur10e
+consistent-id check robot.urdf log.csv
+consistent-id check robot.urdf log.csv --position q_{joint} --torque tau_{joint}
+"""
+
+
+def add_check(commands: Any) -> None:
+    """Add the command to a parser's commands."""
+    command = add_command(
+        commands,
+        "check",
+        "look for what is wrong with a log",
+        run_check,
+        more=_MORE,
+        examples=_EXAMPLES,
+    )
+    add_problem(command)
+    command.add_argument(
+        "log", type=Path, nargs="?", help="a log, if PROBLEM is a URDF or MJCF file"
+    )
+    add_columns(command, "q_{joint}", "tau_{joint}")
+    command.add_argument(
+        "--cutoff", type=positive, default=10.0, help="low-pass in Hz (default: 10)"
+    )
+
+
+def run_check(options: argparse.Namespace) -> int:
+    """Look at recordings; return the exit code."""
+    if options.log is not None:
+        return show(options, _check(options))
+    return answered(options, _check)
+
+
+def _check(options: argparse.Namespace) -> Answer:
+    from consistent_id.commands import check_log, check_problem
+    from consistent_id.diagnosis.tell import diagnosis_record
+    from consistent_id.problem import load_problem
+
+    if options.log is None:
+        found, table = check_problem(load_problem(options.problem))
+    else:
+        found, table = check_log(
+            options.problem, options.log, columns_of(options), cutoff=options.cutoff
+        )
+    return Answer(1 if found.faults else 0, table.text(), diagnosis_record(found))

@@ -1,0 +1,49 @@
+"""``consistent-id info PROBLEM``: what a problem consists of; what is in a folder."""
+
+import argparse
+from dataclasses import asdict
+from typing import Any
+
+from consistent_id.cli.answers import Answer, answered, show
+from consistent_id.cli.options import add_command, add_problem
+
+_EXAMPLES = """
+consistent-id info problems
+consistent-id info problems/rx60
+consistent-id info problems/ur10e/payload.toml --json
+"""
+
+
+def add_info(commands: Any) -> None:
+    """Add the command to a parser's commands."""
+    command = add_command(
+        commands,
+        "info",
+        "show a problem's robot, datasheet and base parameters",
+        run_info,
+        more="Of a folder of several, list the problems.",
+        examples=_EXAMPLES,
+    )
+    add_problem(command)
+
+
+def run_info(options: argparse.Namespace) -> int:
+    """Show a problem, or list several; return the exit code."""
+    from consistent_id.problem_folder import problem_files
+
+    files = problem_files(options.problem)
+    if len(files) == 1:
+        return answered(options, _info)
+    from consistent_id.problem_list import list_problems
+
+    table = list_problems(options.problem, files)
+    return show(options, Answer(0, table.text(), [asdict(table)]))
+
+
+def _info(options: argparse.Namespace) -> Answer:
+    from consistent_id.commands import info
+    from consistent_id.problem import load_problem
+
+    tables = info(load_problem(options.problem))
+    text = "\n\n".join(table.text() for table in tables)
+    return Answer(0, text, [asdict(table) for table in tables])

@@ -1,0 +1,68 @@
+"""``consistent-id init robot.urdf log.csv``: its options, and what it prints."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from consistent_id.cli.answers import Answer, show
+from consistent_id.cli.log_options import add_draft_options, draft_of
+from consistent_id.cli.options import add_command, add_dry_run
+from consistent_id.errors import ProblemError
+
+_MORE = """Joints and columns are matched by name; the rate, the rows that move and the
+cut-off are found in the log. What is a guess says so in a comment."""
+_EXAMPLES = """
+consistent-id init robot.urdf log.csv
+consistent-id init robot.urdf log.csv --output study/problem.toml --masses free
+consistent-id init robot.urdf log.parquet --torque current{number} --torque-gain 10.5
+consistent-id init robot.urdf log.csv --dry-run
+"""
+
+
+def add_init(commands: Any) -> None:
+    """Add the command to a parser's commands."""
+    command = add_command(
+        commands,
+        "init",
+        "write a commented problem file for a robot and a log",
+        run_init,
+        more=_MORE,
+        examples=_EXAMPLES,
+    )
+    command.add_argument("model", type=Path, help="URDF or MJCF file")
+    command.add_argument("log", type=Path, help="CSV, Parquet, NPZ, HDF5, MATLAB, bag")
+    command.add_argument(
+        "--output",
+        type=Path,
+        metavar="FILE",
+        default=Path("problem.toml"),
+        help="to write (default: problem.toml)",
+    )
+    command.add_argument(
+        "--force", action="store_true", help="write over a file that is there"
+    )
+    add_dry_run(command)
+    add_draft_options(command)
+
+
+def run_init(options: argparse.Namespace) -> int:
+    """Write a problem file; return the exit code."""
+    from consistent_id._files import write_atomically
+
+    file = options.output
+    if file.exists() and not (options.force or options.dry_run):
+        raise ProblemError(
+            f"{file} is there already; name another with --output, or say --force"
+        )
+    draft = draft_of(options, options.model, options.log)
+    text = draft.text(file.parent)
+    told = text
+    if not options.dry_run:
+        told += f"\nwritten: {write_atomically(file, text)}"
+        told += f"\nnext: consistent-id compare {file}"
+    record = {
+        "problem": draft.name,
+        "text": text,
+        "written": None if options.dry_run else str(file),
+    }
+    return show(options, Answer(0, told, record))

@@ -1,0 +1,89 @@
+"""Options that several commands share, each said once."""
+
+import argparse
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+Run = Callable[[argparse.Namespace], int]
+
+
+def add_command(
+    commands: Any, name: str, text: str, run: Run, *, more: str = "", examples: str
+) -> argparse.ArgumentParser:
+    """Add a command to a parser's commands, with what every command takes.
+
+    Parameters
+    ----------
+    commands : object
+        What ``argparse.ArgumentParser.add_subparsers`` returns.
+    name : str
+    text : str
+        One line, for the list of commands.
+    run : callable
+        From the options that were given to the exit code.
+    more : str
+        What the command's own help says besides.
+    examples : str
+        Lines, each a call that works.
+    """
+    shown = "\n".join(f"  {line}" for line in examples.strip().splitlines())
+    command: argparse.ArgumentParser = commands.add_parser(
+        name,
+        help=text,
+        description=f"{text[0].upper()}{text[1:]}.\n{more}".strip(),
+        epilog=f"examples:\n{shown}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    command.set_defaults(run=run)
+    printed = command.add_argument_group("what is printed")
+    printed.add_argument("--json", action="store_true", help="JSON, not tables")
+    printed.add_argument(
+        "--quiet",
+        action="store_true",
+        help="nothing but errors, and JSON if asked for; see the exit code",
+    )
+    return command
+
+
+def add_problem(command: argparse.ArgumentParser) -> None:
+    """Take one problem, or a folder of several."""
+    command.add_argument(
+        "problem",
+        type=Path,
+        help="folder with a problem.toml, the file, or a folder of several",
+    )
+
+
+def add_output(command: argparse.ArgumentParser, default: str | None) -> None:
+    """Take a folder for results, and leave to write nothing."""
+    told = "" if default is None else f" (default: {default})"
+    command.add_argument(
+        "--output", type=Path, metavar="FOLDER", help=f"to write results to{told}"
+    )
+    add_dry_run(command)
+
+
+def add_dry_run(command: argparse.ArgumentParser) -> None:
+    """Take leave to do everything but write files."""
+    command.add_argument("--dry-run", action="store_true", help="write nothing")
+
+
+def add_time_limit(command: argparse.ArgumentParser) -> None:
+    """Take a number of seconds after which to give up."""
+    command.add_argument(
+        "--time-limit",
+        dest="give_up_after",
+        type=positive,
+        metavar="SECONDS",
+        help="give up after so long, with exit code 3 (default: never)",
+    )
+
+
+def positive(text: str) -> float:
+    """Read a positive number."""
+    value = float(text)
+    if not (value > 0.0 and math.isfinite(value)):
+        raise argparse.ArgumentTypeError(f"{text} is not a positive number")
+    return value

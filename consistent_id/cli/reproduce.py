@@ -1,0 +1,74 @@
+"""``consistent-id reproduce PROBLEM``: its options, and what it prints."""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+from consistent_id.cli.answers import Answer, answered, shows_progress
+from consistent_id.cli.options import add_command, add_output, add_problem
+
+_MORE = """Writes one HTML page, its tables as Markdown, and all numbers as JSON. The
+problem needs [published], [tasks] and [laboratory]. Exit code 1: a constrained estimate
+is not certified; all is written nonetheless."""
+_EXAMPLES = """
+consistent-id reproduce problems/rx60
+consistent-id reproduce problems/rx60 --quick --output results/paper
+"""
+
+
+def add_reproduce(commands: Any) -> None:
+    """Add the command to a parser's commands."""
+    command = add_command(
+        commands,
+        "reproduce",
+        "do a paper's study again: experiments, tables, explanation, verification",
+        run_reproduce,
+        more=_MORE,
+        examples=_EXAMPLES,
+    )
+    add_problem(command)
+    command.add_argument(
+        "--quick",
+        action="store_true",
+        help="fewer experiments, one set of exciting motions, one draw",
+    )
+    command.add_argument(
+        "--seed", type=int, default=0, help="of designs and draws (default: 0)"
+    )
+    add_output(command, "results/NAME")
+
+
+def run_reproduce(options: argparse.Namespace) -> int:
+    """Do a study again; return the exit code."""
+    return answered(options, _reproduce)
+
+
+def _reproduce(options: argparse.Namespace) -> Answer:
+    from consistent_id._files import require_writable
+    from consistent_id.problem import load_problem
+    from consistent_id.reproduction.record import (
+        reproduction_record,
+        write_reproduction,
+    )
+    from consistent_id.reproduction.sections import sections_of
+    from consistent_id.reproduction.study import FULL, QUICK, reproduce
+
+    problem = load_problem(options.problem)
+    folder = options.output or Path("results") / problem.name
+    if not options.dry_run:
+        require_writable(folder)
+
+    def tell(step: str) -> None:
+        if shows_progress(options):
+            print(f"{step} ...", file=sys.stderr, flush=True)
+
+    study = reproduce(
+        problem, QUICK if options.quick else FULL, seed=options.seed, tell=tell
+    )
+    tables = [table for part in sections_of(study) for table in part.tables]
+    text = "\n\n".join(table.text() for table in tables)
+    if not options.dry_run:
+        written = write_reproduction(study, folder)
+        text += "\n\nwritten: " + ", ".join(str(path) for path in written)
+    return Answer(0 if study.certified else 1, text, reproduction_record(study))

@@ -1,0 +1,92 @@
+"""The shell tool: ``consistent-id COMMAND``; its help lists the commands.
+
+Exit codes: 0 done, 1 refused (no usable estimate, or a faulty log), 2 wrong usage or
+input, 3 solver failure or out of time, 130 interrupted.
+"""
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+from consistent_id.cli.answers import told
+from consistent_id.cli.check import add_check
+from consistent_id.cli.compare import add_compare
+from consistent_id.cli.completion import add_completion
+from consistent_id.cli.excite import add_excite
+from consistent_id.cli.export import add_export
+from consistent_id.cli.identify import add_identify
+from consistent_id.cli.info import add_info
+from consistent_id.cli.init import add_init
+from consistent_id.cli.repair import add_repair
+from consistent_id.cli.report import add_report
+from consistent_id.cli.reproduce import add_reproduce
+from consistent_id.cli.time_limit import OutOfTime, within
+from consistent_id.errors import ConsistentIdError
+
+_COMMANDS = (
+    add_init,
+    add_info,
+    add_check,
+    add_excite,
+    add_identify,
+    add_compare,
+    add_report,
+    add_export,
+    add_repair,
+    add_reproduce,
+    add_completion,
+)
+_EPILOG = """examples:
+  consistent-id identify robot.urdf log.csv --output results/robot
+  consistent-id init robot.urdf log.csv
+  consistent-id info problems
+  consistent-id check robot.urdf log.csv --position q_{joint} --torque tau_{joint}
+  consistent-id excite problems/rx60 --time-limit 3 --output results/motion
+  consistent-id compare problems/rx60
+  consistent-id report problems/ur10e --output ur10e.html
+  consistent-id export problems/ur10e --format urdf --output ur10e.urdf
+  consistent-id repair robot.urdf --dry-run
+  consistent-id reproduce problems/rx60 --quick
+
+consistent-id COMMAND --help has more. Exit codes: 0 done, 1 refused (no usable
+estimate, or a faulty log), 2 wrong usage or input, 3 solver failure or out of time,
+130 interrupted.
+"""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the tool; return its exit code."""
+    options = tool_parser().parse_args(arguments)
+    try:
+        with within(getattr(options, "give_up_after", None)):
+            return int(options.run(options))
+    except ConsistentIdError as error:
+        return told(error)
+    except OutOfTime:
+        limit = f"{options.give_up_after:g} s"
+        print(f"consistent-id: not done within {limit}, given up", file=sys.stderr)
+        return 3
+    except KeyboardInterrupt:
+        print("consistent-id: interrupted", file=sys.stderr)
+        return 130
+    except BrokenPipeError:
+        sys.stderr.close()  # the reader, such as `head`, has gone
+        return 0
+
+
+def tool_parser() -> argparse.ArgumentParser:
+    """Return the parser of all commands."""
+    from consistent_id import __version__
+
+    parser = argparse.ArgumentParser(
+        prog="consistent-id",
+        description="Identify the dynamic parameters of robots, as a real body could "
+        "have them.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=__version__)
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    for add in _COMMANDS:
+        add(commands)
+    return parser

@@ -1,0 +1,128 @@
+"""The scene that a problem file asks for."""
+
+import numpy as np
+
+from consistent_id._arrays import Matrix, Vector
+from consistent_id.collisions.bodies import (
+    Body,
+    Box,
+    Capsule,
+    Cylinder,
+    Shape,
+    Sphere,
+    plane,
+)
+from consistent_id.collisions.scene import Scene
+from consistent_id.collisions.scene_building import build_scene
+from consistent_id.collisions.scene_file import scene_from_urdf
+from consistent_id.collisions.urdf_bodies import rpy
+from consistent_id.errors import ConsistentIdError, ProblemError
+from consistent_id.excitation_file import (
+    BodyTable,
+    BoxTable,
+    RodTable,
+    SceneTable,
+    SphereTable,
+)
+from consistent_id.problem import Problem
+
+_WHERE = "[excitation.scene]"
+_SHAPES = ("sphere", "box", "capsule", "cylinder")
+
+
+def asked_scene(problem: Problem) -> Scene | None:
+    """Return the scene of ``[excitation.scene]``; None without such a table.
+
+    Raises
+    ------
+    ProblemError
+        If the table contradicts itself or the robot; it names the key.
+    """
+    table = problem.table.excitation.scene
+    if table is None:
+        return None
+    bodies = [_body(body, number) for number, body in enumerate(table.bodies, 1)]
+    try:
+        if table.robot == "urdf":
+            return _of_urdf(problem, table, bodies)
+        return _of_bodies(problem, table, bodies)
+    except ConsistentIdError as cause:
+        raise ProblemError(f"{_WHERE}: {cause}") from None
+
+
+def _of_urdf(problem: Problem, table: SceneTable, bodies: list[Body]) -> Scene:
+    if problem.table.model.urdf is None:
+        raise ProblemError(
+            'robot = "urdf", but [model] has no urdf; write robot = "bodies", and give '
+            "the robot's in [[excitation.scene.bodies]], each with its link"
+        )
+    return scene_from_urdf(
+        problem.file(problem.table.model.urdf),
+        problem.model.robot,
+        package_dirs=[problem.file(folder) for folder in table.packages],
+        elements=table.elements,
+        pieces=table.pieces,
+        ground=table.ground,
+        added=bodies,
+        clearance=table.clearance,
+        extra=table.extra,
+        allowed=table.allowed,
+    )
+
+
+def _of_bodies(problem: Problem, table: SceneTable, bodies: list[Body]) -> Scene:
+    if not any(body.frame for body in bodies):
+        raise ProblemError(
+            'robot = "bodies", but none of [[excitation.scene.bodies]] has a link; say '
+            "which of them are the robot's"
+        )
+    floor = [] if table.ground is None else [plane(table.ground)]
+    return build_scene(
+        problem.model.robot,
+        [*floor, *bodies],
+        clearance=table.clearance,
+        extra=table.extra,
+        allowed=table.allowed,
+    )
+
+
+def _body(table: BodyTable, number: int) -> Body:
+    where = f"[[excitation.scene.bodies]] {number}, {table.name!r}"
+    shapes = {name: getattr(table, name) for name in _SHAPES}
+    given = [name for name, shape in shapes.items() if shape is not None]
+    if len(given) != 1:
+        seen = " and ".join(given) or "none"
+        raise ProblemError(f"{where} needs one of {', '.join(_SHAPES)}; it has {seen}")
+    rotation, translation = rpy(np.radians(table.rpy_deg)), np.array(table.position)
+    shape: Shape
+    match shapes[given[0]]:
+        case SphereTable() as ball:
+            shape = Sphere(ball.radius)
+        case BoxTable() as box:
+            shape = Box(box.size)
+        case rod:
+            length, turn, middle = _rod(rod, where)
+            kind = Capsule if given == ["capsule"] else Cylinder
+            shape = kind(rod.radius, length)
+            translation, rotation = translation + rotation @ middle, rotation @ turn
+    return Body(table.name, shape, table.link, rotation, translation)
+
+
+def _rod(rod: RodTable, where: str) -> tuple[float, Matrix, Vector]:
+    """Return length, orientation and middle of a capsule or cylinder."""
+    if (rod.length is None) == (rod.ends is None):
+        seen = "neither" if rod.length is None else "both"
+        raise ProblemError(f"{where}: a rod needs length or ends; it has {seen}")
+    if rod.ends is None:
+        return float(rod.length or 0.0), np.eye(3), np.zeros(3)
+    first, last = np.array(rod.ends)
+    way = last - first
+    length = float(np.linalg.norm(way))
+    if length == 0.0:
+        raise ProblemError(f"{where}: both ends are {rod.ends[0]}; write a sphere")
+    return length, _along(way / length), (first + last) / 2.0
+
+
+def _along(way: Vector) -> Matrix:
+    """Return a rotation that takes z to a unit vector."""
+    return np.asarray(plane(normal=way).rotation)

@@ -1,0 +1,75 @@
+"""What would be designed, as tables: to look at before a search is begun."""
+
+from consistent_id.excitation.asked import Asked
+from consistent_id.excitation.verification import Demands
+from consistent_id.motion.limits import MotionLimits
+from consistent_id.regressor import TorqueModel
+from consistent_id.tables import Table
+
+
+def asked_tables(model: TorqueModel, asked: Asked, required: Demands) -> list[Table]:
+    """Return form, aim, limits and demands of a path that is asked for."""
+    form, aim = asked.form, asked.aim
+    refine = "no second stage" if aim.refine is None else f"then {aim.refine}"
+    growth = "" if aim.refine is None else f", condition up to {aim.growth:g} times"
+    pose, times = asked.start_pose, asked.periods or 1
+    rows = [
+        ("duration", f"{form.duration:g} s"),
+        ("frequencies", ", ".join(f"{f:.4g}" for f in form.frequencies) + " Hz"),
+        ("ends", "from rest to rest" if form.rest else "periodic"),
+        ("played", "once" if times == 1 else f"{times} times"),
+        ("start pose", "any" if pose is None else _pose(pose)),
+        ("objective", f"{aim.objective}, {refine}{growth}"),
+        ("column scaling", aim.scaling),
+        ("noise", "1 N m or N for all joints" if aim.noise is None else "as given"),
+        ("samples", f"{aim.rate:g} Hz"),
+        ("parameters", f"{len(model.layout)} of {len(model.robot)} joints"),
+    ]
+    plan = Table(
+        f"Exciting trajectory of {model.robot.name}: what would be designed",
+        ("", "asked for"),
+        tuple(rows),
+        required.notes,
+    )
+    return [plan, limits_table(asked.limits), *_scene(required)]
+
+
+def limits_table(limits: MotionLimits) -> Table:
+    """Return limits of motion and torque, joint by joint.
+
+    Examples
+    --------
+    >>> from consistent_id import DHRow, JointLimits, from_modified_dh, motion_limits
+    >>> arm = from_modified_dh("arm", [DHRow(0, 0, limits=JointLimits(-1, 2))])
+    >>> print(limits_table(motion_limits(arm, velocity=1.0)).text())
+    Limits
+      joint   lower  upper  velocity  acceleration  jerk  effort
+      joint1     -1      2         1           inf   inf     inf
+      per joint in rad or m, s, and N m or N
+    """
+    names = ("lower", "upper", "velocity", "acceleration", "jerk", "effort")
+    values = [getattr(limits, name) for name in names]
+    rows = tuple(
+        (joint, *(f"{value[j]:.5g}" for value in values))
+        for j, joint in enumerate(limits.joints)
+    )
+    note = "per joint in rad or m, s, and N m or N"
+    return Table("Limits", ("joint", *names), rows, (note,))
+
+
+def _scene(required: Demands) -> list[Table]:
+    scene = required.scene
+    if scene is None:
+        return []
+    rows = tuple(
+        (*scene.names(pair), f"{pair.wanted * 1e3:.1f}") for pair in scene.pairs
+    )
+    notes = (
+        *(str(note) for note in scene.notes),
+        *(f"link {name} of the file is not looked at" for name in scene.dropped),
+    )
+    return [Table("Bodies kept apart", ("one", "other", "by [mm]"), rows, notes)]
+
+
+def _pose(pose: dict[str, float]) -> str:
+    return ", ".join(f"{joint} = {value:.4g}" for joint, value in pose.items())
