@@ -140,6 +140,13 @@ from consistent_id.regressor import (
     joint_torque_regressor,
 )
 from consistent_id.repair import Repair, nearest_inertia, repair_urdf
+from consistent_id.report import (
+    Advice,
+    advise,
+    comparison_html,
+    report_html,
+    write_report,
+)
 from consistent_id.segment_bootstrap import Bootstrap, bootstrap
 from consistent_id.segments import segment_regressions
 from consistent_id.shape_fit import ShapeFit, fit_shapes
@@ -191,6 +198,7 @@ __version__: str
 __all__ = [
     "JOINT_STATE",
     "TRAJECTORY_COLUMNS",
+    "Advice",
     "Aim",
     "BaseParameters",
     "Body",
@@ -286,6 +294,7 @@ __all__ = [
     "ValidationPath",
     "Writer",
     "WritingTask",
+    "advise",
     "aligned",
     "base_feasibility",
     "base_parameters",
@@ -298,6 +307,7 @@ __all__ = [
     "casadi_regressor",
     "chain",
     "compare",
+    "comparison_html",
     "condition_number",
     "consistent_intervals",
     "constrained_least_squares",
@@ -356,6 +366,7 @@ __all__ = [
     "read_trajectory",
     "recording_from",
     "repair_urdf",
+    "report_html",
     "resampled",
     "robot_record",
     "row_weights",
@@ -386,5 +397,6 @@ __all__ = [
     "weighted_least_squares",
     "with_shapes",
     "without",
+    "write_report",
     "write_trajectory",
 ]

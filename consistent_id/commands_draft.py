@@ -1,7 +1,6 @@
 """What the shell does with a robot and a log that have no problem file."""
 
 from dataclasses import dataclass, replace
-from importlib import import_module
 from pathlib import Path
 
 from consistent_id._files import write_atomically
@@ -9,7 +8,6 @@ from consistent_id.commands import check_problem, compare_problem
 from consistent_id.comparison import verdict_table
 from consistent_id.diagnosis import Diagnosis
 from consistent_id.diagnosis.tell import diagnosis_table
-from consistent_id.errors import ProblemError
 from consistent_id.problem_draft import Draft, draft_table
 from consistent_id.study import Study
 from consistent_id.tables import Table
@@ -70,25 +68,6 @@ def identify_log(
         study.comparison[_BEST].estimate.table(),
     ]
     return LogIdentified(draft, findings, study, tables, written)
-
-
-def write_report_file(study: Study, path: Path) -> Path:
-    """Write a study's report.
-
-    Raises
-    ------
-    ProblemError
-        If this installation cannot write any.
-    """
-    try:
-        report = import_module("consistent_id.report")
-    except ModuleNotFoundError:
-        raise ProblemError(
-            f"{path}: this version of consistent_id writes no reports; leave --report "
-            "out, --output FOLDER writes tables and figures"
-        ) from None
-    report.write_report(study, path)
-    return path
 
 
 def _file_name(method: str) -> str:

@@ -45,6 +45,8 @@ class Problem:
     model : TorqueModel
     constraints : tuple of Constraint
     prior : PointToSet or Penalty
+    source : Path, optional
+        File that it was read from.
     """
 
     folder: Path
@@ -52,6 +54,7 @@ class Problem:
     model: TorqueModel
     constraints: tuple[Constraint, ...]
     prior: Prior
+    source: Path | None = None
 
     def __repr__(self) -> str:
         robot = self.model.robot
@@ -148,12 +151,22 @@ class Problem:
     @property
     def missing(self) -> tuple[str, ...]:
         """Recordings of the file that are not there."""
+        return tuple(f for f in self._logs if not self._path(f).exists())
+
+    @property
+    def files(self) -> dict[str, Path]:
+        """All files that the problem consists of, by the names it gives them."""
+        found = {} if self.source is None else {self.source.name: self.source}
+        found |= {p.name: p for p in self.model_files.values() if p is not None}
+        return found | {file: self._path(file) for file in self._logs}
+
+    @property
+    def _logs(self) -> tuple[str, ...]:
         data = self.table.data
         if data is None:
             return ()
         files = [entry.file for entry in data.recordings]
-        files += [other.file for entry in data.recordings for other in entry.tracks]
-        return tuple(file for file in files if not self._path(file).exists())
+        return (*files, *(o.file for entry in data.recordings for o in entry.tracks))
 
     def read(self, file: str | Path, *, omit: Sequence[int] = ()) -> Recording:
         """Read a log as the problem's own recordings are read.
@@ -270,6 +283,7 @@ def problem_of(table: ProblemTable, file: Path) -> Problem:
         model=model,
         constraints=constraints,
         prior=_prior(table.prior, file),
+        source=file,
     )
 
 

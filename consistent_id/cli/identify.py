@@ -65,8 +65,8 @@ def run_identify(options: argparse.Namespace) -> int:
 
 def _identify(options: argparse.Namespace) -> Answer:
     from consistent_id.commands import identify_problem
-    from consistent_id.commands_draft import write_report_file
     from consistent_id.problem import load_problem
+    from consistent_id.report import write_report
     from consistent_id.study import run_study
 
     _refuse_drafting(options)
@@ -77,22 +77,24 @@ def _identify(options: argparse.Namespace) -> Answer:
     told = _uncertainty(options, problem, tables, record)
     if options.report is not None and not options.dry_run:
         study = run_study(problem, progress=shows_progress(options))
-        told += f"\n\nwritten: {write_report_file(study, options.report)}"
+        told += f"\n\nwritten: {write_report(study, options.report)}"
     certified = any(e.certificate.verdict == "certified" for e in estimates)
     return Answer(0 if certified else 1, told, record)
 
 
 def _identify_log(options: argparse.Namespace) -> Answer:
-    from consistent_id.commands_draft import identify_log, write_report_file
+    from consistent_id.commands_draft import identify_log
     from consistent_id.diagnosis.tell import diagnosis_record
     from consistent_id.record import study_record
+    from consistent_id.report import write_report
 
     draft = draft_of(options, options.problem, options.log)
     output = None if options.dry_run else options.output
     found = identify_log(draft, output, progress=shows_progress(options))
     written, tables = list(found.written), list(found.tables)
     if options.report is not None and not options.dry_run:
-        written.append(write_report_file(found.study, options.report))
+        report = write_report(found.study, options.report, diagnosis=found.findings)
+        written.append(report)
     record: dict[str, object] = {
         **study_record(found.study),
         "findings": diagnosis_record(found.findings)["findings"],

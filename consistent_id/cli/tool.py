@@ -18,6 +18,7 @@ from consistent_id.cli.identify import add_identify
 from consistent_id.cli.info import add_info
 from consistent_id.cli.init import add_init
 from consistent_id.cli.repair import add_repair
+from consistent_id.cli.report import add_report
 from consistent_id.cli.reproduce import add_reproduce
 from consistent_id.cli.time_limit import OutOfTime, within
 from consistent_id.errors import ConsistentIdError
@@ -29,6 +30,7 @@ _COMMANDS = (
     add_excite,
     add_identify,
     add_compare,
+    add_report,
     add_export,
     add_repair,
     add_reproduce,
@@ -41,6 +43,7 @@ _EPILOG = """examples:
   consistent-id check robot.urdf log.csv --position q_{joint} --torque tau_{joint}
   consistent-id excite problems/rx60 --time-limit 3 --output results/motion
   consistent-id compare problems/rx60
+  consistent-id report problems/ur10e --output ur10e.html
   consistent-id export problems/ur10e --format urdf --output ur10e.urdf
   consistent-id repair robot.urdf --dry-run
   consistent-id reproduce problems/rx60 --quick

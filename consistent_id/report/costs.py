@@ -1,0 +1,61 @@
+"""Section: what constraints cost in fit."""
+
+from collections.abc import Sequence
+
+from consistent_id.constraint_prices import ShadowPrice
+from consistent_id.report.findings import Findings, Section
+from consistent_id.report.markup import (
+    Html,
+    folded,
+    grid,
+    joined,
+    listed,
+    paragraphs,
+    table_html,
+    tag,
+)
+from consistent_id.summary import cost_table, path_table, price_table
+
+
+def costs_section(findings: Findings) -> Section | None:
+    """Return costs, shadow prices and the weight of the prior, as far as known."""
+    if not findings.costs and not findings.prices and findings.path is None:
+        return None
+    parts = [
+        paragraphs(
+            "Data and constraints that agree cost nothing. A dear constraint is a "
+            "datasheet that is wrong, a model that lacks something, or data that are "
+            "noisy: look there first."
+        )
+    ]
+    if findings.costs:
+        parts.append(
+            table_html(cost_table(findings.costs, findings.model.torque_joints))
+        )
+    if findings.prices:
+        parts += _prices(findings.prices)
+    if findings.path is not None:
+        table = table_html(path_table(findings.path), titled=False)
+        parts.append(folded(path_table(findings.path).title, table))
+    return Section("costs", "What constraints cost", joined(parts))
+
+
+def _prices(prices: Sequence[ShadowPrice]) -> list[Html]:
+    """Return the dearest single constraints, with bars."""
+    table = price_table(prices)
+    largest = max((p.cost for p in prices if p.cost == p.cost), default=0.0) or 1.0
+    rows = [
+        (label, _bar(p.cost / largest), *cells)
+        for p, (label, *cells) in zip(prices, table.rows, strict=False)
+    ]
+    header = (table.header[0], "", *table.header[1:])
+    return [
+        tag("h3", table.title),
+        grid(header, rows),
+        listed(table.notes, class_="notes"),
+    ]
+
+
+def _bar(share: float) -> Html:
+    width = 0.0 if share != share else 100.0 * share
+    return tag("span", tag("i", style=f"width:{width:.0f}%"), class_="cost")

@@ -1,0 +1,121 @@
+"""What a report is made of, and what it consists of."""
+
+from dataclasses import dataclass
+
+from consistent_id.comparison import Comparison, EstimateReport
+from consistent_id.constraint_prices import ShadowPrice
+from consistent_id.cross_validation import RegularisationPath
+from consistent_id.diagnosis import Diagnosis
+from consistent_id.fit_costs import ConstraintCost
+from consistent_id.model import Joint
+from consistent_id.parameter_uncertainty import Uncertainty
+from consistent_id.problem import Problem
+from consistent_id.published import PublishedReport
+from consistent_id.recording import Recording
+from consistent_id.regressor import TorqueModel
+from consistent_id.report.advice import Advice
+from consistent_id.report.markup import Html
+from consistent_id.study import Excitation
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Findings:
+    """Everything that a report can tell; what is unknown is None or empty.
+
+    Parameters
+    ----------
+    title : str
+    comparison : Comparison
+    advice : Advice
+    training, validation : tuple of Recording
+    problem : Problem, optional
+    excitation : Excitation, optional
+    diagnosis : Diagnosis, optional
+    uncertainty : Uncertainty, optional
+        Of the constrained estimate.
+    costs : tuple of ConstraintCost
+    prices : tuple of ShadowPrice
+    path : RegularisationPath, optional
+    published : PublishedReport, optional
+    seed : int, optional
+        Of the bootstrap.
+    command : str
+        By which the report is made again.
+    """
+
+    title: str
+    comparison: Comparison
+    advice: Advice
+    training: tuple[Recording, ...] = ()
+    validation: tuple[Recording, ...] = ()
+    problem: Problem | None = None
+    excitation: Excitation | None = None
+    diagnosis: Diagnosis | None = None
+    uncertainty: Uncertainty | None = None
+    costs: tuple[ConstraintCost, ...] = ()
+    prices: tuple[ShadowPrice, ...] = ()
+    path: RegularisationPath | None = None
+    published: PublishedReport | None = None
+    seed: int | None = None
+    command: str = ""
+
+    @property
+    def model(self) -> TorqueModel:
+        """The torque model that all estimates are of."""
+        return self.comparison.model
+
+    @property
+    def main(self) -> EstimateReport:
+        """The estimate that the report is about: the one to use, or the nearest to it.
+
+        Where none can be used, it is the last one compared.
+        """
+        method = self.advice.method
+        reports = self.comparison.reports
+        return self.comparison[method] if method else reports[-1]
+
+    @property
+    def plain(self) -> EstimateReport | None:
+        """Least squares, to compare with, if it is not the main one."""
+        for report in self.comparison.reports:
+            if report.estimate.method == "least squares" and report is not self.main:
+                return report
+        return None
+
+    @property
+    def held_out(self) -> tuple[Recording, ...]:
+        """Recordings to judge by: those not learned from, if there are any."""
+        return self.validation or self.training
+
+    @property
+    def joints(self) -> tuple[Joint, ...]:
+        """The joints whose torque is known."""
+        known = self.model.torque_joints
+        return tuple(j for j in self.model.robot.joints if j.name in known)
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """One part of the report, which stands by itself.
+
+    Parameters
+    ----------
+    name : str
+        Anchor in the page.
+    title : str
+    body : Html
+    """
+
+    name: str
+    title: str
+    body: Html
+
+
+def torque_unit(joint: Joint) -> str:
+    """Return the unit of a joint's torque."""
+    return "N" if joint.kind == "prismatic" else "N m"
+
+
+def angle_unit(joint: Joint) -> str:
+    """Return the unit of a joint's position."""
+    return "m" if joint.kind == "prismatic" else "rad"

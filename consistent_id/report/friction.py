@@ -1,0 +1,99 @@
+"""Section: friction over velocity, as observed and as identified."""
+
+import numpy as np
+
+from consistent_id._arrays import Array, IntArray
+from consistent_id.estimate import Estimate
+from consistent_id.recording import Recording
+from consistent_id.regression import motion_of
+from consistent_id.regressor import TorqueModel
+from consistent_id.report.findings import Findings, Section, angle_unit, torque_unit
+from consistent_id.report.markup import folded, grid, joined, paragraphs, tag
+from consistent_id.report.plot import Frame, dots, plot, spanning
+
+_DOTS = 500
+_TERMS = (
+    "viscous",
+    "coulomb",
+    "coulomb_positive",
+    "coulomb_negative",
+    "stribeck",
+    "load_friction",
+    "offset",
+    "coupling_viscous",
+    "coupling_coulomb",
+)
+
+
+def friction_section(findings: Findings) -> Section | None:
+    """Return a friction curve for each joint; None without friction or recordings."""
+    model, estimate = findings.model, findings.main.estimate
+    columns = friction_columns(model)
+    recordings = findings.training or findings.validation
+    if not len(columns) or not recordings:
+        return None
+    told = [observed_friction(estimate, r, columns) for r in recordings]
+    seen, said, dq = (np.concatenate(parts) for parts in zip(*told, strict=True))
+    panels = []
+    for j, joint in enumerate(findings.joints):
+        thin = slice(None, None, max(1, len(seen) // _DOTS))
+        x, y, f = dq[thin, j], seen[thin, j], said[thin, j]
+        frame = Frame(spanning([x]), spanning([y, f]), height=200)
+        panels.append(
+            plot(
+                frame,
+                dots(frame, x, y, "measured"),
+                dots(frame, x, f, "main fine"),
+                across=f"velocity [{angle_unit(joint)}/s]",
+                down=f"friction [{torque_unit(joint)}]",
+                title=joint.name,
+            )
+        )
+    lead = paragraphs(
+        "Coloured, the identified friction, offsets included; grey, the measured "
+        "torque less all that is not friction. Friction that depends on the load or on "
+        "another joint's rate is no single curve."
+    )
+    rows = [
+        (estimate.model.layout.names[i], f"{estimate.parameters[i]:.4g}", unit)
+        for i, unit in zip(columns, _units(model, columns), strict=True)
+    ]
+    body = joined(
+        (
+            lead,
+            tag("div", *panels, class_="panels"),
+            folded("Coefficients", grid(("coefficient", "value", "unit"), rows)),
+        )
+    )
+    return Section("friction", "Friction", body)
+
+
+def friction_columns(model: TorqueModel) -> IntArray:
+    """Return the places of the parameters that make friction and offsets."""
+    start = model.layout.inertial_size
+    terms = [term for _, term in model.layout.drive]
+    return np.array(
+        [start + i for i, term in enumerate(terms) if term in _TERMS], dtype=np.intp
+    )
+
+
+def observed_friction(
+    estimate: Estimate, recording: Recording, columns: IntArray
+) -> tuple[Array, Array, Array]:
+    """Return friction as observed and as identified, and the joints' rates.
+
+    Observed is ``tau - Y x + Y_f x_f``, with ``f`` the friction's columns.  All of
+    shape (samples, torque joints).
+    """
+    model = estimate.model
+    motion = motion_of(model, recording, None)
+    alone = np.zeros_like(estimate.parameters)
+    alone[columns] = estimate.parameters[columns]
+    identified = model.predict(alone, motion.q, motion.dq, motion.ddq)
+    rest = motion.torque - estimate.predict(recording)
+    rows = [model.robot.joint_names.index(j) for j in model.torque_joints]
+    return rest + identified, identified, motion.dq[:, rows]
+
+
+def _units(model: TorqueModel, columns: IntArray) -> list[str]:
+    return [model.layout.units[i] for i in columns]

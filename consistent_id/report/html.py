@@ -1,0 +1,124 @@
+"""Studies and comparisons as one HTML file."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from consistent_id._files import write_atomically
+from consistent_id.comparison import Comparison
+from consistent_id.diagnosis import Diagnosis
+from consistent_id.parameter_uncertainty import Uncertainty
+from consistent_id.recording import Recording
+from consistent_id.report.advice import advise
+from consistent_id.report.findings import Findings
+from consistent_id.report.page import page
+from consistent_id.study import Study
+
+
+def report_html(
+    study: Study,
+    *,
+    diagnosis: Diagnosis | None = None,
+    uncertainty: Uncertainty | None = None,
+    seed: int | None = None,
+    command: str = "",
+) -> str:
+    """Return a study as one HTML file, which needs no other and no network.
+
+    Parameters
+    ----------
+    study : Study
+    diagnosis : Diagnosis, optional
+        Of the problem's recordings.
+    uncertainty : Uncertainty, optional
+        Of its constrained estimate.
+    seed : int, optional
+        Of the uncertainty's bootstrap.
+    command : str
+        By which the report is made again.
+
+    Examples
+    --------
+    >>> import consistent_id as ci
+    >>> study = ci.run_study(ci.load_problem("problems/rx60"))
+    >>> ci.report_html(study).splitlines()[0]
+    '<!doctype html>'
+    """
+    return page(
+        Findings(
+            title=study.problem.name,
+            comparison=study.comparison,
+            advice=advise(study.comparison, diagnosis),
+            training=study.training,
+            validation=study.validation,
+            problem=study.problem,
+            excitation=study.excitation,
+            diagnosis=diagnosis,
+            uncertainty=uncertainty,
+            costs=study.costs,
+            prices=study.prices,
+            path=study.path,
+            published=study.published,
+            seed=seed,
+            command=command,
+        )
+    )
+
+
+def write_report(
+    study: Study,
+    path: str | Path,
+    *,
+    diagnosis: Diagnosis | None = None,
+    uncertainty: Uncertainty | None = None,
+    seed: int | None = None,
+    command: str = "",
+) -> Path:
+    """Write `report_html` to a file, whole or not at all; return its path.
+
+    Parameters
+    ----------
+    study : Study
+    path : str or Path
+    diagnosis, uncertainty, seed, command
+        See `report_html`.
+
+    Raises
+    ------
+    ProblemError
+        If the file cannot be written.
+    """
+    html = report_html(
+        study, diagnosis=diagnosis, uncertainty=uncertainty, seed=seed, command=command
+    )
+    return write_atomically(path, html)
+
+
+def comparison_html(
+    comparison: Comparison,
+    *,
+    training: Sequence[Recording] = (),
+    validation: Sequence[Recording] = (),
+    diagnosis: Diagnosis | None = None,
+    uncertainty: Uncertainty | None = None,
+) -> str:
+    """Return a comparison as one HTML file; what is not known has no section.
+
+    Parameters
+    ----------
+    comparison : Comparison
+    training, validation : sequence of Recording
+        Of which torque and residuals are drawn.
+    diagnosis, uncertainty
+        See `report_html`.
+    """
+    return page(
+        Findings(
+            title=comparison.model.robot.name,
+            comparison=comparison,
+            advice=advise(comparison, diagnosis),
+            training=tuple(training),
+            validation=tuple(validation),
+            diagnosis=diagnosis,
+            uncertainty=uncertainty,
+        )
+    )

@@ -1,0 +1,193 @@
+"""Section: the parameters, how sure they are, and what they rest on."""
+
+from collections import Counter
+from collections.abc import Sequence
+
+import numpy as np
+
+from consistent_id.estimate import Estimate
+from consistent_id.parameter_uncertainty import ParameterUncertainty, Uncertainty
+from consistent_id.report.findings import Findings, Section
+from consistent_id.report.markup import (
+    Html,
+    folded,
+    grid,
+    joined,
+    listed,
+    paragraphs,
+    tag,
+)
+from consistent_id.summary import uncertainty_table
+
+_MEANING = {
+    "data": "the data determine it",
+    "combination": "the data fix only sums that it is part of",
+    "constraint": "an equality, or constraints and data together, fix it",
+    "prior": "its value is the prior's",
+    "convention": "the smallest of many values that fit alike",
+}
+_HEADER = (
+    "parameter",
+    "value",
+    "standard error",
+    "bootstrap 95 %",
+    "any consistent robot",
+    "",
+    "unit",
+    "rests on",
+)
+_WIDTH, _HEIGHT = 150, 16  # pixels of an interval's drawing
+
+
+def parameters_section(findings: Findings) -> Section:
+    """Return standard parameters in groups, then base parameters."""
+    estimate, sure = findings.main.estimate, findings.uncertainty
+    if sure is None:
+        parts = [_counts(estimate.origins), *_origins(estimate)]
+    else:
+        parts = [_counts([p.verdict for p in sure.parameters]), *_intervals(sure)]
+        if estimate.method != "constrained":
+            parts.insert(0, paragraphs("Of the constrained estimate:"))
+    parts.append(_base(findings))
+    return Section("parameters", "Parameters", joined(parts))
+
+
+def _counts(verdicts: Sequence[str]) -> Html:
+    """Return how many parameters rest on what, as a bar and in words."""
+    count = Counter(verdicts)
+    known = [v for v in _MEANING if v in count]
+    bar = [
+        tag("span", str(count[v]), class_=f"rests {v}", style=f"flex-grow:{count[v]}")
+        for v in known
+    ]
+    words = [
+        tag("li", tag("b", v, class_=f"rests {v}"), f" {count[v]}: {_MEANING[v]}")
+        for v in known
+    ]
+    return joined((tag("div", *bar, class_="bar"), tag("ul", *words, class_="legend")))
+
+
+def _intervals(sure: Uncertainty) -> list[Html]:
+    """Return a table for each link and each joint, with intervals."""
+    groups: dict[str, list[ParameterUncertainty]] = {}
+    for p in sure.parameters:
+        groups.setdefault(p.name.rpartition(".")[0], []).append(p)
+    telling = (n for n, g in groups.items() if any(p.verdict == "data" for p in g))
+    first = next(telling, "")
+    shown = [
+        folded(
+            tag("span", name, " ", _marks([p.verdict for p in members])),
+            grid(_HEADER, [_row(p) for p in members]),
+            open_=name == first,
+        )
+        for name, members in groups.items()
+    ]
+    key = (
+        "Drawn: thin, the values of any consistent robot that fits nearly as well, "
+        "with an arrow where nothing bounds them; thick, the bootstrap's 95 %; dot, "
+        "the value; tick, zero."
+    )
+    notes = (key, *uncertainty_table(sure).notes)
+    return [*shown, listed(notes, class_="notes")]
+
+
+def _marks(verdicts: Sequence[str]) -> Html:
+    """Return one small square for each parameter of a group."""
+    squares = [tag("i", class_=f"rests {v}", title=v) for v in verdicts]
+    return tag("span", *squares, class_="marks")
+
+
+def _row(p: ParameterUncertainty) -> list[object]:
+    return [
+        p.name.rpartition(".")[2],
+        f"{p.value:.4g}",
+        f"{p.standard_error:.2g}",
+        _ends(p.resampled),
+        _ends(p.consistent),
+        _drawn(p),
+        p.unit,
+        tag("b", p.verdict, class_=f"rests {p.verdict}"),
+    ]
+
+
+def _ends(ends: tuple[float, float]) -> str:
+    return f"{ends[0]:.4g} to {ends[1]:.4g}"
+
+
+def _drawn(p: ParameterUncertainty) -> Html:
+    """Draw the intervals on a line that holds zero and all finite ends."""
+    ends = [0.0, p.value, *p.resampled, *p.consistent]
+    finite = [e for e in ends if np.isfinite(e)]
+    low, high = min(finite), max(finite)
+    spread = high - low or 1.0
+    # Beyond what is drawn there is more: some room for the arrow.
+    low -= 0.0 if np.isfinite(p.consistent[0]) else spread / 2
+    high += 0.0 if np.isfinite(p.consistent[1]) else spread / 2
+    spread = high - low or 1.0
+
+    def at(value: float) -> float:
+        share = np.clip((value - low) / spread, -0.04, 1.04)
+        return float(_WIDTH * (0.06 + 0.88 * share))
+
+    middle = _HEIGHT / 2
+    a, b = (at(end) for end in p.consistent)
+    arrows = ""
+    if not np.isfinite(p.consistent[0]):
+        arrows += f"M{a + 4:.1f} {middle - 4}L{a:.1f} {middle}l4 4"
+    if not np.isfinite(p.consistent[1]):
+        arrows += f"M{b - 4:.1f} {middle - 4}L{b:.1f} {middle}l-4 4"
+    c, d = (at(end) for end in p.resampled)
+    return tag(
+        "svg",
+        tag("path", d=f"M{at(0.0):.1f} 2V{_HEIGHT - 2}", class_="zero"),
+        tag("path", d=f"M{a:.1f} {middle}H{b:.1f}{arrows}", class_="thin"),
+        tag("path", d=f"M{c:.1f} {middle}H{max(d, c + 0.1):.1f}", class_="thick"),
+        tag("circle", cx=f"{at(p.value):.1f}", cy=middle, r=3, class_="value"),
+        viewBox=f"0 0 {_WIDTH} {_HEIGHT}",
+        class_="interval",
+        aria_hidden="true",
+    )
+
+
+def _origins(estimate: Estimate) -> list[Html]:
+    """Return one table of all parameters, without intervals."""
+    layout = estimate.model.layout
+    entries = zip(
+        layout.names, estimate.parameters, layout.units, estimate.origins, strict=True
+    )
+    rows = [
+        (name, f"{value:.4g}", unit, tag("b", origin, class_=f"rests {origin}"))
+        for name, value, unit, origin in entries
+    ]
+    table = grid(("parameter", "value", "unit", "rests on"), rows)
+    return [folded(f"All {len(rows)} parameters", table, open_=True)]
+
+
+def _base(findings: Findings) -> Html:
+    """Return base parameters, which torque depends on, beside least squares'."""
+    main = findings.main.estimate
+    plain = findings.plain
+    header = ["base parameter", "value"]
+    columns: list[Sequence[object]] = [
+        list(main.base.groupings),
+        [f"{v:.4g}" for v in main.base_values],
+    ]
+    if plain is not None:
+        header += ["least squares", "standard error"]
+        errors = plain.estimate.standard_errors
+        columns.append([f"{v:.4g}" for v in plain.estimate.base_values])
+        columns.append(
+            ["-"] * len(main.base) if errors is None else [f"{e:.2g}" for e in errors]
+        )
+    header.append("unit")
+    columns.append([main.model.layout.units[i] for i in main.base.independent])
+    return folded(
+        f"Base parameters ({len(main.base)}): what torque depends on",
+        grid(header, zip(*columns, strict=True)),
+        paragraphs(
+            "The standard error is least squares' own, as if residuals were white.",
+            class_="notes",
+        )
+        if plain is not None
+        else "",
+    )

@@ -1,0 +1,156 @@
+"""Small line plots as SVG: axes, and what is drawn between them.
+
+Colours are classes of the page's style sheet, so that they follow light and dark.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from consistent_id._arrays import Vector
+from consistent_id.report.markup import Html, joined, tag
+
+_LEFT, _RIGHT, _TOP = 46, 8, 8
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """The ranges of a plot, and its size in pixels.
+
+    Parameters
+    ----------
+    x, y : (float, float)
+        Least and largest value shown.
+    width, height, bottom : int
+        Numbers along the horizontal axis need a `bottom` of 32.
+    """
+
+    x: tuple[float, float]
+    y: tuple[float, float]
+    width: int = 250
+    height: int = 160
+    bottom: int = 32
+
+    def across(self, values: Vector | float) -> Vector:
+        """Return horizontal places, in pixels."""
+        low, high = self.x
+        share = (np.asarray(values) - low) / (high - low)
+        return np.asarray(_LEFT + share * (self.width - _LEFT - _RIGHT))
+
+    def down(self, values: Vector | float) -> Vector:
+        """Return vertical places, in pixels."""
+        low, high = self.y
+        share = (np.asarray(values) - low) / (high - low)
+        return np.asarray(
+            self.height - self.bottom - share * (self.height - _TOP - self.bottom)
+        )
+
+
+def spanning(values: Iterable[Vector], room: float = 0.05) -> tuple[float, float]:
+    """Return a range that holds all values, with some room around."""
+    arrays = [np.ravel(v) for v in values]
+    low = min((float(a.min()) for a in arrays if a.size), default=0.0)
+    high = max((float(a.max()) for a in arrays if a.size), default=1.0)
+    spread = high - low or abs(high) or 1.0
+    return low - room * spread, high + room * spread
+
+
+def ticks(span: tuple[float, float], most: int = 5) -> list[float]:
+    """Return round numbers within a range, at most so many.
+
+    Examples
+    --------
+    >>> ticks((-0.3, 2.2))
+    [0.0, 0.5, 1.0, 1.5, 2.0]
+    """
+    low, high = span
+    rough = (high - low) / most
+    power = 10.0 ** np.floor(np.log10(rough))
+    step = next(float(power * m) for m in (1, 2, 5, 10) if power * m >= rough)
+    first, last = int(np.ceil(low / step)), int(np.floor(high / step))
+    return [round(i * step, 12) + 0.0 for i in range(first, last + 1)]
+
+
+def line(frame: Frame, x: Vector, y: Vector, style: str) -> Html:
+    """Return a curve through points."""
+    return _path("M" + "L".join(_points(frame, x, y)), style)
+
+
+def dots(frame: Frame, x: Vector, y: Vector, style: str) -> Html:
+    """Return a dot for each point: short strokes with round ends."""
+    return _path("".join(f"M{p}h0" for p in _points(frame, x, y)), f"dots {style}")
+
+
+def band(frame: Frame, x: Vector, low: Vector, high: Vector, style: str) -> Html:
+    """Return the area between two curves."""
+    there, back = _points(frame, x, low), _points(frame, x, high)
+    return _path("M" + "L".join([*there, *reversed(back)]) + "Z", style)
+
+
+def stems(frame: Frame, x: Vector, y: Vector, style: str) -> Html:
+    """Return vertical lines from zero to each point."""
+    foot = float(frame.down(0.0))
+    places = zip(frame.across(x), frame.down(y), strict=True)
+    return _path("".join(f"M{a:.1f} {foot:.1f}V{b:.1f}" for a, b in places), style)
+
+
+def plot(
+    frame: Frame, *marks: Html, across: str = "", down: str = "", title: str = ""
+) -> Html:
+    """Return a figure: axes with ticks and labels, and the marks."""
+    middle = _LEFT + (frame.width - _LEFT - _RIGHT) / 2
+    centre = (frame.height - frame.bottom) / 2 + 4
+    labels = (
+        _text(middle, frame.height - 3, across, "label"),
+        tag(
+            "text",
+            down,
+            transform=f"translate(10 {centre:g})rotate(-90)",
+        )
+        if down
+        else "",
+    )
+    drawing = tag(
+        "svg",
+        _grid(frame),
+        *marks,
+        *labels,
+        viewBox=f"0 0 {frame.width} {frame.height}",
+        role="img",
+        aria_label=title or f"{down} against {across}",
+        class_="plot",
+    )
+    return tag("figure", tag("figcaption", title) if title else "", drawing)
+
+
+def _grid(frame: Frame) -> Html:
+    right, bottom = frame.width - _RIGHT, frame.height - frame.bottom
+    parts: list[Html] = []
+    for value in ticks(frame.x):
+        a = float(frame.across(value))
+        parts.append(_path(f"M{a:.1f} {_TOP}V{bottom}", "grid"))
+        if frame.bottom > 13:
+            parts.append(_text(a, bottom + 13, f"{value:g}"))
+    for value in ticks(frame.y, 4):
+        b = float(frame.down(value))
+        parts.append(_path(f"M{_LEFT} {b:.1f}H{right}", "grid"))
+        parts.append(_text(_LEFT - 4, b + 3.5, f"{value:g}", "end"))
+    if frame.y[0] < 0.0 < frame.y[1]:
+        parts.append(_path(f"M{_LEFT} {float(frame.down(0.0)):.1f}H{right}", "zero"))
+    return joined(parts)
+
+
+def _points(frame: Frame, x: Vector, y: Vector) -> list[str]:
+    pairs = zip(frame.across(x), frame.down(y), strict=True)
+    return [f"{a:.1f} {b:.1f}" for a, b in pairs]
+
+
+def _path(d: str, style: str) -> Html:
+    return tag("path", d=d, class_=style)
+
+
+def _text(x: float, y: float, content: str, style: str | None = None) -> Html:
+    if not content:
+        return Html()
+    return tag("text", content, x=f"{x:.1f}", y=f"{y:.1f}", class_=style)

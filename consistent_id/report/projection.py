@@ -1,0 +1,93 @@
+"""A robot seen from a side: points and ellipsoids in parallel projection.
+
+With azimuth ``a`` and elevation ``e`` of the viewer, a point ``p`` is seen at
+``(right . p, up . p)``, ``right = (-sin a, cos a, 0)``,
+``up = (-sin e cos a, -sin e sin a, cos e)``.  The outline of the ellipsoid
+``(x - c)^T Q^-1 (x - c) = 1`` is the ellipse of ``P Q P^T``, ``P = [right; up]``.
+The page's script does the same when the view is turned.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from consistent_id._arrays import Array, Matrix, Vector
+from consistent_id.inertia import InertialParameters
+from consistent_id.kinematics import link_places
+from consistent_id.model import RobotModel
+from consistent_id.recording import Recording
+
+AZIMUTH, ELEVATION = -60.0, 20.0  # degrees
+
+_CANDIDATES = 200
+
+
+@dataclass(frozen=True, slots=True)
+class Ellipse:
+    """An ellipse in the picture: centre, semi-axes [m], angle of the first [deg]."""
+
+    x: float
+    y: float
+    rx: float
+    ry: float
+    angle: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ellipsoid:
+    """A body's equimomental ellipsoid: of even density, with the same moments.
+
+    `centre`, shape (3,), [m]; `Q`, shape (3, 3), [m^2], whose eigenvalues are the
+    squares of its semi-axes.
+    """
+
+    centre: Vector
+    Q: Matrix
+
+
+def equimomental(body: InertialParameters) -> Ellipsoid | None:
+    """Return a body's ellipsoid in its link's frame; None of what is no body.
+
+    ``Q = 5 Sigma_c / m``, ``Sigma_c`` the second moment about the centre of mass.
+    """
+    if body.mass <= 0.0:
+        return None
+    inertia = body.central_inertia
+    Q = 5.0 / body.mass * (np.trace(inertia) / 2 * np.eye(3) - inertia)
+    least, *_, largest = np.linalg.eigvalsh(Q)
+    if least < -1e-6 * abs(largest):
+        return None
+    return Ellipsoid(body.com, Q)
+
+
+def view(azimuth: float = AZIMUTH, elevation: float = ELEVATION) -> Matrix:
+    """Return ``P``, shape (2, 3), of a viewer; angles in degrees."""
+    a, e = np.radians([azimuth, elevation])
+    right = (-np.sin(a), np.cos(a), 0.0)
+    up = (-np.sin(e) * np.cos(a), -np.sin(e) * np.sin(a), np.cos(e))
+    return np.array([right, up])
+
+
+def outline(ellipsoid: Ellipsoid, P: Matrix) -> Ellipse:
+    """Return an ellipsoid's outline in a view."""
+    squares, axes = np.linalg.eigh(P @ ellipsoid.Q @ P.T)
+    (minor, major), along = np.sqrt(np.maximum(squares, 0.0)), axes[:, 1]
+    x, y = P @ ellipsoid.centre
+    angle = np.degrees(np.arctan2(along[1], along[0]))
+    return Ellipse(float(x), float(y), float(major), float(minor), float(angle))
+
+
+def telling_pose(robot: RobotModel, recordings: tuple[Recording, ...]) -> Vector:
+    """Return the recorded pose in which the joints are farthest from each other.
+
+    That is, with the largest product of distances; zeros without any recording.
+    """
+    if not recordings:
+        return np.zeros(len(robot))
+    q = np.concatenate([r.of(robot.joint_names).position for r in recordings])
+    q = q[:: max(1, len(q) // _CANDIDATES)]
+    places: Array = link_places(robot, q).translation
+    apart = np.linalg.norm(places[:, :, None] - places[:, None], axis=-1)
+    pairs = np.triu_indices(len(robot), 1)
+    spread = np.log(apart[:, pairs[0], pairs[1]] + 1e-3).sum(axis=1)
+    return np.asarray(q[int(np.argmax(spread))])

@@ -1,0 +1,161 @@
+"""Section: what is left of the torque, and what it says of the model."""
+
+import numpy as np
+
+from consistent_id._arrays import Vector
+from consistent_id.model import Joint
+from consistent_id.recording import Recording
+from consistent_id.regression import motion_of
+from consistent_id.report.findings import Findings, Section, angle_unit, torque_unit
+from consistent_id.report.markup import Html, folded, grid, joined, paragraphs, tag
+from consistent_id.report.plot import (
+    Frame,
+    band,
+    dots,
+    line,
+    plot,
+    spanning,
+    stems,
+)
+from consistent_id.report.residual_figures import (
+    Binned,
+    ResidualFigures,
+    residual_figures,
+)
+
+_DOTS = 300
+_STEMS = 100
+_WINDOWS = 24
+
+
+def residuals_section(findings: Findings) -> Section | None:
+    """Return residual diagnostics of the main estimate; None without recordings."""
+    if not findings.held_out:
+        return None
+    lead = paragraphs(
+        f"Of the {findings.main.estimate.method} estimate. A complete model leaves "
+        "white noise: no correlation beyond the bounds, nothing that position or "
+        "velocity explains, no drift. What velocity explains is friction that the "
+        "model lacks; what position explains is gravity, springs or cogging; drift is "
+        "temperature or an amplifier.",
+        "Filters before identification correlate neighbouring samples by themselves.",
+    )
+    shown = [
+        folded(f"On {r.name}", _of(findings, r), open_=i == 0)
+        for i, r in enumerate(findings.held_out)
+    ]
+    return Section("residuals", "Residuals", joined((lead, *shown)))
+
+
+def _of(findings: Findings, recording: Recording) -> Html:
+    model = findings.model
+    motion = motion_of(model, recording, None)
+    rest = motion.torque - findings.main.estimate.predict(recording)
+    rows, drawn = [], []
+    for r, joint in zip(rest.T, findings.joints, strict=True):
+        k = model.robot.joint_names.index(joint.name)
+        q, dq = motion.q[:, k], motion.dq[:, k]
+        found = residual_figures(r, recording.time, q, dq)
+        rows.append(_row(joint, found, recording.rate))
+        drawn.append(tag("h4", joint.name))
+        drawn.append(_panels(joint, r, recording, q, dq, found))
+    header = (
+        "joint",
+        "RMS",
+        "mean",
+        "unit",
+        "independent every [s]",
+        "within white bounds",
+        "by velocity",
+        "by position",
+        "drift per minute",
+    )
+    note = (
+        "By velocity, by position: share of the residual's variance that twelve means "
+        "explain, less what chance would. Drift: with its standard error, which counts "
+        "independent samples only."
+    )
+    return joined((grid(header, rows), paragraphs(note, class_="notes"), *drawn))
+
+
+def _row(joint: Joint, found: ResidualFigures, rate: float) -> list[object]:
+    sure = abs(found.drift) > 2.0 * found.drift_error
+    drift = f"{found.drift:+.2g} ± {found.drift_error:.1g}"
+    return [
+        joint.name,
+        f"{found.rms:.3g}",
+        f"{found.mean:.2g}",
+        torque_unit(joint),
+        f"{found.correlation / rate:.3g}",
+        f"{found.white_share:.0%}",
+        _share(found.by_velocity),
+        _share(found.by_position),
+        tag("strong", drift) if sure else drift,
+    ]
+
+
+def _share(found: Binned) -> str:
+    return "-" if np.isnan(found.explained) else f"{found.explained:.0%}"
+
+
+def _panels(
+    joint: Joint,
+    r: Vector,
+    recording: Recording,
+    q: Vector,
+    dq: Vector,
+    found: ResidualFigures,
+) -> Html:
+    unit, angle = torque_unit(joint), angle_unit(joint)
+    return tag(
+        "div",
+        _whiteness(found, recording.rate),
+        _against(r, dq, found.by_velocity, f"velocity [{angle}/s]", unit),
+        _against(r, q, found.by_position, f"position [{angle}]", unit),
+        _over_time(r, recording.time, unit),
+        class_="panels",
+    )
+
+
+def _whiteness(found: ResidualFigures, rate: float) -> Html:
+    rho = found.autocorrelation
+    thin = slice(None, None, max(1, len(rho) // _STEMS))
+    lags = np.arange(len(rho)) / rate
+    ends = lags[[0, -1]]
+    bound = np.full(2, found.bound)
+    frame = Frame((0.0, float(lags[-1])), (min(-0.25, float(rho.min()) - 0.05), 1.05))
+    return plot(
+        frame,
+        band(frame, ends, -bound, bound, "area"),
+        stems(frame, lags[thin], rho[thin], "curve main"),
+        across="lag [s]",
+        down="autocorrelation",
+    )
+
+
+def _against(r: Vector, x: Vector, found: Binned, name: str, unit: str) -> Html:
+    thin = slice(None, None, max(1, len(r) // _DOTS))
+    frame = Frame(spanning([x]), spanning([r]))
+    return plot(
+        frame,
+        dots(frame, x[thin], r[thin], "measured"),
+        line(frame, found.centres, found.means, "curve main bold"),
+        across=name,
+        down=f"residual [{unit}]",
+    )
+
+
+def _over_time(r: Vector, time: Vector, unit: str) -> Html:
+    """Draw mean and root-mean-square in windows."""
+    windows = np.array_split(np.arange(len(r)), min(_WINDOWS, len(r)))
+    t = np.array([time[w].mean() for w in windows])
+    mean = np.array([r[w].mean() for w in windows])
+    rms = np.array([np.sqrt(np.mean(r[w] ** 2)) for w in windows])
+    frame = Frame((float(time[0]), float(time[-1])), spanning([-rms, rms, mean]))
+    return plot(
+        frame,
+        band(frame, t, -rms, rms, "area"),
+        line(frame, t, mean, "curve main bold"),
+        across="time [s]",
+        down=f"mean, RMS [{unit}]",
+    )

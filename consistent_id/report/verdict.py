@@ -1,0 +1,81 @@
+"""Section: which estimate to use, and why."""
+
+from consistent_id.comparison import EstimateReport
+from consistent_id.report.advice import held_out_error, is_usable
+from consistent_id.report.findings import Findings, Section
+from consistent_id.report.markup import Html, grid, joined, listed, tag
+
+_SIGN = {"use": "good", "care": "care", "none": "bad"}
+
+
+def verdict_section(findings: Findings) -> Section:
+    """Return the advice, key figures and all estimates in one table."""
+    advice = findings.advice
+    if advice.level == "none":
+        headline = "Use none of these estimates"
+    else:
+        care = ", with care" if advice.level == "care" else ""
+        headline = f"Use the {advice.method} estimate{care}"
+    parts = [
+        tag("p", headline, class_="headline"),
+        listed(advice.reasons),
+        listed(advice.cautions, class_="cautions"),
+    ]
+    card = tag("div", *parts, class_=f"card {_SIGN[advice.level]}")
+    body = joined((card, _tiles(findings), _estimates(findings)))
+    return Section("verdict", "Verdict", body)
+
+
+def _tiles(findings: Findings) -> Html:
+    main, plain = findings.main, findings.plain
+    error, bodies = held_out_error(main), main.consistent_links
+    tiles = []
+    if error is not None:
+        other = None if plain is None else held_out_error(plain)
+        beside = "" if other is None else f"least squares: {other:.2%}"
+        tiles.append(_tile(f"{error:.2%}", "torque error on held-out motion", beside))
+    beside = "" if plain is None else f"least squares: {sum(plain.consistent_links)}"
+    links = f"{sum(bodies)} of {len(bodies)}"
+    tiles.append(_tile(links, "links are bodies", beside))
+    if findings.excitation is not None:
+        found = findings.excitation
+        rank = f"{found.data_rank} of {found.structural_rank}"
+        tiles.append(_tile(rank, "base parameters determined by the data"))
+    if findings.uncertainty is not None:
+        verdicts = [p.verdict for p in findings.uncertainty.parameters]
+        known = f"{verdicts.count('data')} of {len(verdicts)}"
+        tiles.append(_tile(known, "single parameters determined by the data"))
+    if findings.diagnosis is not None:
+        count = len(findings.diagnosis.suspicious)
+        tiles.append(_tile(str(count), "faults and warnings in the recordings"))
+    return tag("div", *tiles, class_="tiles")
+
+
+def _tile(figure: str, meaning: str, beside: str = "") -> Html:
+    return tag(
+        "div",
+        tag("b", figure),
+        tag("span", meaning),
+        tag("small", beside) if beside else "",
+    )
+
+
+def _estimates(findings: Findings) -> Html:
+    reports = findings.comparison.reports
+    names = [error.recording for error in reports[0].validation]
+    header = ["estimate", *(f"error on {name}" for name in names)]
+    header += ["links that are bodies", "verdict", "usable"]
+    return grid(header, [_row(r, findings) for r in reports])
+
+
+def _row(report: EstimateReport, findings: Findings) -> list[object]:
+    method, bodies = report.estimate.method, report.consistent_links
+    chosen = method == findings.advice.method
+    usable = is_usable(report)
+    return [
+        tag("strong", f"{method} ✓") if chosen else method,
+        *(f"{error.stacked:.2%}" for error in report.validation),
+        f"{sum(bodies)} of {len(bodies)}",
+        report.verdict,
+        tag("span", "yes" if usable else "no", class_="good" if usable else "bad"),
+    ]
