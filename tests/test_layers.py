@@ -59,9 +59,9 @@ excitation.programme excitation.search excitation.starts proofs.interval proofs.
 proofs.peaks proofs.extremes proofs.friction_bounds proofs.torque_motion
 proofs.torque_bounds proofs.margins excitation.verification excitation.design
 excitation.validating excitation.figure excitation.record excite reproduction.exciting
-reproduction.experiments reproduction reproduction.budget reproduction.assumptions
+reproduction.experiments reproduction.budget reproduction.assumptions
 reproduction.inertia reproduction.tables reproduction.tempo reproduction.verification
-reproduction.study reproduction.section_tables reproduction.figures
+reproduction.study reproduction reproduction.section_tables reproduction.figures
 reproduction.sections reproduction.page reproduction.record cli_reproduce
 """.split()
 
