@@ -122,7 +122,7 @@ def test_reports_go_through_the_report_module(arm, tmp_path, capsys, monkeypatch
 
     file = tmp_path / "report.html"
     report = types.ModuleType("consistent_id.report")
-    report.write_report = lambda study, path: path.write_text(study.problem.name)
+    report.write_report = lambda study, path, **_: path.write_text(study.problem.name)
     monkeypatch.setitem(sys.modules, "consistent_id.report", report)
     assert main(["identify", *arm, "--report", str(file)]) == 0
     assert file.read_text() == "log"

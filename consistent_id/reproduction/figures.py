@@ -103,19 +103,17 @@ def assumptions_figure(study: PaperStudy) -> Any:
     printed = printed_deviation(study)[place]
     figure = _figure(9.0, 3.4)
     left, right = figure.subplots(1, 2, sharey=True)
-    for k, (name, scatter) in enumerate(
-        (
-            ("noise alone", drawn.noise),
-            ("tasks drawn", drawn.tasks),
-            ("friction drawn", drawn.friction),
-            ("both drawn", drawn.both),
-        )
-    ):
+    guesses = {
+        "noise alone": drawn.noise,
+        "tasks drawn": drawn.tasks,
+        "friction drawn": drawn.friction,
+        "both drawn": drawn.both,
+    }
+    for k, scatter in enumerate(guesses.values()):
         values = scatter[:, place]
         spread = np.linspace(-0.25, 0.25, len(values))
         left.semilogy(k + spread, values, ".", color=_COLOURS[k], ms=4, alpha=0.6)
-        left.text(k, values.max() * 1.25, name, ha="center", fontsize=8)
-    left.set_xticks([])
+    left.set_xticks(range(len(guesses)), guesses, fontsize=8)
     left.set_ylabel(f"scatter of {drawn.names[place]} [{_unit(study, place)}]")
     left.set_title("friction as in the file, and guesses around it", fontsize=9)
     right.loglog(

@@ -114,6 +114,7 @@ def _assumptions(study: PaperStudy) -> dict[str, Any]:
         "both_drawn": drawn.both.tolist(),
         "noise_tasks_drawn": drawn.noise.tolist(),
         "refused": drawn.refused,
+        "times_smaller": {name: t.tolist() for name, t in study.shrunk.items()},
         "slowness": tempo.slowness.tolist(),
         "friction_allowed": tempo.allowed.tolist(),
         "scatter_by_slowness": tempo.scatter.tolist(),

@@ -169,6 +169,7 @@ def _exciting(study: PaperStudy) -> Section:
         part.shrinking_table(
             study, 0, study.without_friction, "Exciting motions, a robot without it"
         ),
+        part.shrunk_table(study),
         part.constraints_table(study),
     ]
     return Section(

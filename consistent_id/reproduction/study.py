@@ -20,7 +20,7 @@ from consistent_id.published import (
     published_table,
 )
 from consistent_id.recording import Recording
-from consistent_id.reproduction.assumptions import DrawnAnew, drawn_anew
+from consistent_id.reproduction.assumptions import DrawnAnew, drawn_anew, rubbed
 from consistent_id.reproduction.budget import ErrorBudget, budget_of, error_budget
 from consistent_id.reproduction.exciting import ExcitingSet, exciting_set, used_by
 from consistent_id.reproduction.experiments import (
@@ -43,7 +43,8 @@ from consistent_id.reproduction.verification import (
 )
 
 _ENOUGH = 200.0  # Hz, for the account of a smooth motion
-TASKS = "the paper's tasks"
+_DRAWS = 400  # of friction
+TASKS = "the tasks"
 WITHIN_USED = "exciting, within what the tasks used"
 WITHIN_LIMITS = "exciting, within the robot's limits"
 REPEATED = "one exciting motion, repeated"
@@ -106,6 +107,9 @@ class PaperStudy:
     other_noise : ndarray, shape (seeds, methods, combinations)
         Scatter along the tasks with other seeds.
     sets : tuple of ExcitingSet
+    shrunk : dict of str to ndarray, shape (draws, combinations)
+        By set: how many times smaller the scatter is than along the tasks, with one
+        friction for both, drawn anew each time.
     budget : ErrorBudget
         Of the tasks, with friction.
     planned : ErrorBudget
@@ -128,6 +132,7 @@ class PaperStudy:
     without_friction: dict[str, Reproduction]
     other_noise: Array
     sets: tuple[ExcitingSet, ...]
+    shrunk: dict[str, Array]
     budget: ErrorBudget
     planned: ErrorBudget
     drawn: DrawnAnew
@@ -240,6 +245,20 @@ def reproduce(
         without_friction=smooth,
         other_noise=others,
         sets=sets,
+        shrunk={
+            one.name: shrunk(
+                planned,
+                error_budget(
+                    problem,
+                    laboratory,
+                    {name: _thinned(m) for name, m in along[one.name].items()},
+                    cell_rate=cell_rate,
+                ),
+                seed,
+            )
+            for one in sets
+            if one.name != REPEATED
+        },
         budget=budget_of(problem, laboratory, rubbing[TASKS]),
         planned=planned,
         drawn=drawn,
@@ -272,6 +291,15 @@ def exciting_sets(
         same = dict.fromkeys(sets[-1].designs, first)
         sets.append(replace(sets[-1], name=REPEATED, designs=same))
     return tuple(sets)
+
+
+def shrunk(planned: ErrorBudget, instead: ErrorBudget, seed: int) -> Array:
+    """Return how many times smaller the scatter is, (draws, combinations)."""
+    own, other = (
+        rubbed(budget, _DRAWS, np.random.default_rng(seed))
+        for budget in (planned, instead)
+    )
+    return np.asarray(own / np.where(other > 0.0, other, np.inf))
 
 
 def other_seeds(
