@@ -61,8 +61,9 @@ proofs.torque_bounds proofs.margins excitation.verification excitation.design
 excitation.validating excitation.figure excitation.record excite reproduction.exciting
 reproduction.experiments reproduction.budget reproduction.assumptions
 reproduction.inertia reproduction.tables reproduction.tempo reproduction.verification
-reproduction.study reproduction reproduction.section_tables reproduction.figures
-reproduction.sections reproduction.page reproduction.record cli_reproduce
+reproduction.accounts reproduction.study reproduction reproduction.section_tables
+reproduction.figures reproduction.sections reproduction.page reproduction.record
+cli_reproduce
 """.split()
 
 HEAVY = {
