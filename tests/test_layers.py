@@ -64,14 +64,14 @@ cli.compare cli.info commands_draft excitation.asked_tables excitation.drawings
 excitation.replay reproduction.experiments reproduction.budget reproduction.assumptions
 reproduction.inertia reproduction.tables reproduction.tempo reproduction.verification
 _interrupts excitation.starts excitation.design excitation.validating excitation.figure
-excitation.record excite cli.excite reproduction.exciting reproduction.study
-reproduction reproduction.section_tables reproduction.figures reproduction.sections
-reproduction.page reproduction.record cli.reproduce report.advice report.markup
+excitation.record excite cli.excite reproduction.exciting report.advice report.markup
 report.findings report.certificate report.costs report.health report.parameters
 report.plot report.friction report.projection report.published report.reproduce
 report.residual_figures report.residuals report.robot_scene report.robot_view
 report.links report.thinning report.excitation report.torque report.verdict report.page
-report.html report cli.identify commands_report cli.report cli.tool cli
+report.html report cli.identify commands_report cli.report reproduction.accounts
+reproduction.study reproduction reproduction.section_tables reproduction.figures
+reproduction.sections reproduction.page reproduction.record cli.reproduce cli.tool cli
 """.split()
 
 HEAVY = {

@@ -100,10 +100,12 @@ def test_a_budget_without_friction_and_offset_is_nothing():
 
 def test_the_account_leaves_no_more_than_noise():
     study = _study()
-    rest = study.tasks.errors(study.tasks.tables[0]) - study.budget.error()
+    rest = study.tasks.errors(study.tasks.tables[0]) - study.accounts.budget.error()
     # Four standard errors, 26 numbers; and 0.01 that filters and steps leave.
-    assert (abs(rest) <= 4.0 * study.budget.noise + 0.01).all()
-    assert study.planned.scatter() == pytest.approx(study.budget.scatter(), abs=0.05)
+    assert (abs(rest) <= 4.0 * study.accounts.budget.noise + 0.01).all()
+    assert study.accounts.planned.scatter() == pytest.approx(
+        study.accounts.budget.scatter(), abs=0.05
+    )
 
 
 def test_alpha5_scatters_most_in_the_paper_and_alpha12_least():
@@ -162,7 +164,7 @@ def test_exciting_motions_are_as_long_and_scatter_alpha5_less():
         before = tasks.scatter(tasks.tables[method])[ALPHA5]
         after = exciting.scatter(exciting.tables[method])[ALPHA5]
         assert before > 5.0 * after
-    assert np.median(study.shrunk[WITHIN_LIMITS][:, ALPHA5]) > 5.0
+    assert np.median(study.accounts.shrunk[WITHIN_LIMITS][:, ALPHA5]) > 5.0
 
 
 def test_verification_errors_are_mean_squares_of_the_paper_s_own_torque():
@@ -267,6 +269,26 @@ def test_the_command_writes_page_tables_and_numbers(tmp_path, capsys, monkeypatc
     assert (tmp_path / "reproduction.md").exists()
     assert cli.main([*arguments, "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == record
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "seed", "message"),
+    [
+        ('"held_out"]', '"holdout"]', 0, "no motion 'holdout'"),
+        (
+            '["circle", "ellipse", "bulb", "ellipsoid", "helix", "free"]',
+            '["free"]',
+            0,
+            "one has no scatter",
+        ),
+        ("", "", -1, "seed is -1"),
+    ],
+)
+def test_what_cannot_be_done_is_refused_at_once(tmp_path, old, new, seed, message):
+    text = (PROBLEM.folder / "problem.toml").read_text()
+    (tmp_path / "problem.toml").write_text(text.replace(old, new))
+    with pytest.raises(ProblemError, match=message):
+        reproduce(load_problem(tmp_path), seed=seed)
 
 
 def test_a_problem_without_a_laboratory_is_told_so(tmp_path, capsys):

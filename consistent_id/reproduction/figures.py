@@ -49,7 +49,12 @@ def scatter_figure(study: PaperStudy) -> Any:
                 "^",
                 _COLOURS[2],
             ),
-            ("foretold of noise alone", study.budget.noise_scatter, "_", _COLOURS[1]),
+            (
+                "foretold of noise alone",
+                study.accounts.budget.noise_scatter,
+                "_",
+                _COLOURS[1],
+            ),
         ),
     )
 
@@ -68,7 +73,7 @@ def exciting_figure(study: PaperStudy) -> Any:
 
 def budget_figure(study: PaperStudy) -> Any:
     """Return each experiment's error of the loudest parameter, cause by cause."""
-    budget, place = study.budget, study.place.loudest
+    budget, place = study.accounts.budget, study.place.loudest
     figure = _figure(8.0, 0.45 * len(budget.experiments) + 1.4)
     axis = figure.subplots()
     y = -np.arange(len(budget.experiments))
@@ -99,7 +104,11 @@ def budget_figure(study: PaperStudy) -> Any:
 
 def assumptions_figure(study: PaperStudy) -> Any:
     """Return the loudest parameter's scatter over guesses and over the tempo."""
-    place, drawn, tempo = study.place.loudest, study.drawn, study.tempo
+    place, drawn, tempo = (
+        study.place.loudest,
+        study.accounts.drawn,
+        study.accounts.tempo,
+    )
     printed = printed_deviation(study)[place]
     figure = _figure(9.0, 3.4)
     left, right = figure.subplots(1, 2, sharey=True)

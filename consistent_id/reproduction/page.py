@@ -30,7 +30,8 @@ th { vertical-align: bottom; background: var(--soft); white-space: normal;
 th:first-child, td.text, th.text { text-align: left; }
 td.long { white-space: normal; min-width: 16rem; }
 .notes { font-size: .82rem; opacity: .85; margin: .2rem 0; }
-figure { margin: 1.2rem 0; } figure svg { max-width: 100%; height: auto; }
+figure { margin: 1.2rem 0; overflow-x: auto; }
+figure svg { max-width: 100%; min-width: 34rem; height: auto; }
 figcaption { font-size: .88rem; opacity: .85; }
 nav { display: flex; flex-wrap: wrap; gap: .3rem 1rem; } a { color: inherit; }
 """

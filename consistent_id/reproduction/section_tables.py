@@ -81,7 +81,7 @@ def excitation_table(study: PaperStudy) -> Table:
 
 def cause_table(study: PaperStudy) -> Table:
     """Return the scatter of each parameter, and which cause makes how much."""
-    budget, done = study.budget, study.tasks
+    budget, done = study.accounts.budget, study.tasks
     found = done.scatter(done.tables[0])
     rest = done.errors(done.tables[0]) - budget.error()
     columns = [printed_deviation(study), found]
@@ -109,7 +109,7 @@ def cause_table(study: PaperStudy) -> Table:
 
 def drawn_table(study: PaperStudy) -> Table:
     """Return what of the scatter survives other guesses."""
-    drawn, place = study.drawn, study.place
+    drawn, place = study.accounts.drawn, study.place
     loud, quiet = (study.tasks.names[i] for i in (place.loudest, place.quietest))
     printed = printed_deviation(study)
     rows = []
@@ -120,7 +120,8 @@ def drawn_table(study: PaperStudy) -> Table:
         ("tasks drawn, noise alone", drawn.noise),
     ):
         values = np.quantile(scatter[:, place.loudest], _QUANTILES)
-        ratio = scatter[:, place.quietest] / scatter[:, place.loudest]
+        size = scatter[:, place.loudest]
+        ratio = scatter[:, place.quietest] / np.where(size > 0.0, size, np.inf)
         rows.append(
             (
                 what,
@@ -152,7 +153,7 @@ def drawn_table(study: PaperStudy) -> Table:
 
 def tempo_table(study: PaperStudy) -> Table:
     """Return the scatter of slower tasks, with the friction that errors allow."""
-    tempo, place = study.tempo, study.place
+    tempo, place = study.accounts.tempo, study.place
     loud = study.tasks.names[place.loudest]
     printed = float(printed_deviation(study)[place.loudest])
     needed = tempo.needed(place.loudest, printed)
@@ -211,7 +212,7 @@ def shrunk_table(study: PaperStudy) -> Table:
     """Return by how much exciting motions shrink scatter, whatever the friction."""
     loud, places = study.place.loudest, free_places(study)
     rows = []
-    for name, times in study.shrunk.items():
+    for name, times in study.accounts.shrunk.items():
         values = np.quantile(times[:, loud], _QUANTILES)
         middle = np.median(times[:, places], axis=0)
         rows.append(
