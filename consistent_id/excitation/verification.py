@@ -1,7 +1,7 @@
 """What is demanded of a path, and what is proven of it over its whole duration."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -46,8 +46,10 @@ class Demands:
         """What keeps a search from what is no linear limit."""
         guards: list[Guard] = []
         if self.parameters is not None:
-            effort = self.limits.effort[_rows(self.model)]
-            guards.append(TorqueGuard(self.model, self.parameters, effort, _REACH))
+            # a joint whose torque is not measured has a motor too
+            every = replace(self.model, torque_joints=())
+            effort = self.limits.effort
+            guards.append(TorqueGuard(every, self.parameters, effort, _REACH))
         if self.scene is not None and self.scene.pairs:
             guards.append(ClearanceGuard(self.scene))
         return tuple(guards)
@@ -135,7 +137,7 @@ def demands(
                 f"(members, {size}) for this torque model"
             )
         return Demands(limits, model, members, scene, notes)
-    if not np.isfinite(limits.effort[_rows(model)]).any():
+    if not np.isfinite(limits.effort).any():
         return Demands(limits, model, None, scene, (*notes, "torque has no limit"))
     nominal = model.robot.nominal
     if nominal is None:
@@ -145,7 +147,3 @@ def demands(
     members[0, : len(nominal)] = nominal
     notes += ("torque limits are kept by the nominal robot without friction",)
     return Demands(limits, model, members, scene, notes)
-
-
-def _rows(model: TorqueModel) -> list[int]:
-    return [model.robot.joint_names.index(name) for name in model.torque_joints]
