@@ -51,21 +51,21 @@ export.drive_values export.pedigree export.casadi_functions export.c_source
 export.numpy_source export.pinocchio_model export._mjcf_body export.record
 export._mjcf_source export.new_urdf export.urdf export._mjcf_gears export.mjcf export
 diagnosis.linearise diagnosis.small_shifts diagnosis.repeats collisions.clearance
-excitation.basis excitation.information excitation.guards excitation.search_task
-motion.motion_state motion.move trajectory_files.document trajectory_files.files
-trajectory_files motion.transfers motion.approaches motion.move_along
-excitation.limit_rows excitation.programme excitation.asked_scene excitation.asked
-excitation.clear_starts excitation.search excitation.starts _progress cli.colour
-cli.answers cli.repair cli.completion cli.time_limit log_columns problem_draft drafting
-cli.log_options cli.init study commands_export cli.export diagnosis.coverage
-diagnosis.diagnose diagnosis record summary commands cli.check cli.compare cli.info
-commands_draft cli.identify excitation.drawings excitation.replay
+excitation.basis excitation.information excitation.guards motion.motion_state
+motion.move trajectory_files.document trajectory_files.files trajectory_files
+motion.transfers motion.approaches motion.move_along excitation.limit_rows
+excitation.programme excitation.asked_scene excitation.asked excitation.clear_starts
+_progress cli.colour cli.answers cli.repair cli.completion cli.time_limit log_columns
+problem_draft drafting cli.log_options cli.init study commands_export cli.export
+diagnosis.coverage diagnosis.diagnose diagnosis record summary commands cli.check
+cli.compare cli.info commands_draft cli.identify excitation.drawings excitation.replay
 reproduction.experiments reproduction reproduction.budget reproduction.assumptions
 reproduction.inertia reproduction.tables reproduction.tempo reproduction.verification
 proofs.seams proofs.extremes proofs.friction_bounds proofs.torque_motion
-proofs.torque_bounds proofs.margins excitation.verification excitation.design
-excitation.validating excitation.figure excitation.record excitation.asked_tables excite
-cli.excite reproduction.exciting reproduction.study reproduction.section_tables
+proofs.torque_bounds proofs.margins excitation.verification excitation.search_task
+excitation.search excitation.starts excitation.design excitation.validating
+excitation.figure excitation.record excitation.asked_tables excite cli.excite
+reproduction.exciting reproduction.study reproduction.section_tables
 reproduction.figures reproduction.sections reproduction.page reproduction.record
 cli.reproduce cli.tool cli
 """.split()

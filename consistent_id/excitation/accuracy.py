@@ -22,7 +22,7 @@ from consistent_id.errors import NotExcitedError, ProblemError
 from consistent_id.excitation.aims import Aim
 from consistent_id.parameters import did_you_mean
 from consistent_id.paths import JointPath
-from consistent_id.regression import triangle
+from consistent_id.regression import require_same_model, triangle
 from consistent_id.regressor import TorqueModel
 from consistent_id.tables import Table
 
@@ -164,13 +164,16 @@ def predicted_accuracy(
     path : JointPath
     aim : Aim, optional
         For noise, sampling rate, earlier recordings and column scaling.
+
+    Raises
+    ------
+    ProblemError
+        If the path moves other joints than the robot has, or in another order, or
+        earlier recordings are of another torque model.
     """
     aim = aim or Aim()
     columns, noise = list(base.independent), aim.noise_of(model.torque_joints)
-    earlier = [
-        regression.weighted(noise).stacked()[:, columns]
-        for regression in aim.recordings
-    ]
+    earlier = earlier_rows(model, base, aim)
     W = path_regressor(model, base, path, aim.rate) / noise[:, None, None]
     factor = triangle(W.reshape(-1, len(columns)))
     weighted = "" if aim.noise is None else ", rows divided by the noise"
@@ -182,11 +185,27 @@ def predicted_accuracy(
     return PredictedAccuracy(
         base=base,
         factor=factor,
-        earlier=np.vstack([np.zeros((0, len(columns))), *earlier]),
+        earlier=earlier,
         condition=condition,
         duration=path.duration,
         unit_noise=aim.noise is None,
     )
+
+
+def earlier_rows(model: TorqueModel, base: BaseParameters, aim: Aim) -> Matrix:
+    """Return ``E``, shape (rows, base): ``E^T E`` is what earlier recordings tell.
+
+    Raises
+    ------
+    ProblemError
+        If one is of another torque model.
+    """
+    columns, noise = list(base.independent), aim.noise_of(model.torque_joints)
+    rows = [np.zeros((0, len(columns)))]
+    for regression in aim.recordings:
+        require_same_model(model, regression, base)
+        rows.append(regression.weighted(noise).stacked()[:, columns])
+    return np.vstack(rows)
 
 
 def path_regressor(
@@ -195,7 +214,17 @@ def path_regressor(
     """Return a path's base regressor, shape (torque joints, samples, base).
 
     At equal steps, no faster than `rate` [Hz], both ends included.
+
+    Raises
+    ------
+    ProblemError
+        If the path moves other joints than the robot has, or in another order.
     """
+    if path.joints != model.robot.joint_names:
+        raise ProblemError(
+            f"the path moves {', '.join(path.joints)}; the robot's joints are "
+            f"{', '.join(model.robot.joint_names)}; expected the same, in order"
+        )
     steps = max(1, int(path.duration * rate * (1.0 + 1e-12)))
     time = path.start + path.duration * np.arange(steps + 1) / steps
     columns = list(base.independent)

@@ -11,7 +11,9 @@ from consistent_id.collisions.clearance import ClearanceReport, prove_clearance
 from consistent_id.collisions.scene import Scene
 from consistent_id.errors import InfeasibleError, ProblemError
 from consistent_id.excitation.guards import ClearanceGuard, Guard, TorqueGuard
+from consistent_id.model import RobotModel
 from consistent_id.motion.limits import MotionLimits
+from consistent_id.motion.transfers import limits_of
 from consistent_id.paths import JointPath
 from consistent_id.proofs.margins import MotionMargins, motion_margins
 from consistent_id.regressor import TorqueModel
@@ -121,20 +123,29 @@ def demands(
     ----------
     model : TorqueModel
     limits : MotionLimits
+        Of the robot's joints, in any order; the demands have them in the robot's.
     parameters : array_like, shape (parameters,) or (members, parameters), optional
         By default the nominal robot without friction, if torque has limits.
     scene : Scene, optional
+        Of the model's robot.
+
+    Raises
+    ------
+    ProblemError
+        If limits of a joint are missing, or parameters or scene are of another robot.
     """
+    limits = robot_limits(limits, model.robot)
+    _require_same_robot(scene, model.robot)
     notes: tuple[str, ...] = ()
     if scene is None:
         notes = ("collisions are not looked at: no scene",)
     size = len(model.layout)
     if parameters is not None:
         members = np.atleast_2d(checked(parameters, np.shape(parameters), "parameters"))
-        if members.ndim != 2 or members.shape[1] != size:
+        if members.ndim != 2 or members.shape[1] != size or not len(members):
             raise ProblemError(
                 f"parameters have shape {np.shape(parameters)}, expected ({size},) or "
-                f"(members, {size}) for this torque model"
+                f"(members, {size}), one member or more, for this torque model"
             )
         return Demands(limits, model, members, scene, notes)
     if not np.isfinite(limits.effort).any():
@@ -147,3 +158,30 @@ def demands(
     members[0, : len(nominal)] = nominal
     notes += ("torque limits are kept by the nominal robot without friction",)
     return Demands(limits, model, members, scene, notes)
+
+
+def robot_limits(limits: MotionLimits, robot: RobotModel) -> MotionLimits:
+    """Return limits in the order of a robot's joints.
+
+    Raises
+    ------
+    ProblemError
+        If nothing is said of a joint, or these are no limits.
+    """
+    if not isinstance(limits, MotionLimits):
+        raise ProblemError(
+            f"limits are {type(limits).__name__}, expected MotionLimits; call "
+            "motion_limits(robot)"
+        )
+    if limits.joints == robot.joint_names:
+        return limits
+    return limits_of(limits, robot.joint_names)
+
+
+def _require_same_robot(scene: Scene | None, robot: RobotModel) -> None:
+    if scene is not None and scene.robot.joint_names != robot.joint_names:
+        raise ProblemError(
+            f"the scene's robot has joints {', '.join(scene.robot.joint_names)}, the "
+            f"model's {', '.join(robot.joint_names)}; expected the same, in order: "
+            "build the scene with the model's robot"
+        )
