@@ -101,7 +101,7 @@ def test_an_earlier_recording_of_another_model_is_refused(other):
     aim, base = Aim(earlier=earlier), base_parameters(MODEL)
     path = random_path(0, MODEL.robot.joint_names)
     limits = arm_limits(MODEL.robot)
-    with pytest.raises(ProblemError, match="torque model|joints"):
+    with pytest.raises(ProblemError, match=r"torque model|joints"):
         predicted_accuracy(MODEL, base, path, aim)
-    with pytest.raises(ProblemError, match="torque model|joints"):
+    with pytest.raises(ProblemError, match=r"torque model|joints"):
         search_task(MODEL, base, PathForm(5.0, 3), aim, limits, ())

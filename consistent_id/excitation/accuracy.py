@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from consistent_id._arrays import Matrix, Vector
+from consistent_id._arrays import Matrix, Vector, checked
 from consistent_id._threads import single_threaded
 from consistent_id.base import (
     BaseParameters,
@@ -28,6 +28,7 @@ from consistent_id.tables import Table
 
 _PART = 0.2  # of the largest part of a combination; less is not told
 _MOST = 1e9  # repetitions; more would not be played
+_LEAST = 1e-9  # repetitions; what is less is none
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,9 +62,13 @@ class PredictedAccuracy:
 
         Raises
         ------
+        ProblemError
+            If the number of repetitions is negative or not finite.
         NotExcitedError
             If some are not determined at all.
         """
+        if not 0.0 <= repetitions < np.inf:
+            raise ProblemError(f"repetitions is {repetitions}, expected 0 or more")
         rows = np.vstack([np.sqrt(repetitions) * self.factor, self.earlier])
         R = triangle(rows)
         size = abs(np.diag(R))
@@ -78,6 +83,8 @@ class PredictedAccuracy:
     def repetitions_for(self, wanted: Mapping[str, float]) -> float:
         """Return how often to play the path until standard errors are small enough.
 
+        Zero, if earlier recordings tell enough by themselves.
+
         Parameters
         ----------
         wanted : mapping from the name of a base parameter's leader to its error
@@ -85,16 +92,27 @@ class PredictedAccuracy:
         Raises
         ------
         ProblemError
-            If a name leads no base parameter, or an error is not positive.
+            If a name leads no base parameter, an error is not positive, or no number of
+            repetitions is enough.
+        NotExcitedError
+            If path and earlier recordings leave some parameters undetermined.
         """
         places = [self._place(name) for name in wanted]
-        target = np.array(list(wanted.values()), dtype=float)
+        target = checked(list(wanted.values()), (len(wanted),), "wanted errors")
         if not (target > 0.0).all():
             raise ProblemError(f"wanted errors are {target}, expected positive ones")
 
-        def enough(repetitions: float) -> bool:
-            return bool((self.standard_errors(repetitions)[places] <= target).all())
+        self.standard_errors()  # refuses a path that tells too little, however often
 
+        def enough(repetitions: float) -> bool:
+            try:
+                errors = self.standard_errors(repetitions)
+            except NotExcitedError:  # too few of them to tell in double precision
+                return False
+            return bool((errors[places] <= target).all())
+
+        if enough(0.0):
+            return 0.0
         high = 1.0
         while not enough(high):
             high *= 2.0
@@ -103,7 +121,7 @@ class PredictedAccuracy:
                     f"even {_MOST:g} repetitions are not enough for {dict(wanted)}"
                 )
         low = 0.0
-        while high - low > 1e-6 * high:
+        while high - low > max(1e-6 * high, _LEAST):
             middle = (low + high) / 2.0
             low, high = (low, middle) if enough(middle) else (middle, high)
         return high
