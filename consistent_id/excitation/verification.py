@@ -11,6 +11,7 @@ from consistent_id.collisions.clearance import ClearanceReport, prove_clearance
 from consistent_id.collisions.scene import Scene
 from consistent_id.errors import InfeasibleError, ProblemError
 from consistent_id.excitation.guards import ClearanceGuard, Guard, TorqueGuard
+from consistent_id.excitation.kernels import slow_speeds
 from consistent_id.model import RobotModel
 from consistent_id.motion.limits import MotionLimits
 from consistent_id.motion.transfers import limits_of
@@ -50,8 +51,8 @@ class Demands:
         if self.parameters is not None:
             # a joint whose torque is not measured has a motor too
             every = replace(self.model, torque_joints=())
-            effort = self.limits.effort
-            guards.append(TorqueGuard(every, self.parameters, effort, _REACH))
+            effort, slow = self.limits.effort, slow_speeds(self.limits)
+            guards.append(TorqueGuard(every, self.parameters, effort, _REACH, slow))
         if self.scene is not None and self.scene.pairs:
             guards.append(ClearanceGuard(self.scene))
         return tuple(guards)
