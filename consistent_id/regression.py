@@ -210,6 +210,26 @@ def require_match(
     NotExcitedError
         If a joint's torque is zero throughout: a dead channel, not a joint at ease.
     """
+    require_same_model(model, regression, base)
+    rms = regression.torque_rms
+    dead = [j for j, size in zip(regression.joints, rms, strict=True) if size == 0.0]
+    if dead:
+        raise NotExcitedError(
+            f"the torque is zero throughout for {', '.join(dead)}; check column, unit "
+            "and gain, or leave the joint out of the model's torque_joints"
+        )
+
+
+def require_same_model(
+    model: TorqueModel, regression: Regression, base: BaseParameters
+) -> None:
+    """Refuse a regression or base parameters of another torque model.
+
+    Raises
+    ------
+    ProblemError
+        If layouts, joints or fingerprints differ.
+    """
     for what, found in (("regression", regression), ("base parameters", base)):
         same = found.layout == model.layout and found.fingerprint in (
             "",
@@ -224,13 +244,6 @@ def require_match(
         raise ProblemError(
             f"the regression is of joints {regression.joints}, the model has torques "
             f"of {model.torque_joints}"
-        )
-    rms = regression.torque_rms
-    dead = [j for j, size in zip(regression.joints, rms, strict=True) if size == 0.0]
-    if dead:
-        raise NotExcitedError(
-            f"the torque is zero throughout for {', '.join(dead)}; check column, unit "
-            "and gain, or leave the joint out of the model's torque_joints"
         )
 
 

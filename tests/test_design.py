@@ -327,3 +327,21 @@ def test_an_interrupt_keeps_the_best(workers, tmp_path):
     assert any("ended the search" in note for note in notes)
     assert holds and stages == 1
     assert "Traceback" not in ended.stderr
+
+
+def test_a_motor_without_a_torque_sensor_has_a_limit_all_the_same():
+    robot = arm(2)
+    model = TorqueModel(robot, torque_joints=("joint2",))
+    aim = Aim(refine=None)
+    free = designed(model, aim)
+    motion = free.trajectory.evaluate(np.linspace(0.0, 5.0, 2001))
+    reached = abs(TorqueModel(robot).predict(robot.nominal, *motion)).max(axis=0)
+    limits = arm_limits(robot, effort={"joint1": 0.8 * reached[0]})
+    margins = motion_margins(
+        free.trajectory, limits, model=model, parameters=robot.nominal
+    )
+    assert not margins.holds and margins.least.joint == "joint1"
+    bound = designed(model, aim, limits=limits)
+    assert bound.proof.holds
+    of_torque = [m for m in bound.proof.margins.margins if m.quantity == "torque"]
+    assert [m.joint for m in of_torque] == ["joint1"]

@@ -4,13 +4,18 @@ import numpy as np
 import pytest
 from excited import FRICTION, arm, arm_limits, arm_task
 
-from consistent_id import ProblemError, TorqueModel, base_parameters
+from consistent_id import DriveTerms, ProblemError, TorqueModel, base_parameters
 from consistent_id.excitation.aims import PathForm
 from consistent_id.excitation.basis import FourierBasis
 from consistent_id.excitation.criteria import criterion_of, scaled, spread
 from consistent_id.excitation.guards import Place, TorqueGuard, guard_rows
 from consistent_id.excitation.information import PathInformation
-from consistent_id.excitation.kernels import RegressorKernel, TorqueKernel
+from consistent_id.excitation.kernels import (
+    RegressorKernel,
+    TorqueKernel,
+    slow_speeds,
+    smooth,
+)
 from consistent_id.excitation.limit_rows import limit_rows
 from consistent_id.excitation.search import Searcher
 
@@ -99,6 +104,34 @@ def test_the_kernel_is_the_regressor_of_the_torque_model(drive):
         lambda m: (seed * kernel.regressor(m)).sum(), motion, direction
     )
     assert np.isclose(pulled, by_difference, rtol=1e-6)
+
+
+def test_the_jump_of_friction_is_steep_for_slow_joints_too():
+    robot = arm(2)
+    model = TorqueModel(robot, DriveTerms(coulomb="sign"))
+    limits = arm_limits(robot, velocity=[2.0, 0.01])
+    slow = slow_speeds(limits)
+    assert np.allclose(slow, [0.02, 0.0001])
+    motion = np.zeros((3, 1, 2))
+    motion[1] = [1.0, 0.005]  # half of what each joint can do
+    exact = model.regressor(*motion)
+    steep = smooth(model, slow).regressor(*motion)
+    assert np.allclose(steep, exact, atol=1e-9)
+    kernel = RegressorKernel(model, base_parameters(model), 1, slow)
+    columns = list(base_parameters(model).independent)
+    assert np.allclose(kernel.regressor(motion)[:, 0], exact[:, columns, 0], atol=1e-9)
+
+
+def test_where_nothing_limits_velocity_acceleration_or_jerk_tells_what_is_slow():
+    robot = arm(2)
+    fast = np.full(2, np.inf)
+    ranges = {name: (-1.0, 1.0) for name in robot.joint_names}
+    limits = arm_limits(robot, position=ranges, velocity=fast, acceleration=8.0)
+    assert np.allclose(slow_speeds(limits), 0.04)
+    limits = arm_limits(
+        robot, position=ranges, velocity=fast, acceleration=fast, jerk=27.0
+    )
+    assert np.allclose(slow_speeds(limits), 0.03)
 
 
 def test_torques_of_a_set_are_those_of_the_model_with_their_slopes():

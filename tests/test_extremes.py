@@ -8,6 +8,7 @@ from paths import RestToRest, one_sine, random_path
 
 from consistent_id import ProblemError
 from consistent_id.motion.limits import MotionLimits
+from consistent_id.motion.move_along import move_along
 from consistent_id.proofs.extremes import extremes, path_interval
 from consistent_id.proofs.grids import between_samples
 from consistent_id.proofs.margins import motion_margins
@@ -162,3 +163,52 @@ def test_limits_of_other_joints_are_refused():
         motion_margins(one_sine(("b",)), limits())
     with pytest.raises(ProblemError, match="both model and parameters"):
         motion_margins(one_sine(), limits(), parameters=[1.0])
+
+
+def move_with_seams(joints=("a", "b")):
+    """A move whose jerk jumps at its seams: it runs in and out from another pose."""
+    path = random_path(4, joints, base=0.2, harmonics=2, amplitude=0.3, duration=5.0)
+    bounds = [path.derivative_bound(k) for k in range(4)]
+    wide = np.full(len(joints), 8.0)
+    limits = MotionLimits(
+        joints,
+        -wide,
+        wide,
+        *(3.0 * b for b in bounds[1:]),
+        np.full(len(joints), np.inf),
+    )
+    return move_along(path, limits, from_pose=wide / 4.0, to_pose=-wide / 4.0)
+
+
+def every_piece(move, order, samples=2001):
+    """Values of a derivative on both sides of every seam, (samples, joints)."""
+    return np.concatenate(
+        [
+            piece.evaluate(
+                piece.start + piece.duration * np.linspace(0.0, 1.0, samples), order
+            )[order]
+            for piece in move.pieces
+        ]
+    )
+
+
+@pytest.mark.parametrize("order", range(5))
+def test_bounds_of_a_move_hold_on_both_sides_of_its_seams(order):
+    move = move_with_seams()
+    found, seen = extremes(move, order), every_piece(move, order)
+    slack = 1e-12 * abs(seen).max(axis=0)
+    assert (seen.max(axis=0) <= found.highest + slack).all()
+    assert (seen.min(axis=0) >= found.lowest - slack).all()
+    assert np.allclose(found.most, seen.max(axis=0), rtol=1e-3, atol=1e-3)
+    assert np.allclose(found.least, seen.min(axis=0), rtol=1e-3, atol=1e-3)
+
+
+def test_a_jerk_beyond_its_limit_at_a_seam_is_no_proof():
+    move = move_with_seams()
+    reached = abs(every_piece(move, 3)).max(axis=0)
+    wide = np.full(2, 1e3)
+    limits = MotionLimits(
+        move.joints, -wide, wide, wide, wide, 0.999 * reached, np.full(2, np.inf)
+    )
+    of_jerk = [m for m in motion_margins(move, limits).margins if m.quantity == "jerk"]
+    assert [margin.violated for margin in of_jerk] == [True, True]

@@ -19,31 +19,31 @@ readers.merging readers.units readers.columns correlation drive_terms friction r
 base constraints._rows constraints.datasheet constraints.parameters constraints.shape
 constraints.symmetry distances link_condition mass_matrix constraints.motors constraints
 base_bodies estimators.constraint_variables shapes signals.kalman diagnosis.tell
-excitation excitation._callbacks excitation.criteria excitation.kernels kinematics
-curves frame_motion writing_tasks path_refusals writer laboratory.robot
-laboratory.sensors file_tables excitation_file laboratory_file problem_file
-problem_constraints problem_folder problem_model row_filter export._numpy_template
-export.exported export.shares loaders._splice loaders._urdf_inertial export._mjcf_text
-repair.nearest repair.statement repair.account repair.tell repair.link repair.urdf
-repair export._mjcf_tree diagnosis.jackknife collisions collisions.bodies
-collisions.pieces collisions.scene collisions.reach collisions.separation
-collisions.scene_building collisions.urdf_bodies collisions.scene_file motion
-motion.bernstein motion.limits motion.polynomial_path proofs proofs.grids
-proofs.interval proofs.jets proofs.peaks cli.options _face readers.names _extras
-recording diagnosis.clock diagnosis.corrections readers.arrays readers.csv
-readers.frames readers.hdf5 readers.jointstate readers.bag readers.mat readers.npz
-readers.parquet readers.files simulation estimate figures comparison signals.clocks
-signals.differences signals.filters signals.resolution signals.masks signals.cuts
-signals.savitzky_golay signals.smoother signals.track signals.alignment signals.delay
-sinusoids paths trajectory signals.fourier signals.period trajectory_files.content
-trajectory_files.ros trajectory_files.urscript inverse_kinematics laboratory.control
-laboratory.closed_loop laboratory.experiment laboratory.one_clock laboratory
-signals.folds signals preparation readers.tracks readers trajectory_files.tables problem
-problem_laboratory problem_list regression estimators.least_squares estimators.robust
-segments parametrisation estimators.scaled_fit estimators.best_fit estimators.penalised
-estimators.nearest estimators.contradiction estimators.settled estimators.constrained
-estimators.smooth fit_cross_check cross_validation segment_bootstrap intervals
-sensitivity parameter_uncertainty fit_costs constraint_prices diagnosis.explain
+excitation excitation._callbacks excitation.criteria kinematics curves frame_motion
+writing_tasks path_refusals writer laboratory.robot laboratory.sensors file_tables
+excitation_file laboratory_file problem_file problem_constraints problem_folder
+problem_model row_filter export._numpy_template export.exported export.shares
+loaders._splice loaders._urdf_inertial export._mjcf_text repair.nearest repair.statement
+repair.account repair.tell repair.link repair.urdf repair export._mjcf_tree
+diagnosis.jackknife collisions collisions.bodies collisions.pieces collisions.scene
+collisions.reach collisions.separation collisions.scene_building collisions.urdf_bodies
+collisions.scene_file motion motion.bernstein motion.limits excitation.kernels
+motion.polynomial_path proofs proofs.grids proofs.interval proofs.jets proofs.peaks
+cli.options _face readers.names _extras recording diagnosis.clock diagnosis.corrections
+readers.arrays readers.csv readers.frames readers.hdf5 readers.jointstate readers.bag
+readers.mat readers.npz readers.parquet readers.files simulation estimate figures
+comparison signals.clocks signals.differences signals.filters signals.resolution
+signals.masks signals.cuts signals.savitzky_golay signals.smoother signals.track
+signals.alignment signals.delay sinusoids paths trajectory signals.fourier
+signals.period trajectory_files.content trajectory_files.ros trajectory_files.urscript
+inverse_kinematics laboratory.control laboratory.closed_loop laboratory.experiment
+laboratory.one_clock laboratory signals.folds signals preparation readers.tracks readers
+trajectory_files.tables problem problem_laboratory problem_list regression
+estimators.least_squares estimators.robust segments parametrisation
+estimators.scaled_fit estimators.best_fit estimators.penalised estimators.nearest
+estimators.contradiction estimators.settled estimators.constrained estimators.smooth
+fit_cross_check cross_validation segment_bootstrap intervals sensitivity
+parameter_uncertainty fit_costs constraint_prices diagnosis.explain
 estimators.gain_search loaded_robot estimators.gains loaded_constraints
 estimators.payload shaped_regression shape_misfit shape_profile shape_fit cutoff
 excitation.aims excitation.accuracy published published_estimate published_summary
@@ -51,27 +51,28 @@ export.drive_values export.pedigree export.casadi_functions export.c_source
 export.numpy_source export.pinocchio_model export._mjcf_body export.record
 export._mjcf_source export.new_urdf export.urdf export._mjcf_gears export.mjcf export
 diagnosis.linearise diagnosis.small_shifts diagnosis.repeats collisions.clearance
-excitation.basis excitation.information excitation.guards excitation.search_task
-motion.motion_state motion.move trajectory_files.document trajectory_files.files
-trajectory_files motion.transfers motion.approaches motion.move_along
-excitation.limit_rows excitation.programme proofs.extremes proofs.friction_bounds
-proofs.torque_motion proofs.torque_bounds proofs.margins excitation.verification
-excitation.asked_scene excitation.asked excitation.clear_starts excitation.search
+excitation.basis excitation.information excitation.guards motion.motion_state
+motion.move trajectory_files.document trajectory_files.files trajectory_files
+motion.transfers motion.approaches motion.move_along excitation.limit_rows
+excitation.programme excitation.asked_scene excitation.asked excitation.clear_starts
 _progress cli.colour cli.answers cli.repair cli.completion cli.time_limit log_columns
 problem_draft drafting cli.log_options cli.init study commands_export cli.export
 diagnosis.coverage diagnosis.diagnose diagnosis record summary commands cli.check
-cli.compare cli.info commands_draft excitation.asked_tables excitation.drawings
-excitation.replay reproduction.experiments reproduction.budget reproduction.assumptions
+cli.compare cli.info commands_draft excitation.drawings excitation.replay
+reproduction.experiments reproduction.budget reproduction.assumptions
 reproduction.inertia reproduction.tables reproduction.tempo reproduction.verification
-_interrupts excitation.starts excitation.design excitation.validating excitation.figure
-excitation.record excite cli.excite reproduction.exciting report.advice report.markup
-report.findings report.certificate report.costs report.health report.parameters
-report.plot report.friction report.projection report.published report.reproduce
-report.residual_figures report.residuals report.robot_scene report.robot_view
-report.links report.thinning report.excitation report.torque report.verdict report.page
-report.html report cli.identify commands_report cli.report reproduction.accounts
-reproduction.study reproduction reproduction.section_tables reproduction.figures
-reproduction.sections reproduction.page reproduction.record cli.reproduce cli.tool cli
+_interrupts report.advice report.markup report.findings report.certificate report.costs
+report.health report.parameters report.plot report.friction report.projection
+report.published report.reproduce report.residual_figures report.residuals
+report.robot_scene report.robot_view report.links report.thinning report.excitation
+report.torque report.verdict report.page report.html report cli.identify commands_report
+cli.report reproduction.accounts proofs.seams proofs.extremes proofs.friction_bounds
+proofs.torque_motion proofs.torque_bounds proofs.margins excitation.verification
+excitation.search_task excitation.search excitation.asked_tables excitation.starts
+excitation.design excitation.validating excitation.figure excitation.record excite
+cli.excite reproduction.exciting reproduction.study reproduction
+reproduction.section_tables reproduction.figures reproduction.sections reproduction.page
+reproduction.record cli.reproduce cli.tool cli
 """.split()
 
 HEAVY = {

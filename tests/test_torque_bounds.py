@@ -15,6 +15,7 @@ from consistent_id._joint_geometry import floats, joint_geometry
 from consistent_id._newton_euler import JointMotion, regressor_entries, torque_parts
 from consistent_id.friction import GearCoupling
 from consistent_id.motion.limits import MotionLimits
+from consistent_id.motion.move_along import move_along
 from consistent_id.proofs.friction_bounds import directed_friction
 from consistent_id.proofs.interval import Interval
 from consistent_id.proofs.jets import Jet, jet, sine_and_cosine
@@ -261,7 +262,9 @@ def test_rounding_is_far_below_what_is_told_of_it():
 def test_intervals_hold_the_results_for_all_numbers_in_them(ends, share):
     a, b = np.sort(ends[:2]), np.sort(ends[2:])
     x, y = Interval(a[:1], a[1:]), Interval(b[:1], b[1:])
-    u, v = (z.low + share * (z.high - z.low) for z in (x, y))
+    u, v = (  # rounding may take a sum beyond the end it is to reach
+        np.clip(z.low + share * (z.high - z.low), z.low, z.high) for z in (x, y)
+    )
     for over, value in (
         (x + y, u + v),
         (2.0 - x, 2.0 - u),
@@ -307,3 +310,30 @@ def test_paths_and_parameters_of_other_robots_are_refused():
         torque_bounds(one_sine(("joint1",)), model, np.ones(9))
     with pytest.raises(ProblemError, match="tolerance is 0"):
         torque_bounds(one_sine(("joint1",)), model, point_mass(), tolerance=0)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_torques_of_a_move_are_bounded_on_both_sides_of_its_seams(seed):
+    rng = np.random.default_rng(seed)
+    _, robot = random_robot(rng, 2)
+    model = TorqueModel(robot, DriveTerms(viscous=True, coulomb="sign"))
+    names = robot.joint_names
+    path = random_path(seed, names, base=0.2, harmonics=2, amplitude=0.3, duration=5.0)
+    wide = np.full(2, 8.0)
+    rates = [3.0 * path.derivative_bound(k) for k in range(1, 4)]
+    limits = MotionLimits(names, -wide, wide, *rates, np.full(2, np.inf))
+    move = move_along(path, limits, from_pose=wide / 4.0, to_pose=-wide / 4.0)
+    x = rng.normal(size=len(model.layout))
+    x[-4:] = abs(x[-4:])
+    found = torque_bounds(move, model, x)
+    every = [
+        piece.evaluate(piece.start + piece.duration * np.linspace(0.0, 1.0, 1001))
+        for piece in move.pieces
+    ]
+    torque = np.hstack(
+        [model.regressor(*values).transpose(0, 2, 1) @ x for values in every]
+    )
+    slack = 1e-9 * abs(torque).max()
+    assert (torque.max(axis=1) <= found.highest + slack).all()
+    assert (torque.min(axis=1) >= found.lowest - slack).all()
+    assert (found.size <= abs(torque).max(axis=1) * 1.01).all()

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from consistent_id._arrays import Matrix, Vector
+from consistent_id._arrays import Matrix, Vector, checked
 from consistent_id._threads import single_threaded
 from consistent_id.base import (
     BaseParameters,
@@ -22,12 +22,13 @@ from consistent_id.errors import NotExcitedError, ProblemError
 from consistent_id.excitation.aims import Aim
 from consistent_id.parameters import did_you_mean
 from consistent_id.paths import JointPath
-from consistent_id.regression import triangle
+from consistent_id.regression import require_same_model, triangle
 from consistent_id.regressor import TorqueModel
 from consistent_id.tables import Table
 
 _PART = 0.2  # of the largest part of a combination; less is not told
 _MOST = 1e9  # repetitions; more would not be played
+_LEAST = 1e-9  # repetitions; what is less is none
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,9 +62,13 @@ class PredictedAccuracy:
 
         Raises
         ------
+        ProblemError
+            If the number of repetitions is negative or not finite.
         NotExcitedError
             If some are not determined at all.
         """
+        if not 0.0 <= repetitions < np.inf:
+            raise ProblemError(f"repetitions is {repetitions}, expected 0 or more")
         rows = np.vstack([np.sqrt(repetitions) * self.factor, self.earlier])
         R = triangle(rows)
         size = abs(np.diag(R))
@@ -78,6 +83,8 @@ class PredictedAccuracy:
     def repetitions_for(self, wanted: Mapping[str, float]) -> float:
         """Return how often to play the path until standard errors are small enough.
 
+        Zero, if earlier recordings tell enough by themselves.
+
         Parameters
         ----------
         wanted : mapping from the name of a base parameter's leader to its error
@@ -85,16 +92,27 @@ class PredictedAccuracy:
         Raises
         ------
         ProblemError
-            If a name leads no base parameter, or an error is not positive.
+            If a name leads no base parameter, an error is not positive, or no number of
+            repetitions is enough.
+        NotExcitedError
+            If path and earlier recordings leave some parameters undetermined.
         """
         places = [self._place(name) for name in wanted]
-        target = np.array(list(wanted.values()), dtype=float)
+        target = checked(list(wanted.values()), (len(wanted),), "wanted errors")
         if not (target > 0.0).all():
             raise ProblemError(f"wanted errors are {target}, expected positive ones")
 
-        def enough(repetitions: float) -> bool:
-            return bool((self.standard_errors(repetitions)[places] <= target).all())
+        self.standard_errors()  # refuses a path that tells too little, however often
 
+        def enough(repetitions: float) -> bool:
+            try:
+                errors = self.standard_errors(repetitions)
+            except NotExcitedError:  # too few of them to tell in double precision
+                return False
+            return bool((errors[places] <= target).all())
+
+        if enough(0.0):
+            return 0.0
         high = 1.0
         while not enough(high):
             high *= 2.0
@@ -103,7 +121,7 @@ class PredictedAccuracy:
                     f"even {_MOST:g} repetitions are not enough for {dict(wanted)}"
                 )
         low = 0.0
-        while high - low > 1e-6 * high:
+        while high - low > max(1e-6 * high, _LEAST):
             middle = (low + high) / 2.0
             low, high = (low, middle) if enough(middle) else (middle, high)
         return high
@@ -164,13 +182,16 @@ def predicted_accuracy(
     path : JointPath
     aim : Aim, optional
         For noise, sampling rate, earlier recordings and column scaling.
+
+    Raises
+    ------
+    ProblemError
+        If the path moves other joints than the robot has, or in another order, or
+        earlier recordings are of another torque model.
     """
     aim = aim or Aim()
     columns, noise = list(base.independent), aim.noise_of(model.torque_joints)
-    earlier = [
-        regression.weighted(noise).stacked()[:, columns]
-        for regression in aim.recordings
-    ]
+    earlier = earlier_rows(model, base, aim)
     W = path_regressor(model, base, path, aim.rate) / noise[:, None, None]
     factor = triangle(W.reshape(-1, len(columns)))
     weighted = "" if aim.noise is None else ", rows divided by the noise"
@@ -182,11 +203,27 @@ def predicted_accuracy(
     return PredictedAccuracy(
         base=base,
         factor=factor,
-        earlier=np.vstack([np.zeros((0, len(columns))), *earlier]),
+        earlier=earlier,
         condition=condition,
         duration=path.duration,
         unit_noise=aim.noise is None,
     )
+
+
+def earlier_rows(model: TorqueModel, base: BaseParameters, aim: Aim) -> Matrix:
+    """Return ``E``, shape (rows, base): ``E^T E`` is what earlier recordings tell.
+
+    Raises
+    ------
+    ProblemError
+        If one is of another torque model.
+    """
+    columns, noise = list(base.independent), aim.noise_of(model.torque_joints)
+    rows = [np.zeros((0, len(columns)))]
+    for regression in aim.recordings:
+        require_same_model(model, regression, base)
+        rows.append(regression.weighted(noise).stacked()[:, columns])
+    return np.vstack(rows)
 
 
 def path_regressor(
@@ -195,7 +232,17 @@ def path_regressor(
     """Return a path's base regressor, shape (torque joints, samples, base).
 
     At equal steps, no faster than `rate` [Hz], both ends included.
+
+    Raises
+    ------
+    ProblemError
+        If the path moves other joints than the robot has, or in another order.
     """
+    if path.joints != model.robot.joint_names:
+        raise ProblemError(
+            f"the path moves {', '.join(path.joints)}; the robot's joints are "
+            f"{', '.join(model.robot.joint_names)}; expected the same, in order"
+        )
     steps = max(1, int(path.duration * rate * (1.0 + 1e-12)))
     time = path.start + path.duration * np.arange(steps + 1) / steps
     columns = list(base.independent)

@@ -66,12 +66,15 @@ class TorqueGuard:
     effort : ndarray, shape (torque joints,), [N m or N]
     reach : float
         Share of the limit that may be used at a sample.
+    slow : ndarray, shape (joints,), optional, [rad/s or m/s]
+        Velocities that stand in for the jump of Coulomb friction, see `smooth`.
     """
 
     model: TorqueModel
     parameters: Matrix
     effort: Vector
     reach: float
+    slow: Vector | None = None
 
     def measure(self, motion: Array) -> Matrix:
         """Return how far each torque is above its limit."""
@@ -102,7 +105,9 @@ class TorqueGuard:
     def _kernel(self, motion: Array) -> TorqueKernel:
         kernels, samples = _KERNELS.setdefault(self, {}), motion.shape[1]
         if samples not in kernels:
-            kernels[samples] = TorqueKernel(self.model, self.parameters, samples)
+            kernels[samples] = TorqueKernel(
+                self.model, self.parameters, samples, self.slow
+            )
         return kernels[samples]
 
 

@@ -9,12 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from consistent_id._arrays import Array, Matrix
+from consistent_id._arrays import Array, Matrix, Vector
 from consistent_id.base import BaseParameters
+from consistent_id.motion.limits import MotionLimits
 from consistent_id.regressor import TorqueModel, casadi_regressor
 
 SMOOTH = 0.02
 """Velocity [rad/s or m/s] that stands in for the jump of a sign at standstill."""
+_SLOW = 0.01  # share of the speed a joint can have that stands in for that jump
 
 
 class RegressorKernel:
@@ -26,15 +28,25 @@ class RegressorKernel:
         Coulomb friction with a jump is taken with a steep slope instead.
     base : BaseParameters
     samples : int
+    slow : ndarray, shape (joints,), optional, [rad/s or m/s]
+        See `smooth`.
     """
 
-    def __init__(self, model: TorqueModel, base: BaseParameters, samples: int) -> None:
+    def __init__(
+        self,
+        model: TorqueModel,
+        base: BaseParameters,
+        samples: int,
+        slow: Vector | None = None,
+    ) -> None:
         import casadi as ca
 
         n = len(model.robot)
         x = ca.SX.sym("x", 3 * n)
         columns = list(base.independent)
-        Y = casadi_regressor(smooth(model))(x[:n], x[n : 2 * n], x[2 * n :])[:, columns]
+        Y = casadi_regressor(smooth(model, slow))(x[:n], x[n : 2 * n], x[2 * n :])[
+            :, columns
+        ]
         entries = ca.vertcat(*Y.nonzeros())
         seed = ca.SX.sym("seed", entries.shape[0])
         slope = ca.gradient(ca.dot(seed, entries), x)
@@ -69,14 +81,22 @@ class TorqueKernel:
     model : TorqueModel
     parameters : ndarray, shape (members, parameters)
     samples : int
+    slow : ndarray, shape (joints,), optional, [rad/s or m/s]
+        See `smooth`.
     """
 
-    def __init__(self, model: TorqueModel, parameters: Matrix, samples: int) -> None:
+    def __init__(
+        self,
+        model: TorqueModel,
+        parameters: Matrix,
+        samples: int,
+        slow: Vector | None = None,
+    ) -> None:
         import casadi as ca
 
         n = len(model.robot)
         x = ca.SX.sym("x", 3 * n)
-        Y = casadi_regressor(smooth(model))(x[:n], x[n : 2 * n], x[2 * n :])
+        Y = casadi_regressor(smooth(model, slow))(x[:n], x[n : 2 * n], x[2 * n :])
         torque = ca.vec(Y @ ca.DM(parameters.T))
         jacobian = ca.vec(ca.densify(ca.jacobian(torque, x)).T)
         options = {"cse": True}
@@ -96,14 +116,41 @@ class TorqueKernel:
         return self._slopes(_stacked(motion)).reshape(*self._shape, 3, joints)
 
 
-def smooth(model: TorqueModel) -> TorqueModel:
-    """Return the model with a steep slope where Coulomb friction has a jump."""
+def slow_speeds(limits: MotionLimits) -> Vector:
+    """Return a hundredth of the speed that each joint can have, (joints,).
+
+    That of its limit, or what acceleration or jerk allow over half of its range.
+    """
+    half = limits.derivative(0)
+    speed = np.minimum(limits.velocity, np.sqrt(2.0 * limits.acceleration * half))
+    by_jerk = np.cbrt(limits.jerk * half**2)
+    return np.asarray(_SLOW * np.minimum(speed, by_jerk))
+
+
+def smooth(model: TorqueModel, slow: Vector | None = None) -> TorqueModel:
+    """Return the model with a steep slope where Coulomb friction has a jump.
+
+    Parameters
+    ----------
+    model : TorqueModel
+    slow : ndarray, shape (joints,), optional, [rad/s or m/s]
+        Velocity of each joint that stands in for the jump: far below the speeds that
+        matter, or a slow joint's friction is taken for viscous.  By default `SMOOTH`.
+        Coupled joints have the lesser of two.
+    """
+    names = model.robot.joint_names
+    each = [SMOOTH] * len(names) if slow is None else slow.tolist()
+    speed = dict(zip(names, each, strict=True))
     terms = tuple(
-        replace(t, coulomb="tanh", velocity_scale=SMOOTH) if t.coulomb == "sign" else t
-        for t in model.terms
+        replace(term, coulomb="tanh", velocity_scale=speed[name])
+        if term.coulomb == "sign"
+        else term
+        for name, term in zip(names, model.terms, strict=True)
     )
     couplings = tuple(
-        replace(c, coulomb="tanh", velocity_scale=SMOOTH) if c.coulomb == "sign" else c
+        replace(c, coulomb="tanh", velocity_scale=min(speed[c.first], speed[c.second]))
+        if c.coulomb == "sign"
+        else c
         for c in model.couplings
     )
     return replace(model, drive=terms, couplings=couplings)

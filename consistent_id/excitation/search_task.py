@@ -7,10 +7,12 @@ import numpy as np
 from consistent_id._arrays import Matrix, Vector
 from consistent_id.base import BaseParameters
 from consistent_id.errors import ProblemError
+from consistent_id.excitation.accuracy import earlier_rows
 from consistent_id.excitation.aims import Aim, PathForm
 from consistent_id.excitation.basis import FourierBasis
 from consistent_id.excitation.criteria import Scaling
 from consistent_id.excitation.guards import Guard
+from consistent_id.excitation.verification import robot_limits
 from consistent_id.motion.limits import MotionLimits
 from consistent_id.regressor import TorqueModel
 
@@ -65,15 +67,19 @@ def search_task(
     limits: MotionLimits,
     guards: tuple[Guard, ...],
 ) -> SearchTask:
-    """Return the task of a form, an aim and limits."""
+    """Return the task of a form, an aim and limits.
+
+    Raises
+    ------
+    ProblemError
+        If limits of a joint are missing, or earlier recordings or the task are of
+        another robot.
+    """
+    limits = robot_limits(limits, model.robot)
     basis = FourierBasis(limits, form.frequencies, form.duration, form.rest)
     degree = int(np.ceil(form.frequencies[-1] * form.duration))
     still = basis.trajectory(np.zeros((basis.size, len(limits.joints))))
-    columns, noise = list(base.independent), aim.noise_of(model.torque_joints)
-    earlier = np.zeros((len(columns), len(columns)))
-    for regression in aim.recordings:
-        rows = regression.weighted(noise).stacked()[:, columns]
-        earlier += rows.T @ rows
+    earlier = earlier_rows(model, base, aim)
     return SearchTask(
         model=model,
         base=base,
@@ -81,8 +87,8 @@ def search_task(
         period=still.period,
         samples=max(_SAMPLES, 10 * degree),
         recorded=form.duration * aim.rate,
-        noise=noise,
-        earlier=earlier,
+        noise=aim.noise_of(model.torque_joints),
+        earlier=earlier.T @ earlier,
         scaling=aim.scaling,
         gram=_gram(model, base, aim),
         guards=guards,

@@ -1,7 +1,7 @@
 """What is demanded of a path, and what is proven of it over its whole duration."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,7 +11,10 @@ from consistent_id.collisions.clearance import ClearanceReport, prove_clearance
 from consistent_id.collisions.scene import Scene
 from consistent_id.errors import InfeasibleError, ProblemError
 from consistent_id.excitation.guards import ClearanceGuard, Guard, TorqueGuard
+from consistent_id.excitation.kernels import slow_speeds
+from consistent_id.model import RobotModel
 from consistent_id.motion.limits import MotionLimits
+from consistent_id.motion.transfers import limits_of
 from consistent_id.paths import JointPath
 from consistent_id.proofs.margins import MotionMargins, motion_margins
 from consistent_id.regressor import TorqueModel
@@ -46,8 +49,10 @@ class Demands:
         """What keeps a search from what is no linear limit."""
         guards: list[Guard] = []
         if self.parameters is not None:
-            effort = self.limits.effort[_rows(self.model)]
-            guards.append(TorqueGuard(self.model, self.parameters, effort, _REACH))
+            # a joint whose torque is not measured has a motor too
+            every = replace(self.model, torque_joints=())
+            effort, slow = self.limits.effort, slow_speeds(self.limits)
+            guards.append(TorqueGuard(every, self.parameters, effort, _REACH, slow))
         if self.scene is not None and self.scene.pairs:
             guards.append(ClearanceGuard(self.scene))
         return tuple(guards)
@@ -119,23 +124,32 @@ def demands(
     ----------
     model : TorqueModel
     limits : MotionLimits
+        Of the robot's joints, in any order; the demands have them in the robot's.
     parameters : array_like, shape (parameters,) or (members, parameters), optional
         By default the nominal robot without friction, if torque has limits.
     scene : Scene, optional
+        Of the model's robot.
+
+    Raises
+    ------
+    ProblemError
+        If limits of a joint are missing, or parameters or scene are of another robot.
     """
+    limits = robot_limits(limits, model.robot)
+    _require_same_robot(scene, model.robot)
     notes: tuple[str, ...] = ()
     if scene is None:
         notes = ("collisions are not looked at: no scene",)
     size = len(model.layout)
     if parameters is not None:
         members = np.atleast_2d(checked(parameters, np.shape(parameters), "parameters"))
-        if members.ndim != 2 or members.shape[1] != size:
+        if members.ndim != 2 or members.shape[1] != size or not len(members):
             raise ProblemError(
                 f"parameters have shape {np.shape(parameters)}, expected ({size},) or "
-                f"(members, {size}) for this torque model"
+                f"(members, {size}), one member or more, for this torque model"
             )
         return Demands(limits, model, members, scene, notes)
-    if not np.isfinite(limits.effort[_rows(model)]).any():
+    if not np.isfinite(limits.effort).any():
         return Demands(limits, model, None, scene, (*notes, "torque has no limit"))
     nominal = model.robot.nominal
     if nominal is None:
@@ -147,5 +161,28 @@ def demands(
     return Demands(limits, model, members, scene, notes)
 
 
-def _rows(model: TorqueModel) -> list[int]:
-    return [model.robot.joint_names.index(name) for name in model.torque_joints]
+def robot_limits(limits: MotionLimits, robot: RobotModel) -> MotionLimits:
+    """Return limits in the order of a robot's joints.
+
+    Raises
+    ------
+    ProblemError
+        If nothing is said of a joint, or these are no limits.
+    """
+    if not isinstance(limits, MotionLimits):
+        raise ProblemError(
+            f"limits are {type(limits).__name__}, expected MotionLimits; call "
+            "motion_limits(robot)"
+        )
+    if limits.joints == robot.joint_names:
+        return limits
+    return limits_of(limits, robot.joint_names)
+
+
+def _require_same_robot(scene: Scene | None, robot: RobotModel) -> None:
+    if scene is not None and scene.robot.joint_names != robot.joint_names:
+        raise ProblemError(
+            f"the scene's robot has joints {', '.join(scene.robot.joint_names)}, the "
+            f"model's {', '.join(robot.joint_names)}; expected the same, in order: "
+            "build the scene with the model's robot"
+        )

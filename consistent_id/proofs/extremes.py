@@ -14,6 +14,7 @@ from consistent_id.errors import ProblemError
 from consistent_id.paths import JointPath
 from consistent_id.proofs.interval import Interval
 from consistent_id.proofs.peaks import Enclosed, peaks
+from consistent_id.proofs.seams import merged, smooth_pieces
 
 _FINEST = 1e-3  # least scale of the tolerance, relative to the bound over all time
 _COARSE = 0.1  # of the scale: what the first stretches leave open
@@ -57,7 +58,8 @@ def extremes(path: JointPath, order: int, *, tolerance: float = 1e-6) -> Extreme
     Parameters
     ----------
     path : JointPath
-        With two continuous derivatives more than `order`.
+        With two continuous derivatives more than `order`, which is not checked; or
+        with `pieces` that have, as those of a `Move`: each is proven by itself.
     order : int
     tolerance : float
         What bound and value may differ by, relative to the range of the values.
@@ -75,6 +77,11 @@ def extremes(path: JointPath, order: int, *, tolerance: float = 1e-6) -> Extreme
             f"extremes of derivative {order} with tolerance {tolerance}; expected 0 or "
             "more, and a tolerance between 0 and 1"
         )
+    found = [_of_piece(piece, order, tolerance) for piece in smooth_pieces(path)]
+    return Extremes(path.joints, order, *merged(found))
+
+
+def _of_piece(path: JointPath, order: int, tolerance: float) -> Extremes:
     curvature = path.derivative_bound(order + 2)
     slack = path_rounding(path, order)
     scale = _scale(path, order)

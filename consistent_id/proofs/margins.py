@@ -1,7 +1,7 @@
 """How far a path stays away from its limits, proven for all time."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -154,9 +154,12 @@ def motion_margins(
     Parameters
     ----------
     path : JointPath
+        As smooth as `extremes` and `torque_bounds` want it, which is not checked; a
+        `Move` is proven piece by piece.
     limits : MotionLimits
     model : TorqueModel, optional
-        With it, limits of torque are checked too.
+        With it, limits of torque are checked too, of all joints: one whose torque is
+        not measured has a motor too.
     parameters : array_like, shape (parameters,) or (robots, parameters), optional
         Of the model: one robot's, or those of several, the worst of which counts.
 
@@ -190,10 +193,9 @@ def motion_margins(
             of_order = extremes(path, order)
             found += _sizes(quantity, limit, path.joints, of_order)
     if model is not None and parameters is not None:
-        rows = [limits.joints.index(name) for name in model.torque_joints]
-        effort = limits.effort[rows]
+        effort, every = limits.effort, replace(model, torque_joints=())
         if np.isfinite(effort).any():
-            bounds = torque_bounds(path, model, parameters, effort=effort)
+            bounds = torque_bounds(path, every, parameters, effort=effort)
             found += _sizes("torque", effort, bounds.joints, bounds)
     found.sort(key=lambda margin: path.joints.index(margin.joint))
     return MotionMargins(tuple(found))

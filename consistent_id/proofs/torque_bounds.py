@@ -20,6 +20,7 @@ from consistent_id.proofs.friction_bounds import (
 )
 from consistent_id.proofs.interval import Interval
 from consistent_id.proofs.peaks import Enclosed, Enclosure, peaks
+from consistent_id.proofs.seams import merged, smooth_pieces
 from consistent_id.proofs.torque_motion import SmoothTorque, smooth_torque
 from consistent_id.regressor import TorqueModel
 
@@ -69,7 +70,8 @@ def torque_bounds(
     Parameters
     ----------
     path : JointPath
-        With four continuous derivatives, and all joints of the model's robot in order.
+        With four continuous derivatives, which is not checked, or with `pieces` that
+        have, as those of a `Move`; and all joints of the model's robot in order.
     model : TorqueModel
     parameters : array_like, shape (parameters,) or (robots, parameters)
         One robot's, or several: the torque is linear in them, so what holds for all
@@ -98,17 +100,26 @@ def torque_bounds(
     if not 0.0 < tolerance < 1.0:
         raise ProblemError(f"tolerance is {tolerance}, expected between 0 and 1")
     names = model.robot.joint_names
-    torque = _Torque(
-        path,
-        smooth_torque(model, x),
-        directed_friction(model, x),
-        [names.index(name) for name in model.torque_joints],
-    )
+    smooth, friction = smooth_torque(model, x), directed_friction(model, x)
+    rows = [names.index(name) for name in model.torque_joints]
+    wanted = None
+    if effort is not None:
+        wanted = checked(effort, (len(rows),), "effort", finite=False)
+    found = [
+        _of_piece(_Torque(piece, smooth, friction, rows), wanted, tolerance, model)
+        for piece in smooth_pieces(path)
+    ]
+    return TorqueBounds(model.torque_joints, *merged(found))
+
+
+def _of_piece(
+    torque: "_Torque", effort: Vector | None, tolerance: float, model: TorqueModel
+) -> TorqueBounds:
+    path = torque.path
     cells = _cells(path)
     scale = torque.reach(cells)
     if effort is not None:
-        given = checked(effort, scale.shape, "effort", finite=False)
-        scale = np.where(np.isfinite(given), given, scale)
+        scale = np.where(np.isfinite(effort), effort, scale)
     found = peaks(
         torque.enclosure(cells),
         path.start,
