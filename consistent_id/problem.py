@@ -1,7 +1,7 @@
 """An identification problem: robot, data, assumptions, as one value."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -46,7 +46,7 @@ class Problem:
     constraints : tuple of Constraint
     prior : PointToSet or Penalty
     source : Path, optional
-        File that it was read from.
+        File that it was read from; a draft was read from none.
     """
 
     folder: Path
@@ -252,7 +252,7 @@ def load_problem(path: str | Path) -> Problem:
             "them all with load_problems"
         )
     (file,) = files
-    return problem_of(read_problem_table(file), file)
+    return replace(problem_of(read_problem_table(file), file), source=file)
 
 
 def problem_of(table: ProblemTable, file: Path) -> Problem:
@@ -283,7 +283,6 @@ def problem_of(table: ProblemTable, file: Path) -> Problem:
         model=model,
         constraints=constraints,
         prior=_prior(table.prior, file),
-        source=file,
     )
 
 
