@@ -45,6 +45,7 @@ from consistent_id.constraints import (
 from consistent_id.cross_validation import RegularisationPath, cross_validated
 from consistent_id.cutoff import CutoffChoice, best_cutoff
 from consistent_id.diagnosis import Diagnosis, diagnose
+from consistent_id.drafting import draft_problem
 from consistent_id.errors import (
     ConsistentIdError,
     InfeasibleError,
@@ -122,6 +123,7 @@ from consistent_id.motion.transfers import transfer
 from consistent_id.parameter_uncertainty import Uncertainty, uncertainty
 from consistent_id.priors import Penalty, PointToSet
 from consistent_id.problem import Problem, load_problem, load_problems
+from consistent_id.problem_draft import Draft
 from consistent_id.proofs.margins import MotionMargins, motion_margins
 from consistent_id.readers import (
     JOINT_STATE,
@@ -220,6 +222,7 @@ __all__ = [
     "Delay",
     "DensityOn",
     "Diagnosis",
+    "Draft",
     "DriveGains",
     "DriveTerms",
     "Ellipsoid",
@@ -316,6 +319,7 @@ __all__ = [
     "design_trajectory",
     "diagnose",
     "differentiated",
+    "draft_problem",
     "encoder_resolution",
     "estimate_delay",
     "estimated_period",

@@ -1,6 +1,6 @@
 """What the shell does with a robot and a log that have no problem file."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from consistent_id._files import write_atomically
@@ -8,7 +8,7 @@ from consistent_id.commands import check_problem, compare_problem
 from consistent_id.comparison import verdict_table
 from consistent_id.diagnosis import Diagnosis
 from consistent_id.diagnosis.tell import diagnosis_table
-from consistent_id.problem_draft import Draft
+from consistent_id.problem_draft import Draft, draft_table
 from consistent_id.study import Study
 from consistent_id.tables import Table
 
@@ -56,8 +56,14 @@ def identify_log(
         file = write_atomically(output / "problem.toml", draft.text(output))
         estimates = [e.save(output / _file_name(e.method)) for e in study.estimates]
         written = [file, *estimates, *written]
+    verdicts = verdict_table(study.comparison)
+    if findings.faults:
+        kinds = ", ".join(dict.fromkeys(fault.kind for fault in findings.faults))
+        warning = f"the log seems faulty ({kinds}; see below): trust none of this yet"
+        verdicts = replace(verdicts, notes=(warning, *verdicts.notes))
     tables = [
-        verdict_table(study.comparison),
+        verdicts,
+        draft_table(draft),
         diagnosis_table(findings),
         study.comparison[_BEST].estimate.table(),
     ]

@@ -1,11 +1,13 @@
 """From a robot and a log to the draft of a problem: what is guessed, and how."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Literal, NamedTuple
 
 import numpy as np
 
+from consistent_id.chains import Selection
 from consistent_id.cutoff import CutoffChoice, best_cutoff
 from consistent_id.errors import ConsistentIdError, ProblemError, RecordingError
 from consistent_id.friction import DriveTerms
@@ -14,7 +16,7 @@ from consistent_id.log_columns import guess_columns
 from consistent_id.preparation import prepared
 from consistent_id.problem_draft import VELOCITY_SCALE, Draft
 from consistent_id.problem_file import PreparationTable
-from consistent_id.readers import Columns, read_recording
+from consistent_id.readers import read_recording
 from consistent_id.recording import Recording
 from consistent_id.regressor import TorqueModel
 from consistent_id.signals import resampled, split_at_gaps, standstill, trimmed
@@ -25,14 +27,16 @@ _GAP = 10.0  # steps without a sample
 _CUTOFFS = (2.0, 3.0, 5.0, 7.5, 10.0, 15.0, 20.0, 30.0, 50.0)  # Hz
 _SHARE = 0.2  # of the rate, up to which a cut-off is tried
 _FOLDS = 6
+_LOW = 5.0  # Hz; a choice among higher ones alone would be none
 
 
 def draft_problem(
-    model: Path,
-    log: Path,
-    columns: Columns | None = None,
+    model: str | Path,
+    log: str | Path,
     *,
-    said: str = "",
+    columns: Mapping[str, str] | None = None,
+    torque_joints: Sequence[str] = (),
+    selection: Selection | None = None,
     torque_gain: Sequence[float] = (),
     masses: Literal["datasheet", "free"] = "datasheet",
 ) -> Draft:
@@ -44,14 +48,18 @@ def draft_problem(
 
     Parameters
     ----------
-    model : Path
+    model : str or Path
         URDF or MJCF.
-    log : Path
+    log : str or Path
         See `read_recording`.
-    columns : Columns, optional
-        Of the log, as far as they are known.
-    said : str
-        Names of the channels of `columns` that count, separated by spaces.
+    columns : mapping of str to str, optional
+        Columns by channel, as in `Columns`, as far as they are known, such as
+        ``{"torque": "current{number}"}``; the others are told from the log.
+    torque_joints : sequence of str
+        Joints whose torque the log has, if that is known.
+    selection : Selection, optional
+        The part of the robot that moves; of its joints, those that the log does not
+        have are locked.
     torque_gain : sequence of float
         From the torque columns to torque: one for all joints, or one each.
     masses : {"datasheet", "free"}
@@ -62,12 +70,14 @@ def draft_problem(
     ModelError, RecordingError
         If a file cannot be read, or columns cannot be told.
     """
+    model, log = Path(model), Path(log)
     load = load_mjcf if model.suffix.lower() in (".xml", ".mjcf") else load_urdf
-    robot = load(model)
-    guess = guess_columns(log, robot.joint_names, columns, said=said)
+    selection = Selection() if selection is None else selection
+    robot = load(model, **asdict(selection))
+    guess = guess_columns(log, robot.joint_names, columns, torque_joints=torque_joints)
     locked = tuple(name for name in robot.joint_names if name not in guess.joints)
     if locked:
-        robot = load(model, joints=guess.joints)
+        robot = load(model, **asdict(replace(selection, joints=guess.joints)))
     gain = _gain(torque_gain, len(guess.joints))
     raw = read_recording(log, guess.joints, guess.columns, torque_gain=gain)
     known = any(link.datasheet.mass is not None for link in robot.links)
@@ -87,6 +97,8 @@ def draft_problem(
         log=log,
         joints=guess.joints,
         locked=locked,
+        base=selection.base,
+        tip=selection.tip,
         columns=guess.columns,
         torque_gain=tuple(torque_gain),
         rate=own_rate(raw),
@@ -168,5 +180,7 @@ def _chosen(
         ]
     # A quarter of a fold may be lost at each end to the lowest cut-off.
     least = 4.0 * _FOLDS / sum(part.duration for part in parts)
+    if least > _LOW:
+        raise RecordingError(f"the motion is too short to try {_LOW:g} Hz and less")
     tried = [cutoff for cutoff in _CUTOFFS if 1.02 * least < cutoff <= top]
     return best_cutoff(model, parts, tried, folds=_FOLDS)

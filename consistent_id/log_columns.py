@@ -6,12 +6,13 @@ currents neither: how much torque an ampere is, no log says.
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
-from consistent_id.errors import RecordingError
+from consistent_id.errors import ProblemError, RecordingError
+from consistent_id.parameters import did_you_mean
 from consistent_id.readers.bag import BAGS
 from consistent_id.readers.columns import JOINT_STATE, Columns
 from consistent_id.readers.names import column_names
@@ -52,7 +53,11 @@ class _Pattern:
 
 
 def guess_columns(
-    log: Path, joints: Sequence[str], given: Columns | None = None, *, said: str = ""
+    log: Path,
+    joints: Sequence[str],
+    known: Mapping[str, str] | None = None,
+    *,
+    torque_joints: Sequence[str] = (),
 ) -> ColumnGuess:
     """Find a log's columns.
 
@@ -61,28 +66,29 @@ def guess_columns(
     log : Path
     joints : sequence of str
         The robot's.
-    given : Columns, optional
-        What is known of them.
-    said : str
-        Names of the channels of `given` that count, separated by spaces.
+    known : mapping of str to str, optional
+        Columns by channel, as in `Columns`; the others are told from the log.
+    torque_joints : sequence of str
+        Joints whose torque the log has, if that is known.
 
     Raises
     ------
     RecordingError
         If positions or torques cannot be told; with what the log has instead.
     """
-    joints, known = tuple(joints), given or Columns()
-    if log.is_dir() or log.suffix.lower() in BAGS:
-        return ColumnGuess(known if said else JOINT_STATE, joints)
-    if {"time", "position", "torque"} <= set(said.split()):
-        return ColumnGuess(known, joints)
+    joints, known = tuple(joints), dict(known or {})
+    _require_channels(known)
+    bag = log.is_dir() or log.suffix.lower() in BAGS
+    usual = replace(JOINT_STATE if bag else Columns(), torque_joints=torque_joints)
+    found, notes = replace(usual, **cast(dict[str, Any], known)), list[str]()
+    if bag or {"time", "position", "torque"} <= set(known):
+        return ColumnGuess(found, joints)
     names = column_names(log)
-    found, notes = known, list[str]()
-    if "time" not in said.split():
+    if "time" not in known:
         found = replace(found, time=_time(log, names))
     moved = joints
     for channel in ("position", "velocity", "torque"):
-        if channel in said.split():
+        if channel in known:
             continue
         patterns = _patterns(channel, names, moved)
         if channel == "velocity":
@@ -95,13 +101,22 @@ def guess_columns(
         found = _with(found, channel, best)
         if channel == "position":
             moved = best.joints
-        elif channel == "torque" and best.joints != moved:
+        elif channel == "torque" and best.joints != moved and not torque_joints:
             found = replace(found, torque_joints=best.joints)
         if also := [p.text for p in others if len(p.joints) == len(best.joints)]:
             notes.append(
                 f"{channel} is taken from {best.text}, not from {', '.join(also)}"
             )
     return ColumnGuess(found, moved, tuple(notes))
+
+
+def _require_channels(known: Mapping[str, str]) -> None:
+    channels = ("time", "position", "velocity", "torque")
+    for name in known:
+        if name not in channels:
+            raise ProblemError(
+                f"columns: no channel {name!r}; {did_you_mean(name, channels)}"
+            )
 
 
 def _with(columns: Columns, channel: str, pattern: _Pattern) -> Columns:

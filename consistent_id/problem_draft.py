@@ -10,6 +10,7 @@ from typing import Literal
 from consistent_id.problem import Problem, problem_of
 from consistent_id.problem_file import problem_table
 from consistent_id.readers.columns import Columns
+from consistent_id.tables import Table
 
 VELOCITY_SCALE = 0.02  # rad/s or m/s
 
@@ -24,7 +25,9 @@ class Draft:
     joints : tuple of str
         Those that move.
     locked : tuple of str
-        Joints of the robot that the log does not have; held at zero.
+        Other joints between base and tip; held at zero.
+    base, tip : str, optional
+        Links between which the robot moves.
     columns : Columns
     torque_gain : tuple of float
         One for all joints, or one each; empty for 1.
@@ -45,6 +48,8 @@ class Draft:
     log: Path
     joints: tuple[str, ...]
     locked: tuple[str, ...]
+    base: str | None
+    tip: str | None
     columns: Columns
     torque_gain: tuple[float, ...]
     rate: float
@@ -95,13 +100,40 @@ class Draft:
         return "\n".join(lines) + "\n"
 
 
+def draft_table(draft: Draft) -> Table:
+    """Return what was taken from the files, and what was guessed."""
+    columns = draft.columns
+    channels = ("time", "position", "velocity", "torque")
+    named = ((c, getattr(columns, c)) for c in channels)
+    (a, b), (c, d) = draft.training, draft.validation
+    rows = [
+        ("joints", ", ".join(draft.joints)),
+        ("columns", ", ".join(f"{c}: {name}" for c, name in named if name is not None)),
+        ("rate", f"{draft.rate:.6g} Hz" + ("; resampled" if draft.resample else "")),
+        ("rows", f"{a} to {b} to learn from, {c} to {d} to judge by"),
+        ("cut-off", f"{draft.cutoff:g} Hz: {draft.cutoff_reason}"),
+        ("masses", "the model's" if draft.masses == "datasheet" else "free"),
+        ("friction", "viscous, dry (tanh), offset"),
+    ]
+    if draft.locked:
+        rows.insert(1, ("held at zero", ", ".join(draft.locked)))
+    return Table(
+        f"What {draft.model.name} and {draft.log.name} were taken for",
+        ("what", "which"),
+        tuple(rows),
+        (*draft.notes, "consistent-id init writes this down, to be corrected"),
+    )
+
+
 def _model_lines(draft: Draft, folder: Path) -> list[str]:
     form = "urdf" if draft.model.suffix.lower() == ".urdf" else "mjcf"
     file = _relative(draft.model, folder).replace("$", "$$")
     lines = ["[model]", f"{form} = {_said(file)}"]
+    ends = (("base", draft.base), ("tip", draft.tip))
+    lines += [f"{key} = {_said(link)}" for key, link in ends if link is not None]
     if draft.locked:
         lines += [
-            f"# GUESS: the log has no {', '.join(draft.locked)}; held at zero.",
+            f"# Held at zero, as if they never moved: {', '.join(draft.locked)}.",
             f"joints = {_list(draft.joints)}",
         ]
     else:

@@ -311,7 +311,8 @@ def read_problem_table(path: Path) -> ProblemTable:
     if path.suffix.lower() in _ROBOTS:
         raise ProblemError(
             f"{path} is a robot's file, expected a problem's. Name it in the [model] "
-            "of a problem.toml; consistent-id check takes it with a log"
+            "of a problem.toml; consistent-id init writes one, and identify and check "
+            "need none, for a robot and a log"
         )
     try:
         text = path.read_bytes()

@@ -39,4 +39,4 @@ html_theme = "furo"
 html_title = "consistent_id"
 html_copy_source = False
 html_static_path = ["_static"]
-html_css_files = ["math.css"]
+html_css_files = ["pages.css"]

@@ -8,12 +8,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from consistent_id import InfeasibleError, ProblemError, load_problem, prove_clearance
+from consistent_id import ProblemError, load_problem, prove_clearance
 from consistent_id.cli import main
 from consistent_id.collisions.separation import nearest
 from consistent_id.excitation.asked_scene import asked_scene
 from consistent_id.excitation.design import design_trajectory
-from consistent_id.excite import excite, planned_tables
+from consistent_id.excite import excite, planned_tables, write_excited
 
 SHARE = Path(pin.__file__).parents[4] / "share"
 ROBOTS = SHARE / "example-robot-data" / "robots"
@@ -156,11 +156,43 @@ def test_a_run_in_through_an_obstacle_is_refused_with_a_pose_that_would_do(tmp_p
     side = float(free.design.trajectory.evaluate([0.0])[0, 0, 0])
     beyond = -1.5 * np.sign(side)
     pose = f"start_pose = {{ joint1 = {beyond} }}"
-    with pytest.raises(InfeasibleError) as caught:
-        excite(_problem(tmp_path, LEVER, excitation=pose), **options)
-    told = str(caught.value)
-    assert told.startswith("run-in: bodies 'arm' and 'post' at ")
+    excited = excite(_problem(tmp_path, LEVER, excitation=pose), **options)
+    assert excited.played is None and excited.design.proof.holds
+    told = excited.refusals[0]
+    assert "run-in: bodies 'arm' and 'post' at " in told
     assert f"or none: from joint1 = {side:.3f} this path can be reached" in told
+    # The design is not lost, but no motion that collides is written.
+    names = {path.name for path in write_excited(excited, tmp_path / "out")}
+    assert "excitation.json" in names and "trajectory.json" not in names
+
+
+def test_all_that_is_played_is_proven_and_lasts_as_designed(tmp_path):
+    problem = _problem(tmp_path, ARM, excitation="rest = false")
+    excited = excite(problem, starts=1, workers=1, time_limit=60.0)
+    for played in (excited.played, excited.validation_played):
+        assert played.proof.holds
+        # The validation path repeats after twice that: its other half is not proven.
+        assert played.move.trajectory.duration == pytest.approx(6.0)
+        limits = excited.design.limits
+        time = np.linspace(0.0, played.move.duration, 4001)
+        motion = played.move.evaluate(time)
+        assert (motion[0] <= limits.upper + 1e-9).all()
+        assert (motion[0] >= limits.lower - 1e-9).all()
+        assert (abs(motion[1]) <= limits.velocity + 1e-9).all()
+
+
+@pytest.mark.parametrize(
+    ("excitation", "says"),
+    [
+        ("start_pose = { joint1 = 9.0 }", "joint1 = 9, expected between"),
+        ("start_pose = { jiont1 = 0.0 }", "no joint 'jiont1'"),
+        ("rest = false\nperiods = 2\nbase_frequencies = [0.1, 0.15]", "play it once"),
+    ],
+)
+def test_what_cannot_be_played_is_refused_before_the_search(tmp_path, excitation, says):
+    problem = _problem(tmp_path, ARM, excitation=excitation)
+    with pytest.raises(ProblemError, match=says):
+        excite(problem, starts=1, workers=1, time_limit=60.0)
 
 
 def test_a_dry_run_shows_limits_and_pairs_and_writes_nothing(tmp_path, capsys):

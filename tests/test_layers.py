@@ -61,18 +61,17 @@ _progress cli.colour cli.answers cli.repair cli.completion cli.time_limit log_co
 problem_draft drafting cli.log_options cli.init study commands_export cli.export
 diagnosis.coverage diagnosis.diagnose diagnosis record summary commands cli.check
 cli.compare cli.info commands_draft excitation.asked_tables excitation.drawings
-excitation.replay reproduction.experiments reproduction reproduction.budget
-reproduction.assumptions reproduction.inertia reproduction.tables reproduction.tempo
-reproduction.verification _interrupts excitation.starts excitation.design
-excitation.validating excitation.figure excitation.record excite cli.excite
-reproduction.exciting reproduction.study reproduction.section_tables
-reproduction.figures reproduction.sections reproduction.page reproduction.record
-cli.reproduce report.advice report.markup report.findings report.certificate
-report.costs report.health report.parameters report.plot report.friction
-report.projection report.published report.reproduce report.residual_figures
-report.residuals report.robot_scene report.robot_view report.links report.thinning
-report.excitation report.torque report.verdict report.page report.html report
-cli.identify commands_report cli.report cli.tool cli
+excitation.replay reproduction.experiments reproduction.budget reproduction.assumptions
+reproduction.inertia reproduction.tables reproduction.tempo reproduction.verification
+_interrupts excitation.starts excitation.design excitation.validating excitation.figure
+excitation.record excite cli.excite reproduction.exciting report.advice report.markup
+report.findings report.certificate report.costs report.health report.parameters
+report.plot report.friction report.projection report.published report.reproduce
+report.residual_figures report.residuals report.robot_scene report.robot_view
+report.links report.thinning report.excitation report.torque report.verdict report.page
+report.html report cli.identify commands_report cli.report reproduction.accounts
+reproduction.study reproduction reproduction.section_tables reproduction.figures
+reproduction.sections reproduction.page reproduction.record cli.reproduce cli.tool cli
 """.split()
 
 HEAVY = {

@@ -67,7 +67,7 @@ def test_what_is_wrong_in_a_file_is_said_with_its_path(tmp_path, text, message):
 def test_a_file_that_is_not_there_or_not_text_is_refused(tmp_path):
     with pytest.raises(ProblemError, match="cannot be read"):
         load_problem(tmp_path / "nowhere")
-    with pytest.raises(ProblemError, match=r"robot's file.*check takes it with a log"):
+    with pytest.raises(ProblemError, match=r"robot's file.*consistent-id init"):
         load_problem(tmp_path / "robot.urdf")
     (tmp_path / "problem.toml").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(ProblemError, match="not TOML"):

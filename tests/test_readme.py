@@ -61,6 +61,7 @@ def test_every_page_is_in_the_index_once():
     tables = re.findall(r"```\{toctree\}\n---\n.*?---\n(.*?)```", TEXTS["index"], re.S)
     listed = [name for table in tables for name in table.split()]
     assert sorted(listed) == sorted(name for name in TEXTS if name != "index")
+    assert all(f"({name}.md)" in TEXTS["index"] for name in listed)
 
 
 def test_every_public_name_is_documented_once():

@@ -2,8 +2,10 @@
 
 import argparse
 import json
+import logging
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
@@ -65,6 +67,19 @@ def told(error: ConsistentIdError) -> int:
     return 3 if isinstance(error, SolverError) else 2
 
 
+@contextmanager
+def warnings_unless(quiet: bool) -> Iterator[None]:
+    """Let the package's warnings pass, unless told to be quiet."""
+    logger = logging.getLogger("consistent_id")
+    before = logger.level
+    if quiet:
+        logger.setLevel(logging.ERROR)
+    try:
+        yield
+    finally:
+        logger.setLevel(before)
+
+
 def shows_progress(options: argparse.Namespace) -> bool:
     """Tell whether somebody watches long work."""
     return sys.stderr.isatty() and not options.quiet
@@ -98,8 +113,11 @@ def _each(
 def _of(
     options: argparse.Namespace, file: Path, name: str | None = None
 ) -> argparse.Namespace:
-    """Return the options for one problem; of several, each has its own folder."""
+    """Return the options for one problem; of several, each has its own files."""
     chosen = argparse.Namespace(**{**vars(options), "problem": file})
     if name is not None and getattr(options, "output", None) is not None:
         chosen.output = options.output / name
+    if name is not None and getattr(options, "report", None) is not None:
+        file = options.report
+        chosen.report = file.with_name(f"{file.stem}-{name}{file.suffix}")
     return chosen

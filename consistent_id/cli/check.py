@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import Any
 
 from consistent_id.cli.answers import Answer, answered, show
-from consistent_id.cli.log_options import add_columns, columns_of
-from consistent_id.cli.options import add_command, add_problem, positive
+from consistent_id.cli.log_options import add_columns
+from consistent_id.cli.options import add_command, add_problem, add_time_limit, positive
 
 _MORE = """Clocks, units, signs, exchanged channels, zeros, lags, saturation, leaks.
 With a URDF or MJCF file in place of PROBLEM, and a log, no problem file is needed.
@@ -29,6 +29,7 @@ def add_check(commands: Any) -> None:
         examples=_EXAMPLES,
     )
     add_problem(command)
+    add_time_limit(command)
     command.add_argument(
         "log", type=Path, nargs="?", help="a log, if PROBLEM is a URDF or MJCF file"
     )
@@ -49,11 +50,19 @@ def _check(options: argparse.Namespace) -> Answer:
     from consistent_id.commands import check_log, check_problem
     from consistent_id.diagnosis.tell import diagnosis_record
     from consistent_id.problem import load_problem
+    from consistent_id.readers import Columns
 
     if options.log is None:
         found, table = check_problem(load_problem(options.problem))
     else:
+        columns = Columns(
+            options.time,
+            options.position,
+            options.velocity,
+            torque=options.torque,
+            torque_joints=options.torque_joints,
+        )
         found, table = check_log(
-            options.problem, options.log, columns_of(options), cutoff=options.cutoff
+            options.problem, options.log, columns, cutoff=options.cutoff
         )
     return Answer(1 if found.faults else 0, table.text(), diagnosis_record(found))

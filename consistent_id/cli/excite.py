@@ -89,8 +89,8 @@ def _excite(options: argparse.Namespace) -> Answer:
         progress=shows_progress(options),
     )
     written = tool.write_excited(excited, folder, formats)
-    if options.replay:
+    if options.replay and excited.played is not None:
         written.append(tool.replay_excited(problem, excited, folder))
     text = "\n\n".join(table.text() for table in tool.excited_tables(excited))
     text += "\n\nwritten: " + ", ".join(str(path) for path in written)
-    return Answer(0, text, tool.excited_record(excited))
+    return Answer(1 if excited.refusals else 0, text, tool.excited_record(excited))

@@ -125,7 +125,7 @@ def _uncertainty(
 def _refuse_drafting(options: argparse.Namespace) -> None:
     """Refuse options that would go unused, as the problem file says these things."""
     names = ("time", "position", "velocity", "torque", "torque_joints", "torque_gain")
-    given = [name for name in names if getattr(options, name)]
+    given = [name for name in (*names, "base", "tip") if getattr(options, name)]
     if options.masses != "model":
         given.append("masses")
     if given:

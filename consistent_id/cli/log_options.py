@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from consistent_id.problem_draft import Draft
-    from consistent_id.readers import Columns
 
 
 def add_columns(
@@ -41,6 +40,12 @@ def add_draft_options(command: argparse.ArgumentParser) -> None:
     """Take what a draft of a problem file rests on."""
     add_columns(command)
     command.add_argument(
+        "--base", metavar="LINK", help="link that stands still (default: the root)"
+    )
+    command.add_argument(
+        "--tip", metavar="LINK", help="last link that counts, such as the flange"
+    )
+    command.add_argument(
         "--torque-gain",
         nargs="+",
         type=float,
@@ -56,30 +61,19 @@ def add_draft_options(command: argparse.ArgumentParser) -> None:
     )
 
 
-def columns_of(options: argparse.Namespace) -> "Columns":
-    """Return a log's columns as far as the options name them."""
-    from consistent_id.readers import Columns
-
-    usual = Columns()
-    return Columns(
-        options.time or usual.time,
-        options.position or usual.position,
-        options.velocity,
-        torque=options.torque,
-        torque_joints=options.torque_joints,
-    )
-
-
 def draft_of(options: argparse.Namespace, model: Path, log: Path) -> "Draft":
     """Draft the problem that a robot and a log make."""
+    from consistent_id.chains import Selection
     from consistent_id.drafting import draft_problem
 
     channels = ("time", "position", "velocity", "torque")
+    named = {name: getattr(options, name) for name in channels}
     return draft_problem(
         model,
         log,
-        columns_of(options),
-        said=" ".join(name for name in channels if getattr(options, name) is not None),
+        columns={name: column for name, column in named.items() if column is not None},
+        torque_joints=options.torque_joints,
+        selection=Selection(options.base, options.tip),
         torque_gain=options.torque_gain,
         masses="free" if options.masses == "free" else "datasheet",
     )

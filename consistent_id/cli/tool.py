@@ -8,7 +8,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from consistent_id.cli.answers import told
+from consistent_id.cli.answers import told, warnings_unless
 from consistent_id.cli.check import add_check
 from consistent_id.cli.compare import add_compare
 from consistent_id.cli.completion import add_completion
@@ -57,14 +57,14 @@ estimate, or a faulty log), 2 wrong usage or input, 3 solver failure or out of t
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the tool; return its exit code."""
     options = tool_parser().parse_args(arguments)
+    limit = getattr(options, "give_up_after", None)
     try:
-        with within(getattr(options, "give_up_after", None)):
+        with warnings_unless(options.quiet), within(limit):
             return int(options.run(options))
     except ConsistentIdError as error:
         return told(error)
     except OutOfTime:
-        limit = f"{options.give_up_after:g} s"
-        print(f"consistent-id: not done within {limit}, given up", file=sys.stderr)
+        print(f"consistent-id: not done within {limit:g} s, given up", file=sys.stderr)
         return 3
     except KeyboardInterrupt:
         print("consistent-id: interrupted", file=sys.stderr)

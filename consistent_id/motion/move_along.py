@@ -19,6 +19,8 @@ from consistent_id.trajectory import FourierTrajectory
 
 _SAME = 1e-9  # difference, over the trajectory's bound, that is rounding
 
+_ROOM = (1.0, 2.0, 8.0)  # times the trajectory's own bounds, where nothing is given
+
 Pose = ArrayLike | Mapping[str, float]
 
 
@@ -35,7 +37,8 @@ def move_along(
 
     A run-in is one polynomial where that stays within the limits; else a point-to-point
     one, and a swing from a pose nearby.  Where acceleration or jerk has no
-    limit, the trajectory's own bound is that of run-in and run-out.  The trajectory
+    limit, the trajectory's own bound is that of run-in and run-out, or a multiple of it
+    where no way is within that.  The trajectory
     itself is not checked; torque and collisions on the way are not either.
 
     Parameters
@@ -68,13 +71,33 @@ def move_along(
     >>> move.evaluate([0.0, move.duration])[:2, :, 0].round(9).tolist()
     [[0.5, 0.5], [0.0, 0.0]]
     """
-    limits = _with_own_bounds(limits_of(limits, trajectory.joints), trajectory)
+    limits = limits_of(limits, trajectory.joints)
     if periods is not None:
         trajectory = _repeated(trajectory, periods)
-    begin = MotionState.of(trajectory, trajectory.start)
-    end = MotionState.of(trajectory, end_of(trajectory))
     first = _pose(from_pose, trajectory.joints, "from_pose")
     last = _pose(to_pose, trajectory.joints, "to_pose")
+    unlimited = np.isinf([limits.acceleration, limits.jerk]).any()
+    *tight, widest = _ROOM if unlimited else _ROOM[:1]
+    for room in tight:
+        own = _with_own_bounds(limits, trajectory, room)
+        try:
+            return _moved(trajectory, own, first, last, continuous_jerk)
+        except ProblemError:
+            continue  # no limit of the user's is in the way, perhaps
+    own = _with_own_bounds(limits, trajectory, widest)
+    return _moved(trajectory, own, first, last, continuous_jerk)
+
+
+def _moved(
+    trajectory: FourierTrajectory,
+    limits: MotionLimits,
+    first: MotionState | None,
+    last: MotionState | None,
+    continuous_jerk: bool,
+) -> Move:
+    """Return the move between two poses, or from and to the nearest ones."""
+    begin = MotionState.of(trajectory, trajectory.start)
+    end = MotionState.of(trajectory, end_of(trajectory))
     run_in: tuple[PolynomialPath, ...] = ()
     run_out: tuple[PolynomialPath, ...] = ()
     if not _resting(begin, trajectory, first):
@@ -146,12 +169,13 @@ def _repeated(trajectory: FourierTrajectory, periods: int) -> FourierTrajectory:
 
 
 def _with_own_bounds(
-    limits: MotionLimits, trajectory: FourierTrajectory
+    limits: MotionLimits, trajectory: FourierTrajectory, room: float
 ) -> MotionLimits:
-    """Return limits that bound what the trajectory's own bounds bound."""
+    """Return limits that bound what the trajectory's own bounds, times `room`, do."""
 
     def bound(order: int) -> Vector:
-        own, given = trajectory.derivative_bound(order), limits.derivative(order)
+        own = room * trajectory.derivative_bound(order)
+        given = limits.derivative(order)
         return np.where(np.isinf(given) & (own > 0.0), own, given)
 
     return replace(limits, acceleration=bound(2), jerk=bound(3))

@@ -1,5 +1,6 @@
 """A paper's study done again: experiments, tables, explanations, verification."""
 
+from consistent_id.reproduction.budget import ErrorBudget, error_budget
 from consistent_id.reproduction.experiments import (
     IdentifiedExperiment,
     ParameterTable,
@@ -8,12 +9,20 @@ from consistent_id.reproduction.experiments import (
     perform_experiments,
     reproduce_experiments,
 )
+from consistent_id.reproduction.study import FULL, QUICK, Extent, PaperStudy, reproduce
 
 __all__ = [
+    "FULL",
+    "QUICK",
+    "ErrorBudget",
+    "Extent",
     "IdentifiedExperiment",
+    "PaperStudy",
     "ParameterTable",
     "Reproduction",
+    "error_budget",
     "identify_experiment",
     "perform_experiments",
+    "reproduce",
     "reproduce_experiments",
 ]

@@ -11,7 +11,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from consistent_id._arrays import Array, Matrix, Vector
+from consistent_id._arrays import Array, Matrix
 from consistent_id.errors import PathError
 from consistent_id.laboratory import Laboratory
 from consistent_id.laboratory_file import PointsTable, TaskTable
@@ -90,11 +90,11 @@ def drawn_anew(
             motions[name], tries = _writable(problem, name, rng)
             refused += tries
         budgets.append(error_budget(problem, laboratory, motions, cell_rate=cell_rate))
-    rest = [_rubbed(budget, frictions, rng) for budget in budgets]
+    rest = [rubbed(budget, frictions, rng) for budget in budgets]
     empty = np.zeros((0, len(planned.names)))
     return DrawnAnew(
         names=planned.names,
-        friction=_rubbed(planned, frictions * max(draws, 1), rng),
+        friction=rubbed(planned, frictions * max(draws, 1), rng),
         both=np.vstack([empty, *rest]),
         tasks=np.vstack([empty, *(budget.scatter() for budget in budgets)]),
         noise=np.vstack([empty, *(budget.noise_scatter for budget in budgets)]),
@@ -102,8 +102,15 @@ def drawn_anew(
     )
 
 
-def _rubbed(budget: ErrorBudget, count: int, rng: np.random.Generator) -> Array:
-    """Return the scatter for friction drawn joint by joint; offsets stay."""
+def rubbed(budget: ErrorBudget, count: int, rng: np.random.Generator) -> Array:
+    """Return the scatter for friction drawn joint by joint; offsets stay.
+
+    Generators of one seed draw one friction, whatever the motions.
+
+    Returns
+    -------
+    ndarray, shape (count, combinations)
+    """
     shape = (count, len(budget.causes), len(budget.joints))
     factors = FRICTION ** rng.uniform(-1.0, 1.0, shape)
     factors[:, budget.causes.index("offset")] = 1.0
@@ -153,13 +160,3 @@ def _scaled(sizes: float | list[float], factor: float) -> float | list[float]:
     if isinstance(sizes, list):
         return [factor * size for size in sizes]
     return factor * sizes
-
-
-def share_at_least(scatter: Matrix, place: int, value: float) -> float:
-    """Return the share of draws in which one parameter scatters at least so much."""
-    return float(np.mean(scatter[:, place] >= value)) if len(scatter) else float("nan")
-
-
-def ratio(scatter: Matrix, quiet: int, loud: int) -> Vector:
-    """Return one parameter's scatter over another's, draw by draw."""
-    return np.asarray(scatter[:, quiet] / scatter[:, loud])

@@ -35,10 +35,10 @@ class ExcitingSet:
     limits: MotionLimits
     designs: dict[str, ExcitationDesign]
 
-    def motions(self, rates: Mapping[str, float]) -> dict[str, Recording]:
-        """Return the designs sampled at rates by experiment."""
+    def motions(self, tasks: Mapping[str, Recording]) -> dict[str, Recording]:
+        """Return the designs, sampled at the rates of the tasks they stand for."""
         return {
-            name: design.trajectory.recording(rates[name], f"in place of {name}")
+            name: design.trajectory.recording(tasks[name].rate, f"in place of {name}")
             for name, design in self.designs.items()
         }
 

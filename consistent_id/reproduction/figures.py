@@ -49,7 +49,12 @@ def scatter_figure(study: PaperStudy) -> Any:
                 "^",
                 _COLOURS[2],
             ),
-            ("foretold of noise alone", study.budget.noise_scatter, "_", _COLOURS[1]),
+            (
+                "foretold of noise alone",
+                study.accounts.budget.noise_scatter,
+                "_",
+                _COLOURS[1],
+            ),
         ),
     )
 
@@ -68,7 +73,7 @@ def exciting_figure(study: PaperStudy) -> Any:
 
 def budget_figure(study: PaperStudy) -> Any:
     """Return each experiment's error of the loudest parameter, cause by cause."""
-    budget, place = study.budget, study.place.loudest
+    budget, place = study.accounts.budget, study.place.loudest
     figure = _figure(8.0, 0.45 * len(budget.experiments) + 1.4)
     axis = figure.subplots()
     y = -np.arange(len(budget.experiments))
@@ -99,23 +104,25 @@ def budget_figure(study: PaperStudy) -> Any:
 
 def assumptions_figure(study: PaperStudy) -> Any:
     """Return the loudest parameter's scatter over guesses and over the tempo."""
-    place, drawn, tempo = study.place.loudest, study.drawn, study.tempo
+    place, drawn, tempo = (
+        study.place.loudest,
+        study.accounts.drawn,
+        study.accounts.tempo,
+    )
     printed = printed_deviation(study)[place]
     figure = _figure(9.0, 3.4)
     left, right = figure.subplots(1, 2, sharey=True)
-    for k, (name, scatter) in enumerate(
-        (
-            ("noise alone", drawn.noise),
-            ("tasks drawn", drawn.tasks),
-            ("friction drawn", drawn.friction),
-            ("both drawn", drawn.both),
-        )
-    ):
+    guesses = {
+        "noise alone": drawn.noise,
+        "tasks drawn": drawn.tasks,
+        "friction drawn": drawn.friction,
+        "both drawn": drawn.both,
+    }
+    for k, scatter in enumerate(guesses.values()):
         values = scatter[:, place]
         spread = np.linspace(-0.25, 0.25, len(values))
         left.semilogy(k + spread, values, ".", color=_COLOURS[k], ms=4, alpha=0.6)
-        left.text(k, values.max() * 1.25, name, ha="center", fontsize=8)
-    left.set_xticks([])
+    left.set_xticks(range(len(guesses)), guesses, fontsize=8)
     left.set_ylabel(f"scatter of {drawn.names[place]} [{_unit(study, place)}]")
     left.set_title("friction as in the file, and guesses around it", fontsize=9)
     right.loglog(

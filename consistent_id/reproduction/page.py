@@ -10,6 +10,7 @@ from consistent_id.reproduction.study import PaperStudy
 from consistent_id.tables import Table
 
 _INK = "#123456"  # stands for the page's own text colour until the SVG is written
+_NUMBER = re.compile(r"(?:[-+]?(?:\d[\d.]*(?:e[-+]?\d+)?|inf|nan)%?)?")
 _STYLE = """
 :root { color-scheme: light dark; --ink: #1b1f24; --paper: #fff; --line: #d5d9de;
   --soft: #f3f5f7; }
@@ -29,9 +30,10 @@ th { vertical-align: bottom; background: var(--soft); white-space: normal;
 th:first-child, td.text, th.text { text-align: left; }
 td.long { white-space: normal; min-width: 16rem; }
 .notes { font-size: .82rem; opacity: .85; margin: .2rem 0; }
-figure { margin: 1.2rem 0; } figure svg { max-width: 100%; height: auto; }
+figure { margin: 1.2rem 0; overflow-x: auto; }
+figure svg { max-width: 100%; min-width: 34rem; height: auto; }
 figcaption { font-size: .88rem; opacity: .85; }
-nav a { margin-right: 1rem; white-space: nowrap; } a { color: inherit; }
+nav { display: flex; flex-wrap: wrap; gap: .3rem 1rem; } a { color: inherit; }
 """
 
 
@@ -43,7 +45,7 @@ def html_page(study: PaperStudy) -> str:
     sections = sections_of(study)
     problem = study.problem
     title = escape(f"{problem.name}: a paper's study done again")
-    links = "".join(
+    links = " ".join(
         f'<a href="#{escape(s.name)}">{escape(s.title)}</a>' for s in sections
     )
     body = "\n".join(_section(section, study) for section in sections)
@@ -88,6 +90,7 @@ def _dressed(figure: Any) -> None:
         text.set_color(_INK)
     for axis in figure.axes:
         axis.tick_params(colors=_INK, which="both")
+        axis.set_axisbelow(True)
         axis.grid(alpha=0.25, color="#808080")
         for spine in axis.spines.values():
             spine.set_edgecolor(_INK)
@@ -106,7 +109,7 @@ def _section(section: Section, study: PaperStudy) -> str:
 
 def _table(table: Table) -> str:
     numbers = [
-        all(re.match(r"[-+]?[\d.]", row[i]) or not row[i] for row in table.rows)
+        all(_NUMBER.fullmatch(row[i]) for row in table.rows)
         for i in range(len(table.header))
     ]
     head = "".join(
@@ -132,4 +135,4 @@ def _table(table: Table) -> str:
 def _kind(cell: str, number: bool) -> str:
     if number:
         return ""
-    return "text long" if len(cell) > 60 else "text"
+    return "text long" if len(cell) > 40 else "text"

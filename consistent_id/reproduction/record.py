@@ -92,19 +92,19 @@ def _done(done: Reproduction) -> dict[str, Any]:
 
 
 def _causes(study: PaperStudy) -> dict[str, Any]:
-    budget = study.budget
+    budget = study.accounts.budget
     return {
         "joints": list(budget.joints),
         "scatter": {cause: budget.scatter(cause).tolist() for cause in budget.causes},
         "scatter_of_all": budget.scatter().tolist(),
-        "foretold": study.planned.scatter().tolist(),
+        "foretold": study.accounts.planned.scatter().tolist(),
         "noise": budget.noise_scatter.tolist(),
         "parts": budget.parts.tolist(),
     }
 
 
 def _assumptions(study: PaperStudy) -> dict[str, Any]:
-    drawn, tempo = study.drawn, study.tempo
+    drawn, tempo = study.accounts.drawn, study.accounts.tempo
     place = study.place.loudest
     needed = tempo.needed(place, float(study.report.standard_deviation[place]))
     return {
@@ -114,6 +114,9 @@ def _assumptions(study: PaperStudy) -> dict[str, Any]:
         "both_drawn": drawn.both.tolist(),
         "noise_tasks_drawn": drawn.noise.tolist(),
         "refused": drawn.refused,
+        "times_smaller": {
+            name: t.tolist() for name, t in study.accounts.shrunk.items()
+        },
         "slowness": tempo.slowness.tolist(),
         "friction_allowed": tempo.allowed.tolist(),
         "scatter_by_slowness": tempo.scatter.tolist(),

@@ -81,7 +81,7 @@ def excitation_table(study: PaperStudy) -> Table:
 
 def cause_table(study: PaperStudy) -> Table:
     """Return the scatter of each parameter, and which cause makes how much."""
-    budget, done = study.budget, study.tasks
+    budget, done = study.accounts.budget, study.tasks
     found = done.scatter(done.tables[0])
     rest = done.errors(done.tables[0]) - budget.error()
     columns = [printed_deviation(study), found]
@@ -109,7 +109,7 @@ def cause_table(study: PaperStudy) -> Table:
 
 def drawn_table(study: PaperStudy) -> Table:
     """Return what of the scatter survives other guesses."""
-    drawn, place = study.drawn, study.place
+    drawn, place = study.accounts.drawn, study.place
     loud, quiet = (study.tasks.names[i] for i in (place.loudest, place.quietest))
     printed = printed_deviation(study)
     rows = []
@@ -120,7 +120,8 @@ def drawn_table(study: PaperStudy) -> Table:
         ("tasks drawn, noise alone", drawn.noise),
     ):
         values = np.quantile(scatter[:, place.loudest], _QUANTILES)
-        ratio = scatter[:, place.quietest] / scatter[:, place.loudest]
+        size = scatter[:, place.loudest]
+        ratio = scatter[:, place.quietest] / np.where(size > 0.0, size, np.inf)
         rows.append(
             (
                 what,
@@ -152,7 +153,7 @@ def drawn_table(study: PaperStudy) -> Table:
 
 def tempo_table(study: PaperStudy) -> Table:
     """Return the scatter of slower tasks, with the friction that errors allow."""
-    tempo, place = study.tempo, study.place
+    tempo, place = study.accounts.tempo, study.place
     loud = study.tasks.names[place.loudest]
     printed = float(printed_deviation(study)[place.loudest])
     needed = tempo.needed(place.loudest, printed)
@@ -182,18 +183,23 @@ def shrinking_table(
     """Return each set's scatter by parameter, and by which factor it is smaller."""
     first = reproductions[TASKS]
     own = first.scatter(first.tables[method])
-    columns, header = [own], ["parameter", TASKS]
-    for name, done in reproductions.items():
-        if name == TASKS:
-            continue
-        scatter = done.scatter(done.tables[method])
-        error = np.sqrt((done.errors(done.tables[method]) ** 2).mean(axis=0))
-        columns += [scatter, own / np.where(scatter > 0.0, scatter, np.inf), error]
+    others = [(name, done) for name, done in reproductions.items() if name != TASKS]
+    header = ["parameter", TASKS]
+    for name, _ in others:
         header += [name, "times smaller", "RMS error"]
+    rows = []
+    for i in free_places(study):
+        row = [first.names[i], f"{own[i]:.4f}"]
+        for _, done in others:
+            table = done.tables[method]
+            scatter = done.scatter(table)[i]
+            error = np.sqrt((done.errors(table)[:, i] ** 2).mean())
+            row += [f"{scatter:.4f}", _times(own[i], scatter), f"{error:.4f}"]
+        rows.append(tuple(row))
     return Table(
         title,
         tuple(header),
-        _rows(study, columns),
+        tuple(rows),
         (
             f"{first.tables[method].method}; standard deviation over "
             f"{len(first.experiments)} experiments of the same lengths and noise, "
@@ -202,18 +208,44 @@ def shrinking_table(
     )
 
 
+def shrunk_table(study: PaperStudy) -> Table:
+    """Return by how much exciting motions shrink scatter, whatever the friction."""
+    loud, places = study.place.loudest, free_places(study)
+    rows = []
+    for name, times in study.accounts.shrunk.items():
+        values = np.quantile(times[:, loud], _QUANTILES)
+        middle = np.median(times[:, places], axis=0)
+        rows.append(
+            (
+                name,
+                *(f"{value:.1f}" for value in values),
+                f"{np.sum(middle > 1.0)} of {len(places)}",
+            )
+        )
+    return Table(
+        f"Times that {study.tasks.names[loud]} scatters less, friction drawn anew",
+        ("instead of the tasks", *(f"{q:.0%}" for q in _QUANTILES), "smaller"),
+        tuple(rows),
+        (
+            "quantiles over draws of friction, the same along tasks and exciting "
+            "motions, not in the model; smaller: parameters whose scatter shrinks in "
+            "the median",
+        ),
+    )
+
+
 def constraints_table(study: PaperStudy) -> Table:
     """Return what constraints alone change along the tasks."""
     columns, header = [], ["parameter"]
     for what, reproductions in (
-        ("with friction", study.with_friction),
-        ("without", study.without_friction),
+        ("robot with friction", study.with_friction),
+        ("robot without", study.without_friction),
     ):
         done = reproductions[TASKS]
         for table in done.tables[:2]:
             error = np.sqrt((done.errors(table) ** 2).mean(axis=0))
             columns += [done.scatter(table), error]
-            header += [f"{table.method}, {what}: scatter", "RMS error"]
+            header += [f"{what}: {table.method}, scatter", "RMS error"]
     return Table(
         "What constraints alone do, along the tasks",
         tuple(header),
@@ -296,13 +328,14 @@ def verification_table(study: PaperStudy, found: Verification, title: str) -> Ta
 def _rows(study: PaperStudy, columns: Sequence[Array]) -> tuple[tuple[str, ...], ...]:
     names = study.tasks.names
     return tuple(
-        (names[i], *(_number(column[i]) for column in columns))
+        (names[i], *(f"{column[i]:.4f}" for column in columns))
         for i in free_places(study)
     )
 
 
-def _number(value: float) -> str:
-    return f"{value:.4f}" if abs(value) < 10.0 else f"{value:.0f}"
+def _times(before: float, after: float) -> str:
+    times = before / after if after > 0.0 else np.inf
+    return f"{times:.1f}" if times < 10.0 else f"{times:.0f}"
 
 
 def _squares(values: Array) -> list[str]:

@@ -104,8 +104,8 @@ def _inertia(study: PaperStudy) -> Section:
 
 
 def _causes(study: PaperStudy) -> Section:
-    budget, place = study.budget, study.place.loudest
-    loud = study.tasks.names[place]
+    budget, place = study.accounts.budget, study.place.loudest
+    loud, planned = study.tasks.names[place], study.accounts.planned
     found = study.tasks.scatter(study.tasks.tables[0])[place]
     causes = ", ".join(f"{c} {budget.scatter(c)[place]:.4f}" for c in budget.causes)
     return Section(
@@ -116,7 +116,7 @@ def _causes(study: PaperStudy) -> Section:
             "estimate by the pseudo-inverse times that torque.",
             f"{loud}: found {found:.4f}, all causes together "
             f"{budget.scatter()[place]:.4f}, foretold from the planned motions before "
-            f"anything is performed {study.planned.scatter()[place]:.4f}; by cause: "
+            f"anything is performed {planned.scatter()[place]:.4f}; by cause: "
             f"{causes}; noise alone lets expect {budget.noise_scatter[place]:.4f}.",
         ),
         (part.cause_table(study),),
@@ -169,6 +169,7 @@ def _exciting(study: PaperStudy) -> Section:
         part.shrinking_table(
             study, 0, study.without_friction, "Exciting motions, a robot without it"
         ),
+        part.shrunk_table(study),
         part.constraints_table(study),
     ]
     return Section(

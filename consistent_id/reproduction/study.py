@@ -6,7 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from consistent_id._arrays import Array, Vector
+from consistent_id.errors import ProblemError
 from consistent_id.excitation.asked import asked_of
+from consistent_id.laboratory import Laboratory
+from consistent_id.laboratory_file import LaboratoryTable
 from consistent_id.problem import Problem
 from consistent_id.problem_laboratory import (
     laboratory_of,
@@ -20,8 +23,7 @@ from consistent_id.published import (
     published_table,
 )
 from consistent_id.recording import Recording
-from consistent_id.reproduction.assumptions import DrawnAnew, drawn_anew
-from consistent_id.reproduction.budget import ErrorBudget, budget_of, error_budget
+from consistent_id.reproduction.accounts import Accounts, accounts_of
 from consistent_id.reproduction.exciting import ExcitingSet, exciting_set, used_by
 from consistent_id.reproduction.experiments import (
     METHODS,
@@ -29,12 +31,7 @@ from consistent_id.reproduction.experiments import (
     perform_experiments,
 )
 from consistent_id.reproduction.inertia import InertiaTable, inertia_tables
-from consistent_id.reproduction.tempo import (
-    PrintedSpread,
-    Tempo,
-    printed_spread,
-    tempo_of,
-)
+from consistent_id.reproduction.tempo import PrintedSpread, printed_spread
 from consistent_id.reproduction.verification import (
     Verification,
     mean_predictors,
@@ -42,8 +39,7 @@ from consistent_id.reproduction.verification import (
     verify,
 )
 
-_ENOUGH = 200.0  # Hz, for the account of a smooth motion
-TASKS = "the paper's tasks"
+TASKS = "the tasks"
 WITHIN_USED = "exciting, within what the tasks used"
 WITHIN_LIMITS = "exciting, within the robot's limits"
 REPEATED = "one exciting motion, repeated"
@@ -106,12 +102,8 @@ class PaperStudy:
     other_noise : ndarray, shape (seeds, methods, combinations)
         Scatter along the tasks with other seeds.
     sets : tuple of ExcitingSet
-    budget : ErrorBudget
-        Of the tasks, with friction.
-    planned : ErrorBudget
-        The same before anything is performed.
-    drawn : DrawnAnew
-    tempo : Tempo
+    accounts : Accounts
+        Of the errors along the tasks, with friction.
     spread : PrintedSpread
     inertia : tuple of InertiaTable
         Of the tasks, with friction.
@@ -128,10 +120,7 @@ class PaperStudy:
     without_friction: dict[str, Reproduction]
     other_noise: Array
     sets: tuple[ExcitingSet, ...]
-    budget: ErrorBudget
-    planned: ErrorBudget
-    drawn: DrawnAnew
-    tempo: Tempo
+    accounts: Accounts
     spread: PrintedSpread
     inertia: tuple[InertiaTable, ...]
     verification: Verification
@@ -181,18 +170,17 @@ def reproduce(
     ProblemError
         If one of these tables is missing or does not fit.
     """
-    table = laboratory_table(problem)
+    table = _require(problem, extent, seed)
     tell("the paper's tables")
-    report = check_published(problem)
-    inertial, place = report.vectors[0].nearest.parameters, place_of(problem)
+    report, place = check_published(problem), place_of(problem)
+    inertial = report.vectors[0].nearest.parameters
     motions = {
         name: task_motion(problem, name)
         for name in table.experiments[: extent.experiments]
     }
-    rates = {name: motion.rate for name, motion in motions.items()}
     tell("exciting motions")
     sets = exciting_sets(problem, motions, extent, seed=seed)
-    along = {TASKS: motions} | {one.name: one.motions(rates) for one in sets}
+    along = {TASKS: motions} | {one.name: one.motions(motions) for one in sets}
     tell("experiments")
     rubbing = {
         name: perform_experiments(problem, inertial, own) for name, own in along.items()
@@ -204,33 +192,12 @@ def reproduce(
     }
     others = other_seeds(problem, inertial, motions, extent.seeds)
     tell("where errors come from")
-    laboratory = laboratory_of(problem, inertial)
-    cell_rate = float(np.median(list(rates.values())))
-    thin = {name: _thinned(motion) for name, motion in motions.items()}
-    planned = error_budget(problem, laboratory, thin, cell_rate=cell_rate)
-    drawn = drawn_anew(
-        problem,
-        laboratory,
-        planned,
-        cell_rate=cell_rate,
-        draws=extent.draws,
-        seed=seed,
+    instead = {one.name: along[one.name] for one in sets if one.name != REPEATED}
+    accounts = accounts_of(
+        problem, inertial, rubbing[TASKS], instead, draws=extent.draws, seed=seed
     )
     tell("verification")
-    unseen = dict(list(verification_motions(problem).items())[: extent.verification])
-    checks = [
-        verify(
-            problem,
-            one,
-            unseen,
-            [p for name, done in them.items() for p in mean_predictors(name, done)],
-            seed=table.seed + 1,
-        )
-        for one, them in (
-            (laboratory, rubbing),
-            (laboratory.without_friction(), smooth),
-        )
-    ]
+    laboratory = laboratory_of(problem, inertial)
     return PaperStudy(
         problem=problem,
         extent=extent,
@@ -240,15 +207,43 @@ def reproduce(
         without_friction=smooth,
         other_noise=others,
         sets=sets,
-        budget=budget_of(problem, laboratory, rubbing[TASKS]),
-        planned=planned,
-        drawn=drawn,
-        tempo=tempo_of(problem, laboratory, thin, cell_rate=cell_rate),
+        accounts=accounts,
         spread=printed_spread(problem, place.loudest),
         inertia=inertia_tables(problem, inertial, rubbing[TASKS]),
-        verification=checks[0],
-        rubbing_off=checks[1],
+        verification=_verified(problem, laboratory, rubbing, extent),
+        rubbing_off=_verified(problem, laboratory.without_friction(), smooth, extent),
         place=place,
+    )
+
+
+def _require(problem: Problem, extent: Extent, seed: int) -> LaboratoryTable:
+    """Refuse what cannot be done, before an hour's work for it."""
+    table = laboratory_table(problem)
+    if seed < 0:
+        raise ProblemError(f"seed is {seed}, expected 0 or more")
+    if len(table.experiments[: extent.experiments]) < 2:
+        raise ProblemError("[laboratory] experiments: one has no scatter; name two")
+    verification_motions(problem)
+    return table
+
+
+def _verified(
+    problem: Problem,
+    laboratory: Laboratory,
+    reproductions: Mapping[str, Reproduction],
+    extent: Extent,
+) -> Verification:
+    unseen = list(verification_motions(problem).items())[: extent.verification]
+    return verify(
+        problem,
+        laboratory,
+        dict(unseen),
+        [
+            p
+            for name, done in reproductions.items()
+            for p in mean_predictors(name, done)
+        ],
+        seed=laboratory_table(problem).seed + 1,
     )
 
 
@@ -296,7 +291,3 @@ def place_of(problem: Problem) -> Place:
     free = [i for i in range(len(mine)) if i not in mine.places(published.fixed)]
     scatter = np.array(published.experiments).std(axis=0, ddof=1)[free]
     return Place(free[int(scatter.argmax())], free[int(scatter.argmin())])
-
-
-def _thinned(motion: Recording) -> Recording:
-    return motion.samples(slice(None, None, max(1, int(motion.rate // _ENOUGH))))
