@@ -30,6 +30,7 @@ from consistent_id import (
     report_html,
     run_study,
     simulate_torque,
+    write_report,
 )
 from consistent_id.cli import main
 from consistent_id.commands import uncertainty_of
@@ -192,6 +193,11 @@ def test_it_says_how_to_get_it_again(study, html):
     text_of_file = study.problem.source.read_text()
     assert text_of_file in page.text
     assert any(re.fullmatch("[0-9a-f]{64}", part) for part in page.texts)
+
+
+def test_what_is_written_is_what_is_returned(study, tmp_path):
+    path = write_report(study, tmp_path / "new" / "report.html")
+    assert path.read_text(encoding="utf-8") == report_html(study)
 
 
 def test_names_cannot_become_markup(experiment):
