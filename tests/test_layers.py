@@ -62,10 +62,10 @@ cli.compare cli.info commands_draft cli.identify excitation.drawings excitation.
 reproduction.experiments reproduction reproduction.budget reproduction.assumptions
 reproduction.inertia reproduction.tables reproduction.tempo reproduction.verification
 proofs.seams proofs.extremes proofs.friction_bounds proofs.torque_motion
-proofs.torque_bounds proofs.margins excitation.verification excitation.search_task
-excitation.search excitation.starts excitation.design excitation.validating
-excitation.figure excitation.record excitation.asked_tables excite cli.excite
-reproduction.exciting reproduction.study reproduction.section_tables
+proofs.torque_bounds proofs.margins excitation.clearance_guard excitation.verification
+excitation.search_task excitation.search excitation.starts excitation.design
+excitation.validating excitation.figure excitation.record excitation.asked_tables excite
+cli.excite reproduction.exciting reproduction.study reproduction.section_tables
 reproduction.figures reproduction.sections reproduction.page reproduction.record
 cli.reproduce cli.tool cli
 """.split()
