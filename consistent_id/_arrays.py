@@ -28,6 +28,22 @@ def frozen(
     return array
 
 
+def number(value: object, what: str) -> float:
+    """Return one number as a float, finite or not.
+
+    Raises
+    ------
+    ProblemError
+        If it is none; a text of digits is none either.
+    """
+    if isinstance(value, str | bytes | bool | np.bool_):
+        raise ProblemError(f"{what} is {value!r}, expected a number")
+    try:
+        return float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        raise ProblemError(f"{what} is {value!r}, expected a number") from None
+
+
 def checked(
     values: ArrayLike,
     shape: tuple[int | None, ...],

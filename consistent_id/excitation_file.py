@@ -76,7 +76,7 @@ class ExcitationTable(Table, frozen=True, kw_only=True):
 
     duration: Positive = 10.0
     harmonics: Annotated[int, Meta(ge=1)] = 5
-    base_frequencies: list[Positive] | None = None
+    base_frequencies: Annotated[list[Positive], Meta(min_length=1)] | None = None
     rest: bool = True
     periods: Annotated[int, Meta(ge=1)] = 1
     objective: Literal["condition", "D", "A", "E"] = "condition"

@@ -5,7 +5,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._arrays import Array, Vector
+from consistent_id._arrays import Array, Vector, number
 from consistent_id.errors import ProblemError
 from consistent_id.recording import Recording
 
@@ -48,7 +48,7 @@ def sampled(path: JointPath, rate: float, name: str = "trajectory") -> Recording
         Lowered to the next that divides the duration into equal steps.
     name : str
     """
-    if not 0.0 < rate < np.inf:
+    if not 0.0 < number(rate, "rate") < np.inf:
         raise ProblemError(f"rate is {rate} Hz, expected more than 0")
     steps = max(1, int(np.floor(path.duration * rate * (1.0 + 1e-12))))
     time = path.start + path.duration * np.arange(steps + 1) / steps

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._arrays import Array, Matrix, Vector, checked, frozen
+from consistent_id._arrays import Array, Matrix, Vector, checked, frozen, number
 from consistent_id.errors import ProblemError
 from consistent_id.paths import sampled
 from consistent_id.recording import Recording
@@ -78,6 +78,9 @@ class FourierTrajectory:
         ):
             values = frozen(getattr(self, name), shape, f"trajectory: {name}")
             object.__setattr__(self, name, values)
+        for name in ("duration", "start"):
+            time = number(getattr(self, name), f"trajectory: {name}")
+            object.__setattr__(self, name, time)
         if not 0.0 < self.duration < np.inf:
             raise ProblemError(
                 f"trajectory: duration is {self.duration} s, expected more than 0"
@@ -198,11 +201,12 @@ def harmonics_of(base: ArrayLike, harmonics: int) -> Vector:
     >>> harmonics_of([0.1, 0.15], 3).round(3).tolist()
     [0.1, 0.15, 0.2, 0.3, 0.45]
     """
-    bases = np.atleast_1d(np.asarray(base, dtype=float))
-    if not (np.isfinite(bases).all() and (bases > 0.0).all()) or harmonics < 1:
+    bases = checked(np.atleast_1d(base), (None,), "base frequencies", finite=False)
+    positive = np.isfinite(bases).all() and (bases > 0.0).all()
+    if not len(bases) or not positive or harmonics < 1:
         raise ProblemError(
             f"base frequencies {bases.tolist()} Hz with {harmonics} harmonics, "
-            "expected positive ones and at least one"
+            "expected positive ones, and at least one of either"
         )
     every = np.sort(np.outer(np.arange(1, harmonics + 1), bases).ravel())
     distinct = np.diff(every, prepend=0.0) > _COMMON * every

@@ -67,12 +67,12 @@ report.published report.reproduce report.residual_figures report.residuals
 report.robot_scene report.robot_view report.links report.thinning report.excitation
 report.torque report.verdict report.page report.html report cli.identify commands_report
 cli.report reproduction.accounts proofs.seams proofs.extremes proofs.friction_bounds
-proofs.torque_motion proofs.torque_bounds proofs.margins excitation.verification
-excitation.search_task excitation.search excitation.asked_tables excitation.starts
-excitation.design excitation.validating excitation.figure excitation.record excite
-cli.excite reproduction.exciting reproduction.study reproduction
-reproduction.section_tables reproduction.figures reproduction.sections reproduction.page
-reproduction.record cli.reproduce cli.tool cli
+proofs.torque_motion proofs.torque_bounds proofs.margins excitation.clearance_guard
+excitation.verification excitation.search_task excitation.search excitation.asked_tables
+excitation.starts excitation.design excitation.validating excitation.figure
+excitation.record excite cli.excite reproduction.exciting reproduction.study
+reproduction reproduction.section_tables reproduction.figures reproduction.sections
+reproduction.page reproduction.record cli.reproduce cli.tool cli
 """.split()
 
 HEAVY = {

@@ -107,28 +107,55 @@ def nearest(
     n, m = len(places.links), len(chosen)
     sample, which = (index.ravel() for index in np.indices((n, m)))
     found = separation(scene, places, chosen, sample, which, within)
-    gradient = np.zeros((n, m, len(scene.robot)))
-    normal = found.normal.reshape(n, m, 3)
-    points = found.points.transpose(1, 0, 2).reshape(n, m, 2, 3)
-    for side, sign in ((0, -1.0), (1, 1.0)):
-        bodies = [(pair.first, pair.second)[side] for pair in chosen]
-        carriers = [places.carriers[body] for body in bodies]
-        gradient += sign * _along(places.links, carriers, points[:, :, side], normal)
-    distance = found.distance.reshape(n, m)
-    return Nearest(chosen, distance, gradient, normal, points)
+    gradient = separation_slopes(places, chosen, found, sample, which)
+    return Nearest(
+        chosen,
+        found.distance.reshape(n, m),
+        gradient.reshape(n, m, len(scene.robot)),
+        found.normal.reshape(n, m, 3),
+        found.points.transpose(1, 0, 2).reshape(n, m, 2, 3),
+    )
 
 
-def _along(links: LinkPlaces, carriers: list[int], points: Array, n: Array) -> Array:
-    """``n^T J`` of points of links, shape (samples, points, joints)."""
-    rates = np.zeros((*points.shape[:2], len(links.robot)))
-    moved_by = [set(ancestors(links.robot, link)) for link in carriers]
+def separation_slopes(
+    places: BodyPlaces,
+    pairs: tuple[Pair, ...],
+    found: Separation,
+    sample: IntArray,
+    which: IntArray,
+) -> Array:
+    """Return ``d distance / dq`` of what `separation` found, (queries, joints)."""
+    carriers = np.array(places.carriers, dtype=np.intp)
+    ends = np.array([(pair.first, pair.second) for pair in pairs], dtype=np.intp)
+    ends = ends.reshape(-1, 2)[which]
+    first, second = (
+        _along(
+            places.links,
+            sample,
+            carriers[ends[:, side]],
+            found.points[side],
+            found.normal,
+        )
+        for side in (0, 1)
+    )
+    return second - first
+
+
+def _along(
+    links: LinkPlaces, sample: IntArray, carrier: IntArray, points: Array, n: Array
+) -> Array:
+    """``n^T J`` of points of links, shape (queries, joints)."""
+    rates = np.zeros((len(sample), len(links.robot)))
+    moves = np.zeros((len(links.robot) + 1, len(links.robot)), dtype=bool)
+    for link in np.unique(carrier[carrier >= 0]).tolist():
+        moves[link, list(ancestors(links.robot, link))] = True
     for j, joint in enumerate(links.robot.joints):
-        on = [k for k, joints in enumerate(moved_by) if j in joints]
-        push = n[:, on]
+        on = np.flatnonzero(moves[carrier, j])  # the last row is for no link at all
+        push, at = n[on], sample[on]
         if joint.kind != "prismatic":
             # n.(e x r) = e.(r x n)
-            push = np.cross(points[:, on] - links.translation[:, None, j], push)
-        rates[:, on, j] = np.einsum("ni,nki->nk", links.axis[:, j], push)
+            push = np.cross(points[on] - links.translation[at, j], push)
+        rates[on, j] = np.einsum("ni,ni->n", links.axis[at, j], push)
     return rates
 
 

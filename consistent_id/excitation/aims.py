@@ -7,13 +7,15 @@ from typing import get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._arrays import Vector, frozen
+from consistent_id._arrays import Vector, checked, frozen, number
 from consistent_id.errors import ProblemError
 from consistent_id.excitation.criteria import Objective, Scaling
 from consistent_id.parameters import did_you_mean
 from consistent_id.recording import Recording
 from consistent_id.regression import Regression
 from consistent_id.trajectory import harmonics_of
+
+_COMMON = 1e-9  # relative difference below which two frequencies are one
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,9 +33,9 @@ class PathForm:
         Whether velocity and acceleration are zero at both ends; without it, a periodic
         path is entered at full speed and needs a run-in.
     between : bool
-        Take frequencies half-way below the harmonics: a path that has none in common
-        with one of the same form without this, and over two durations is orthogonal to
-        it, joint by joint.
+        Take frequencies half-way below the harmonics, but for harmonics of another
+        base: a path that has none in common with one of the same form without this,
+        and with one base, over two of its periods, is orthogonal to it, joint by joint.
 
     Examples
     --------
@@ -50,10 +52,17 @@ class PathForm:
     between: bool = False
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.duration < np.inf:
-            raise ProblemError(f"duration is {self.duration} s, expected more than 0")
-        if self.harmonics < 1:
-            raise ProblemError(f"harmonics is {self.harmonics}, expected 1 or more")
+        duration, harmonics = (
+            number(getattr(self, name), name) for name in ("duration", "harmonics")
+        )
+        if not 0.0 < duration < np.inf:
+            raise ProblemError(f"duration is {duration} s, expected more than 0")
+        if not 1.0 <= harmonics < np.inf or harmonics % 1.0:
+            raise ProblemError(
+                f"harmonics is {self.harmonics}, expected a whole number, 1 or more"
+            )
+        object.__setattr__(self, "duration", duration)
+        object.__setattr__(self, "harmonics", int(harmonics))
         self.frequencies  # noqa: B018  frequencies that make no sense are refused here
 
     @property
@@ -63,9 +72,13 @@ class PathForm:
         base = 1.0 / self.duration if base is None else base
         if not self.between:
             return harmonics_of(base, self.harmonics)
-        every = np.atleast_1d(np.asarray(base, dtype=float))
-        halves = [harmonics_of(one / 2.0, 2 * self.harmonics)[::2] for one in every]
-        return np.unique(np.concatenate(halves))
+        own, count = harmonics_of(base, self.harmonics), 2 * self.harmonics
+        odd = [harmonics_of(b / 2.0, count)[::2] for b in np.atleast_1d(base)]
+        # With several bases, a half of one may be a harmonic of another.  The least
+        # base's half is none.
+        every = np.sort(np.concatenate(odd))
+        new = abs(every[:, None] - own).min(axis=1) > _COMMON * every
+        return np.asarray(every[new & (np.diff(every, prepend=0.0) > _COMMON * every)])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -119,10 +132,17 @@ class Aim:
         if self.scaling not in get_args(Scaling):
             known = ", ".join(get_args(Scaling))
             raise ProblemError(f"scaling is {self.scaling!r}, expected one of {known}")
-        if not 1.0 <= self.growth < np.inf:
+        if not 1.0 <= number(self.growth, "growth") < np.inf:
             raise ProblemError(f"growth is {self.growth}, expected 1 or more")
-        if not 0.0 < self.rate < np.inf:
+        if not 0.0 < number(self.rate, "rate") < np.inf:
             raise ProblemError(f"rate is {self.rate} Hz, expected more than 0")
+        if self.task is not None and not isinstance(self.task, Recording):
+            raise ProblemError(
+                f"task is {type(self.task).__name__}, expected a Recording"
+            )
+        if not isinstance(self.noise, dict | None):
+            _noise(self.noise)
+        _require_regressions(self.earlier)
 
     def noise_of(self, joints: tuple[str, ...]) -> Vector:
         """Return the noise of the named joints [N m or N].
@@ -141,7 +161,7 @@ class Aim:
             if missing := [name for name in joints if name not in given]:
                 raise ProblemError(f"noise of {', '.join(missing)} is missing")
             given = [given[name] for name in joints]
-        values = np.asarray(given, dtype=float)
+        values = _noise(given)
         if values.ndim == 0:
             values = np.full(len(joints), float(values))
         noise = frozen(values, (len(joints),), "noise")
@@ -154,3 +174,26 @@ class Aim:
         """Earlier regressions as a tuple."""
         one = isinstance(self.earlier, Regression)
         return (self.earlier,) if one else tuple(self.earlier)  # type: ignore[return-value,arg-type]
+
+
+def _noise(given: ArrayLike) -> Vector:
+    """Return one number, or several, before anybody knows how many there must be."""
+    try:
+        several = np.ndim(given) > 0
+    except ValueError as cause:
+        raise ProblemError(f"noise: expected numbers, got {cause}") from None
+    return (
+        checked(given, (None,), "noise")
+        if several
+        else np.array(number(given, "noise"))
+    )
+
+
+def _require_regressions(given: object) -> None:
+    every = given if isinstance(given, Sequence) else (given,)
+    for one in every:
+        if not isinstance(one, Regression):
+            raise ProblemError(
+                f"earlier holds a {type(one).__name__}, expected regressions; call "
+                "build_regression for each recording"
+            )

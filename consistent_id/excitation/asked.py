@@ -45,9 +45,16 @@ def asked_of(problem: Problem) -> Asked:
     ------
     ProblemError
         If a joint is unknown, its limits leave no motion, the scene contradicts itself,
-        or bodies are too near to one another in the start pose.
+        a path that rests is to be repeated, or bodies are too near to one another in
+        the start pose.
     """
     table = problem.table.excitation
+    if table.rest and table.periods != 1:
+        raise ProblemError(
+            f"[excitation] periods is {table.periods}, but a path that rests at its "
+            "ends is not repeated; give rest = false, or leave periods out and play it "
+            "as often as you like"
+        )
     limits = _limits(table.limits, problem.model.robot)
     bases = table.base_frequencies
     form = PathForm(

@@ -15,7 +15,7 @@ from consistent_id.motion.limits import MotionLimits
 from consistent_id.trajectory import FourierTrajectory
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class FourierBasis:
     """All Fourier paths of given frequencies and duration.
 

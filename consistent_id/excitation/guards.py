@@ -12,16 +12,11 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from consistent_id._arrays import Array, IntArray, Matrix, Vector
-from consistent_id.collisions.scene import Scene
-from consistent_id.collisions.separation import nearest
 from consistent_id.excitation.basis import FourierBasis
 from consistent_id.excitation.kernels import TorqueKernel
 from consistent_id.regressor import TorqueModel
 
 _TIGHTER = 0.03  # share of a limit given up where a proof has failed
-_CLOSE = 0.1  # m; unit of distances, and beyond it they need not be known well
-_FURTHER = 0.01  # m; distance added where a proof has failed
-_SHARP = 20.0  # one over the distance, in tenths of a metre, at which a row is blunt
 _NEAR = 0.05  # share of what is allowed within which an item gets a row
 
 
@@ -41,6 +36,9 @@ class Guard(Protocol):
 
     def measure(self, motion: Array) -> Matrix:
         """Return how far each item is above what is allowed, (samples, items)."""
+
+    def values(self, motion: Array, items: IntArray) -> Vector:
+        """Return one item per sample."""
 
     def rows(self, motion: Array, items: IntArray) -> "ItemRows":
         """Return one item per sample, with its derivatives."""
@@ -81,6 +79,11 @@ class TorqueGuard:
         torque = self._kernel(motion).torque(motion)
         return (abs(torque) / self.effort - self.reach).reshape(len(torque), -1)
 
+    def values(self, motion: Array, items: IntArray) -> Vector:
+        """Return the sizes of the chosen torques."""
+        samples = np.arange(motion.shape[1])
+        return np.asarray(self.measure(motion)[samples, items])
+
     def rows(self, motion: Array, items: IntArray) -> ItemRows:
         """Return the sizes of the chosen torques, with derivatives."""
         kernel, samples = self._kernel(motion), np.arange(motion.shape[1])
@@ -113,56 +116,6 @@ class TorqueGuard:
 
 # CasADi functions on memory of their own, which no guard takes to another process.
 _KERNELS: WeakKeyDictionary[TorqueGuard, dict[int, TorqueKernel]] = WeakKeyDictionary()
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ClearanceGuard:
-    """Bodies that must stay apart, in tenths of a metre.
-
-    Parameters
-    ----------
-    scene : Scene
-    spare : float, [m]
-        Distance beyond what is wanted that is kept at samples.
-    """
-
-    scene: Scene
-    spare: float = 0.002
-
-    def measure(self, motion: Array) -> Matrix:
-        """Return how much nearer than allowed each pair of bodies is."""
-        slack = nearest(self.scene, motion[0], within=_CLOSE).slack
-        return np.asarray((self.spare - slack) / _CLOSE)
-
-    def rows(self, motion: Array, items: IntArray) -> ItemRows:
-        """Return the chosen pairs, or a smooth maximum over all, with derivatives."""
-        values = np.empty(len(items))
-        slopes = np.zeros((len(items), *np.delete(motion.shape, 1)))
-        for item in np.unique(items):
-            which = items == item
-            pairs = None if item == EVERY else (self.scene.pairs[item],)
-            found = nearest(self.scene, motion[0, which], pairs, within=_CLOSE)
-            near = (self.spare - found.slack) / _CLOSE
-            largest = near.max(axis=1, keepdims=True)
-            share = np.exp(_SHARP * (near - largest))
-            total = share.sum(axis=1)
-            values[which] = largest[:, 0] + np.log(total) / _SHARP
-            pull = np.einsum("nk,nkj->nj", share, found.gradient) / total[:, None]
-            slopes[which, 0] = -pull / _CLOSE
-        return ItemRows(values, slopes)
-
-    def told(self, item: int) -> str:
-        """Name the two bodies."""
-        first, second = self.scene.names(self.scene.pairs[item])
-        return f"the distance of {first!r} and {second!r}"
-
-    def standing(self, times: int) -> "set[Place]":
-        """Return a row for each time: bodies deep in one another show no way out."""
-        return {Place(time, EVERY) for time in range(times)}
-
-    def tightened(self) -> Self:
-        """Return a guard that keeps bodies a little further apart."""
-        return replace(self, spare=self.spare + _FURTHER)
 
 
 class Place(NamedTuple):
@@ -198,15 +151,42 @@ def guard_rows(
         The grid that places refer to.
     variables : ndarray, shape (size, joints)
     """
-    at = time[[place.time for place in places]]
-    items = np.array([place.item for place in places])
-    motion = basis.motion(variables, at)
+    columns, motion, items = _at(places, basis, time, variables)
     values, slopes = guard.rows(motion, items)
     jacobian = np.zeros((len(places), *variables.shape))
     for order in range(3):
-        columns = basis.columns(order, at)
-        jacobian[:, 1:] += (
-            columns[:, :, None] * (slopes[:, order] * basis.unit)[:, None]
-        )
+        if slopes[:, order].any():
+            pull = slopes[:, order] * basis.unit
+            jacobian[:, 1:] += columns[order, :, :, None] * pull[:, None]
     jacobian[:, 0] = slopes[:, 0] * basis.limits.derivative(0)
     return values, jacobian.reshape(len(places), -1)
+
+
+def guard_values(
+    guard: Guard,
+    places: list[Place],
+    basis: FourierBasis,
+    time: Vector,
+    variables: Matrix,
+) -> Vector:
+    """Return the values of `guard_rows` alone, which takes less time."""
+    _, motion, items = _at(places, basis, time, variables)
+    return guard.values(motion, items)
+
+
+def _at(
+    places: list[Place], basis: FourierBasis, time: Vector, variables: Matrix
+) -> tuple[Array, Array, IntArray]:
+    """Return the basis' columns, the motion and the items of some places."""
+    known = _COLUMNS.get(basis)
+    if known is None or known[0] is not time:
+        table = np.array([basis.columns(order, time) for order in range(3)])
+        _COLUMNS[basis] = known = (time, table)
+    columns = known[1][:, [place.time for place in places]]
+    motion = columns @ (variables[1:] * basis.unit)
+    motion[0] += basis.offset(variables)
+    return columns, motion, np.array([place.item for place in places])
+
+
+# A grid, and the columns there: a search asks for the same ones again and again.
+_COLUMNS: WeakKeyDictionary[FourierBasis, tuple[Vector, Array]] = WeakKeyDictionary()

@@ -10,7 +10,8 @@ from consistent_id._arrays import Matrix, checked
 from consistent_id.collisions.clearance import ClearanceReport, prove_clearance
 from consistent_id.collisions.scene import Scene
 from consistent_id.errors import InfeasibleError, ProblemError
-from consistent_id.excitation.guards import ClearanceGuard, Guard, TorqueGuard
+from consistent_id.excitation.clearance_guard import ClearanceGuard
+from consistent_id.excitation.guards import Guard, TorqueGuard
 from consistent_id.excitation.kernels import slow_speeds
 from consistent_id.model import RobotModel
 from consistent_id.motion.limits import MotionLimits

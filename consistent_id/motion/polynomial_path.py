@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._arrays import Array, Matrix, Vector, checked, frozen
+from consistent_id._arrays import Array, Matrix, Vector, checked, frozen, number
 from consistent_id.errors import ProblemError
 from consistent_id.motion import bernstein
 
@@ -48,6 +48,9 @@ class PolynomialPath:
                 f"polynomial path: {len(control)} coefficients, expected 1 to 10"
             )
         object.__setattr__(self, "control", control)
+        for name in ("duration", "start"):
+            time = number(getattr(self, name), f"polynomial path: {name}")
+            object.__setattr__(self, name, time)
         if not 0.0 < self.duration < np.inf:
             raise ProblemError(
                 f"polynomial path: duration is {self.duration} s, expected more than 0"
