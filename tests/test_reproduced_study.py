@@ -145,7 +145,7 @@ def test_the_slowness_needed_is_read_off_between_tempos():
 
 
 def test_limits_used_by_motions_hold_them_and_touch_them():
-    limits = asked_of(PROBLEM.table.excitation, PROBLEM.model.robot).limits
+    limits = asked_of(PROBLEM).limits
     motion = _circle()
     used = used_by(limits, {"circle": motion})
     assert used.upper == pytest.approx(motion.position.max(axis=0))

@@ -19,7 +19,7 @@ from consistent_id.collisions.scene import Scene
 from consistent_id.errors import InfeasibleError, NotExcitedError, ProblemError
 from consistent_id.excitation.accuracy import PredictedAccuracy, predicted_accuracy
 from consistent_id.excitation.aims import Aim, PathForm
-from consistent_id.excitation.criteria import Objective
+from consistent_id.excitation.criteria import Objective, criterion_of, scaled
 from consistent_id.excitation.search import Found, Searcher
 from consistent_id.excitation.search_task import SearchTask, search_task
 from consistent_id.excitation.starts import Job, Outcome, run_searches
@@ -203,6 +203,11 @@ def design_trajectory(
     notes = asked.notes
     if aim.refine not in (None, aim.objective) and len(settled) == 1:
         notes += (f"no path better by {aim.refine} was found within the limits",)
+    if aim.scaling == "unit columns" and aim.refine is None:
+        notes += (
+            "with unit columns a condition number alone may leave a joint almost "
+            "still; refine with D, A or E",
+        )
     if cut_short:
         notes += ("time or the user ended the search; another run may differ",)
     return ExcitationDesign(
@@ -319,8 +324,16 @@ class _Workshop:
                 f"is known of {accuracy.weakest}. Look at the ranges and velocities of "
                 "the joints that these belong to, and at their friction terms"
             )
-        value = float(np.exp(found.score))
+        value = self._value(objective, accuracy)
         return Stage(objective, path, value, accuracy, proof, found.number)
+
+    def _value(self, objective: Objective, accuracy: PredictedAccuracy) -> float:
+        """Return the objective's own value at all samples that will be recorded."""
+        M = accuracy.factor.T @ accuracy.factor + accuracy.earlier.T @ accuracy.earlier
+        criterion = criterion_of(objective, np.inf, self.task.gram)
+        if objective == "condition":
+            criterion = scaled(criterion, self.task.scaling)
+        return float(np.exp(criterion(M).value))
 
 
 def _require_sensible(

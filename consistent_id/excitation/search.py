@@ -19,7 +19,7 @@ from consistent_id.excitation.criteria import (
 )
 from consistent_id.excitation.guards import EVERY, guard_rows, near_places
 from consistent_id.excitation.information import Informed, PathInformation
-from consistent_id.excitation.kernels import RegressorKernel
+from consistent_id.excitation.kernels import RegressorKernel, slow_speeds
 from consistent_id.excitation.limit_rows import LimitRows, limit_rows
 from consistent_id.excitation.programme import Programme, minimise
 from consistent_id.excitation.search_task import SearchTask
@@ -81,7 +81,9 @@ class Searcher:
         basis = task.basis
         self._information = PathInformation(
             basis,
-            RegressorKernel(task.model, task.base, task.samples),
+            RegressorKernel(
+                task.model, task.base, task.samples, slow_speeds(basis.limits)
+            ),
             np.arange(task.samples) * basis.duration / task.samples,
             noise=task.noise,
             recorded=task.recorded,
