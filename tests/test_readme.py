@@ -20,12 +20,14 @@ PAGES = {name: BLOCK.findall(text) for name, text in TEXTS.items()}
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[-+]\d+)?")
 
 
-def test_the_python_example_runs_and_tells_bodies_from_least_squares(capsys):
-    (block,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
-    exec(compile(block, "README.md", "exec"), {})
+def test_the_python_of_the_readme_runs_and_tells_bodies_from_least_squares(capsys):
+    names = {}
+    for block in re.findall(r"```python\n(.*?)```", README, re.DOTALL):
+        exec(compile(block, "README.md", "exec"), names)
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].startswith("least squares")
     assert lines[1] == "constrained certified (True, True, True)"
+    assert lines[2].endswith("column scaling: none) True")
 
 
 def test_there_is_one_command_to_run_and_one_to_test():
