@@ -11,7 +11,8 @@ import numpy as np
 from excitation_cases import RATE, Case
 
 from consistent_id.excitation.aims import Aim
-from consistent_id.excitation.design import ExcitationDesign, design_trajectory
+from consistent_id.excitation.design import design_trajectory
+from consistent_id.excitation.designed import ExcitationDesign
 from consistent_id.trajectory import FourierTrajectory
 
 PROCESSES = 2

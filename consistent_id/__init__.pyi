@@ -70,7 +70,8 @@ from consistent_id.estimators.robust import huber
 from consistent_id.estimators.smooth import smooth_least_squares
 from consistent_id.excitation.accuracy import PredictedAccuracy, predicted_accuracy
 from consistent_id.excitation.aims import Aim, PathForm
-from consistent_id.excitation.design import ExcitationDesign, design_trajectory
+from consistent_id.excitation.design import design_trajectory
+from consistent_id.excitation.designed import ExcitationDesign
 from consistent_id.excitation.validating import ValidationPath, validation_trajectory
 from consistent_id.export import (
     Export,

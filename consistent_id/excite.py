@@ -15,7 +15,8 @@ from consistent_id.estimators.least_squares import joint_noise
 from consistent_id.excitation.aims import Aim
 from consistent_id.excitation.asked import Asked, asked_of
 from consistent_id.excitation.asked_tables import asked_tables
-from consistent_id.excitation.design import ExcitationDesign, design_trajectory
+from consistent_id.excitation.design import design_trajectory
+from consistent_id.excitation.designed import ExcitationDesign
 from consistent_id.excitation.figure import design_figure
 from consistent_id.excitation.record import design_record, design_tables
 from consistent_id.excitation.replay import write_replay

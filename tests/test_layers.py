@@ -69,10 +69,11 @@ report.torque report.verdict report.page report.html report cli.identify command
 cli.report reproduction.accounts proofs.seams proofs.extremes proofs.friction_bounds
 proofs.torque_motion proofs.torque_bounds proofs.margins excitation.clearance_guard
 excitation.verification excitation.search_task excitation.search excitation.asked_tables
-excitation.starts excitation.design excitation.validating excitation.figure
-excitation.record excite cli.excite reproduction.exciting reproduction.study
-reproduction reproduction.section_tables reproduction.figures reproduction.sections
-reproduction.page reproduction.record cli.reproduce cli.tool cli
+excitation.starts excitation.designed excitation.validating excitation.figure
+excitation.record excitation.workshop excitation.design excite cli.excite
+reproduction.exciting reproduction.study reproduction reproduction.section_tables
+reproduction.figures reproduction.sections reproduction.page reproduction.record
+cli.reproduce cli.tool cli
 """.split()
 
 HEAVY = {

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from consistent_id._arrays import Vector
-from consistent_id.excitation.design import ExcitationDesign
+from consistent_id.excitation.designed import ExcitationDesign
 from consistent_id.kinematics import link_places
 
 _SAMPLES = 1000

@@ -7,7 +7,7 @@ import numpy as np
 
 from consistent_id.base import ConditionNumber
 from consistent_id.collisions.clearance import ClearanceReport
-from consistent_id.excitation.design import ExcitationDesign, Stage
+from consistent_id.excitation.designed import ExcitationDesign, Stage
 from consistent_id.excitation.validating import ValidationPath
 from consistent_id.motion.limits import MotionLimits
 from consistent_id.proofs.margins import Margin

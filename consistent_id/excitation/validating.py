@@ -14,7 +14,7 @@ from consistent_id.errors import InfeasibleError
 from consistent_id.excitation.accuracy import predicted_accuracy
 from consistent_id.excitation.basis import FourierBasis
 from consistent_id.excitation.clear_starts import clear_start
-from consistent_id.excitation.design import ExcitationDesign
+from consistent_id.excitation.designed import ExcitationDesign
 from consistent_id.excitation.limit_rows import limit_rows
 from consistent_id.excitation.verification import Proof
 from consistent_id.trajectory import FourierTrajectory

@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from consistent_id.excitation.asked import asked_of
-from consistent_id.excitation.design import ExcitationDesign, design_trajectory
+from consistent_id.excitation.design import design_trajectory
+from consistent_id.excitation.designed import ExcitationDesign
 from consistent_id.motion.limits import MotionLimits
 from consistent_id.problem import Problem
 from consistent_id.recording import Recording

@@ -1,0 +1,107 @@
+"""What a design has come to: stages, each proven, and all that is known of them."""
+
+from dataclasses import dataclass
+
+from consistent_id.base import BaseParameters, ConditionNumber
+from consistent_id.excitation.accuracy import PredictedAccuracy
+from consistent_id.excitation.aims import Aim, PathForm
+from consistent_id.excitation.verification import Demands, Proof
+from consistent_id.motion.limits import MotionLimits
+from consistent_id.regressor import TorqueModel
+from consistent_id.tables import Table
+from consistent_id.trajectory import FourierTrajectory
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stage:
+    """What one stage of a design has found, proven to keep all limits.
+
+    Parameters
+    ----------
+    objective : str
+    trajectory : FourierTrajectory
+    value : float
+        The objective's own: a condition number, or a size of standard errors.
+    accuracy : PredictedAccuracy
+        At all samples that will be recorded.
+    proof : Proof
+    number : int
+        Of the search that found it, from 0.
+    """
+
+    objective: str
+    trajectory: FourierTrajectory
+    value: float
+    accuracy: PredictedAccuracy
+    proof: Proof
+    number: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ExcitationDesign:
+    """A trajectory worth playing, and all that is known of it.
+
+    Parameters
+    ----------
+    model : TorqueModel
+    base : BaseParameters
+    demands : Demands
+    form : PathForm
+    aim : Aim
+    stages : tuple of Stage
+        The last one's trajectory is the design's.
+    unoptimised : PredictedAccuracy
+        Of the best of the random paths that the searches began with.
+    seed, starts : int
+    seconds : float
+    notes : tuple of str
+    """
+
+    model: TorqueModel
+    base: BaseParameters
+    demands: Demands
+    form: PathForm
+    aim: Aim
+    stages: tuple[Stage, ...]
+    unoptimised: PredictedAccuracy
+    seed: int
+    starts: int
+    seconds: float
+    notes: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        verdict = "all limits proven" if self.proof.holds else "limits not proven"
+        return (
+            f"ExcitationDesign({self.model.robot.name!r}: {verdict}, "
+            f"{self.form.duration:.4g} s, condition number "
+            f"{self.condition.value:.4g} (random path: "
+            f"{self.unoptimised.condition.value:.4g}))"
+        )
+
+    def _repr_html_(self) -> str:
+        return Table(repr(self), (), (), self.notes).html()
+
+    @property
+    def limits(self) -> MotionLimits:
+        """The limits of its motion."""
+        return self.demands.limits
+
+    @property
+    def trajectory(self) -> FourierTrajectory:
+        """The path to play."""
+        return self.stages[-1].trajectory
+
+    @property
+    def accuracy(self) -> PredictedAccuracy:
+        """What recording it will tell."""
+        return self.stages[-1].accuracy
+
+    @property
+    def condition(self) -> ConditionNumber:
+        """Condition number of its base regressor."""
+        return self.accuracy.condition
+
+    @property
+    def proof(self) -> Proof:
+        """What is proven of it."""
+        return self.stages[-1].proof
