@@ -186,10 +186,10 @@ def examples(effort: Effort) -> Iterator[str]:
         cases.example("Panda", effort=True),
     ):
         mine = designed(case, effort.seconds, effort)
-        start = mine.design.unoptimised.value
+        start = mine.design.unoptimised.condition.value
         yield f"| {case.name} | inertial | {start:.1f} | {mine} |"
     plain = cases.example("UR10")
     case = replace(plain, model=replace(plain.model, drive=cases.FRICTION))
     mine = designed(case, effort.seconds, effort)
-    start = mine.design.unoptimised.value
+    start = mine.design.unoptimised.condition.value
     yield f"| {case.name} | with friction | {start:.1f} | {mine} |"
