@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,7 @@ from consistent_id import (
 from consistent_id.excitation.accuracy import path_regressor, predicted_accuracy
 from consistent_id.excitation.aims import Aim, PathForm
 from consistent_id.excitation.design import design_trajectory
+from consistent_id.excitation.verification import Demands
 from consistent_id.proofs.margins import motion_margins
 from consistent_id.trajectory import FourierTrajectory
 
@@ -291,6 +293,7 @@ import glob, json, os, signal, sys, tempfile, threading, time
 from excited import arm, arm_limits
 from consistent_id.excitation.aims import PathForm
 from consistent_id.excitation.design import design_trajectory
+from consistent_id.excitation.verification import Demands
 
 def interrupt():
     while not glob.glob(tempfile.gettempdir() + "/excitation-*/*.npz"):
@@ -345,3 +348,14 @@ def test_a_motor_without_a_torque_sensor_has_a_limit_all_the_same():
     assert bound.proof.holds
     of_torque = [m for m in bound.proof.margins.margins if m.quantity == "torque"]
     assert [m.joint for m in of_torque] == ["joint1"]
+
+
+def test_a_path_that_cannot_be_proven_never_leaves(monkeypatch):
+    true_proof = Demands.proof
+
+    def refusing(self, paths):
+        return true_proof(replace(self, limits=self.limits.within(0.05)), paths)
+
+    monkeypatch.setattr(Demands, "proof", refusing)
+    with pytest.raises(InfeasibleError, match="is not kept"):
+        designed(arm(2), Aim(refine=None), starts=1, workers=1)

@@ -1,6 +1,7 @@
 """Searches: they improve, keep to limits and bounds, and repeat themselves."""
 
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -159,3 +160,23 @@ def test_searches_come_back_best_first():
     scores = [one.score for one in outcome.found]
     assert scores == sorted(scores) and len(scores) == 3
     assert not outcome.out_of_time and not outcome.interrupted
+
+
+def test_a_start_that_offends_nothing_is_kept_whatever_the_solver_does(monkeypatch):
+    searcher = guarded(2.0, arm(2).nominal[None])
+    start = searcher.random(0)
+    monkeypatch.setattr(
+        "consistent_id.excitation.search.minimise",
+        lambda programme, x, *, iterations, watch: 50.0 * x,
+    )
+    found = search(searcher, "condition", 0, start=start)
+    assert found.variables is not None
+    assert found.score <= searcher.score("condition", start)
+
+
+def test_tasks_of_two_seeds_share_no_random_path():
+    task = arm_task(TorqueModel(arm(2)))
+    one, other = (Searcher(replace(task, seed=seed)) for seed in (0, 1))
+    for k in range(3):
+        for j in range(3):
+            assert not np.allclose(one.random(k), other.random(j))

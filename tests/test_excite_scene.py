@@ -167,10 +167,16 @@ def test_a_run_in_through_an_obstacle_is_refused_with_a_pose_that_would_do(tmp_p
 
 
 def test_all_that_is_played_is_proven_and_lasts_as_designed(tmp_path):
-    problem = _problem(tmp_path, ARM, excitation="rest = false")
+    problem = _problem(tmp_path, ARM, bodies=WALL, excitation="rest = false")
     excited = excite(problem, starts=1, workers=1, time_limit=60.0)
     for played in (excited.played, excited.validation_played):
         assert played.proof.holds
+        pieces, demands = played.move.pieces, excited.design.demands
+        worst = min(demands.proof(p).margins.least.relative for p in pieces)
+        assert played.proof.margins.least.relative == pytest.approx(worst)
+        # Run-in and run-out take looks of their own, beyond those at the path.
+        path = demands.proof(played.move.trajectory)
+        assert played.proof.clearance.poses > path.clearance.poses > 0
         # The validation path repeats after twice that: its other half is not proven.
         assert played.move.trajectory.duration == pytest.approx(6.0)
         limits = excited.design.limits
