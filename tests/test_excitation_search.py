@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from excited import arm, arm_limits, arm_task
 
-from consistent_id import TorqueModel
+from consistent_id import SolverError, TorqueModel
 from consistent_id.excitation.aims import Aim, PathForm
 from consistent_id.excitation.guards import TorqueGuard
 from consistent_id.excitation.search import Searcher, search
@@ -81,8 +81,8 @@ def test_a_later_stage_improves_its_objective_and_keeps_the_bound():
     second = search(searcher, "D", 0, start=first.variables, spread_bound=bound)
     assert second.score < searcher.score("D", first.variables) - 1e-3
     assert searcher.score("condition", second.variables) <= bound + 1e-6
-    # Without a bound it goes further: the bound was in the way.
-    free = search(searcher, "D", 0, start=first.variables)
+    # From there it goes on once the bound is gone: the bound was in the way.
+    free = search(searcher, "D", 0, start=second.variables)
     assert free.score < second.score
     assert searcher.score("condition", free.variables) > bound
 
@@ -162,16 +162,19 @@ def test_searches_come_back_best_first():
     assert not outcome.out_of_time and not outcome.interrupted
 
 
-def test_a_start_that_offends_nothing_is_kept_whatever_the_solver_does(monkeypatch):
-    searcher = guarded(2.0, arm(2).nominal[None])
+def test_a_start_that_offends_nothing_is_reported_before_the_solver_runs(monkeypatch):
+    reports = []
+    task = arm_task(TorqueModel(arm(2)))
+    searcher = Searcher(task, report=lambda score, _: reports.append(score))
+
+    def broken(*_, **__):
+        raise SolverError("broken")
+
+    monkeypatch.setattr("consistent_id.excitation.search.minimise", broken)
     start = searcher.random(0)
-    monkeypatch.setattr(
-        "consistent_id.excitation.search.minimise",
-        lambda programme, x, *, iterations, watch: 50.0 * x,
-    )
-    found = search(searcher, "condition", 0, start=start)
-    assert found.variables is not None
-    assert found.score <= searcher.score("condition", start)
+    with pytest.raises(SolverError):
+        search(searcher, "condition", 0, start=start)
+    assert reports == [searcher.score("condition", start)]
 
 
 def test_tasks_of_two_seeds_share_no_random_path():

@@ -188,3 +188,19 @@ def test_a_trajectory_beyond_the_limits_is_refused():
     state = abs(path.evaluate([path.start])[1, 0]) / path.derivative_bound(1)
     with pytest.raises(ProblemError, match="velocity of joint"):
         move_along(path, limits_of(path, share=0.9 * state.max()))
+
+
+@pytest.mark.parametrize("seed", [1, 8, 12])
+def test_a_jerk_that_nobody_limits_is_in_nobodys_way(seed):
+    # Limits just above the path's own peaks, none of jerk: within the path's own bound
+    # of jerk there is no run-in.
+    rng = np.random.default_rng(seed)
+    sine, cosine = 0.25 * rng.normal(size=(2, 3, 2))
+    names, rates = ("a", "b"), np.arange(1, 4) / 5.0
+    path = FourierTrajectory(names, rates, np.zeros(2), sine, cosine, 5.0)
+    time = np.linspace(0.0, 5.0, 2001)
+    q, dq, ddq = 1.02 * abs(path.evaluate(time)).max(axis=1)
+    limits = MotionLimits(names, -q, q, dq, ddq, np.full(2, np.inf), np.full(2, np.inf))
+    move = move_along(path, limits)
+    motion = move.evaluate(np.linspace(0.0, move.duration, 4001))
+    assert (abs(motion) <= np.array([q, dq, ddq])[:, None] * (1 + 1e-9)).all()
