@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 import consistent_id as ci
+from consistent_id.robot.scaling import reference_bodies
 
 RATE = 200.0
 DURATION = 20.0
@@ -73,7 +74,7 @@ def robot(name: str) -> ci.TorqueModel:
 def clean(model: ci.TorqueModel, rng: np.random.Generator) -> Case:
     """Return a log of a robot that has the datasheet's masses, but other bodies."""
     robot = model.robot
-    bodies = ci.scaling.reference_bodies(robot).reshape(len(robot), 10).copy()
+    bodies = reference_bodies(robot).reshape(len(robot), 10).copy()
     for body in bodies:
         body[1:4] *= rng.uniform(0.8, 1.0)
         com = body[1:4] / body[0]

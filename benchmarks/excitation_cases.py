@@ -11,14 +11,15 @@ import pinocchio as pin
 from scipy.optimize import least_squares
 
 import consistent_id as ci
+from consistent_id import signals
 from consistent_id.excitation.accuracy import predicted_accuracy
 from consistent_id.excitation.aims import Aim, PathForm
 from consistent_id.excitation.search import Searcher
 from consistent_id.excitation.search_task import SearchTask, search_task
 from consistent_id.motion.limits import MotionLimits, motion_limits
-from consistent_id.problem import Problem
-from consistent_id.proofs.margins import motion_margins
-from consistent_id.trajectory import FourierTrajectory
+from consistent_id.motion.proofs.margins import motion_margins
+from consistent_id.problems.problem import Problem
+from consistent_id.recordings.trajectory import FourierTrajectory
 
 RATE = 100.0  # Hz, at which every motion is sampled
 FRICTION = ci.DriveTerms(viscous=True, coulomb="tanh", velocity_scale=0.02, offset=True)
@@ -134,8 +135,8 @@ def recorded(nominal: float) -> Recorded:
     ]
     gaps = [(b[0] - a[1], a[1], b[0]) for a, b in pairwise(rests)]
     duration, start, stop = max(gaps)
-    part = ci.signals.trimmed(log, start, stop)
-    fit = ci.signals.fourier_fit(part, duration, HARMONICS)
+    part = signals.trimmed(log, start, stop)
+    fit = signals.fourier_fit(part, duration, HARMONICS)
     path = replace(fit.trajectory, duration=duration, start=0.0)
     return Recorded(part, path, float(fit.residual.max()))
 
@@ -221,7 +222,7 @@ def _drawn(points: np.ndarray, duration: float) -> FourierTrajectory:
         positions.append(q)
     time = duration * np.arange(len(points)) / len(points)
     log = ci.Recording(robot.joint_names, time, np.array(positions))
-    fitted = ci.signals.fourier_fit(log, duration, 12).trajectory
+    fitted = signals.fourier_fit(log, duration, 12).trajectory
     return replace(fitted, duration=duration)
 
 

@@ -10,8 +10,9 @@ import numpy as np
 from excitation_cases import RATE, Case
 
 import consistent_id as ci
+from consistent_id import signals
 from consistent_id.excitation.accuracy import path_regressor
-from consistent_id.paths import JointPath
+from consistent_id.recordings.paths import JointPath
 
 DRAWS = 500
 
@@ -58,7 +59,7 @@ def regressor(case: Case, motion: JointPath | ci.Recording) -> np.ndarray:
     if not isinstance(motion, ci.Recording):
         return path_regressor(case.model, base, motion, RATE)
     step = round((len(motion) - 1) / motion.duration / RATE)
-    motion = ci.signals.decimated(motion, step) if step > 1 else motion
+    motion = signals.decimated(motion, step) if step > 1 else motion
     Y = case.model.regressor(motion.position, motion.velocity, motion.acceleration)
     return Y[:, list(base.independent)].transpose(0, 2, 1)
 

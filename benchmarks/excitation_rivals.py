@@ -16,7 +16,7 @@ from excitation_designs import PROCESSES
 from joblib import Parallel, delayed
 from scipy.optimize import differential_evolution, minimize
 
-from consistent_id._threads import single_threaded
+from consistent_id._support.threads import single_threaded
 from consistent_id.excitation.search import Searcher, search
 
 

@@ -16,8 +16,8 @@ import numpy as np
 import pinocchio as pin
 
 from consistent_id import Repair, repair_urdf
-from consistent_id.loaders._urdf_inertial import inertia_matrix
-from consistent_id.loaders._xml import parse
+from consistent_id.robot.loaders.urdf_inertial import inertia_matrix
+from consistent_id.robot.loaders.xml import parse
 
 MARK = "<!-- measured: begin -->"
 EXAMPLES = Path(pin.__file__).parents[4] / "share" / "example-robot-data" / "robots"

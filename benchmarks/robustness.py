@@ -16,15 +16,15 @@ from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
 import consistent_id as ci
-from consistent_id.cone_program import LeastNorm
-from consistent_id.cones import Multipliers
-from consistent_id.conic import ConicSet
 from consistent_id.constraints import Constraint, lowered
-from consistent_id.distances import nominal_distance
-from consistent_id.estimators.best_fit import best_fit
-from consistent_id.estimators.settled import settle
-from consistent_id.link_condition import link_conditions
-from consistent_id.second_opinion import FORMULATIONS, solve_anew
+from consistent_id.constraints.cones.least_norm import LeastNorm
+from consistent_id.constraints.cones.programmes import Multipliers
+from consistent_id.constraints.cones.second_opinion import FORMULATIONS, solve_anew
+from consistent_id.constraints.cones.sets import ConicSet
+from consistent_id.constraints.distances import nominal_distance
+from consistent_id.constraints.link_condition import link_conditions
+from consistent_id.estimation.best_fit import best_fit
+from consistent_id.estimation.settled import settle
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from robots import random_body, random_robot

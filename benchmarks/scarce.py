@@ -12,6 +12,7 @@ from pathlib import Path
 import matplotlib as mpl
 
 import consistent_id as ci
+from consistent_id.comparison.comparison import EstimateReport
 
 mpl.use("Agg")
 from matplotlib import pyplot as plt
@@ -65,7 +66,7 @@ def cells(problem: ci.Problem, share: float) -> dict[str, Cell]:
     """Return what each method makes of the parts."""
     (log,) = problem.training
     base = ci.base_parameters(problem.model)
-    reports: dict[str, list[ci.comparison.EstimateReport]] = {}
+    reports: dict[str, list[EstimateReport]] = {}
     for part in parts(log, share):
         estimates = ci.identify(problem, [part], base=base)
         for report in ci.compare(estimates, problem.validation).reports:

@@ -19,14 +19,14 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 import consistent_id as ci
-from consistent_id import certificate
-from consistent_id.cone_program import solve_least_norm
-from consistent_id.distances import nominal_distance
-from consistent_id.estimators import best_fit
-from consistent_id.estimators.constrained import DEFAULT_CONSTRAINTS
-from consistent_id.estimators.scaled_fit import REFERENCE
-from consistent_id.second_opinion import solve_anew
-from consistent_id.segments import merged
+from consistent_id.constraints.cones import certificate
+from consistent_id.constraints.cones.least_norm import solve_least_norm
+from consistent_id.constraints.cones.second_opinion import solve_anew
+from consistent_id.constraints.distances import nominal_distance
+from consistent_id.estimation import best_fit
+from consistent_id.estimation.constrained import DEFAULT_CONSTRAINTS
+from consistent_id.estimation.scaled_fit import REFERENCE
+from consistent_id.regression.segments import merged
 
 DRIVE = ci.DriveTerms(viscous=True, coulomb="sign", offset=True, rotor_inertia=True)
 

@@ -12,16 +12,16 @@ from pathlib import Path
 import numpy as np
 
 from consistent_id import load_problem
-from consistent_id.reproduction import PaperStudy, reproduce
-from consistent_id.reproduction import section_tables as part
-from consistent_id.reproduction.sections import sections_of
-from consistent_id.reproduction.study import (
+from consistent_id._support.tables import Table
+from consistent_id.laboratory.reproduction import PaperStudy, reproduce
+from consistent_id.laboratory.reproduction import section_tables as part
+from consistent_id.laboratory.reproduction.sections import sections_of
+from consistent_id.laboratory.reproduction.study import (
     REPEATED,
     TASKS,
     WITHIN_LIMITS,
     WITHIN_USED,
 )
-from consistent_id.tables import Table
 
 DPI = 90
 SHOWN = ("alpha1", "alpha2", "alpha5", "alpha6", "alpha8", "alpha11", "alpha12")

@@ -1,25 +1,14 @@
 # The public names and where they live.  Type checkers and editors read this file, and
 # so does `_face`, which imports a name's module when the name is first asked for.
 
-from consistent_id.base import BaseParameters, base_parameters, condition_number
-from consistent_id.base_bodies import base_feasibility
-from consistent_id.chains import chain, held
-from consistent_id.collisions.bodies import (
-    Body,
-    Box,
-    Capsule,
-    Cylinder,
-    HalfSpace,
-    Hull,
-    Sphere,
-    plane,
-)
-from consistent_id.collisions.clearance import ClearanceReport, prove_clearance
-from consistent_id.collisions.scene import Scene
-from consistent_id.collisions.scene_building import build_scene
-from consistent_id.collisions.scene_file import scene_from_urdf
-from consistent_id.comparison import Comparison, compare
-from consistent_id.constraint_prices import ShadowPrice, shadow_prices
+from consistent_id.comparison.base_bodies import base_feasibility
+from consistent_id.comparison.comparison import Comparison, compare
+from consistent_id.comparison.constraint_prices import ShadowPrice, shadow_prices
+from consistent_id.comparison.fit_costs import constraint_costs
+from consistent_id.comparison.fit_cross_check import CrossCheck, cross_check
+from consistent_id.comparison.intervals import ConsistentIntervals, consistent_intervals
+from consistent_id.comparison.parameter_uncertainty import Uncertainty, uncertainty
+from consistent_id.comparison.segment_bootstrap import Bootstrap, bootstrap
 from consistent_id.constraints import (
     CentreOfMassBoxes,
     CentreOfMassIn,
@@ -42,10 +31,9 @@ from consistent_id.constraints import (
     TotalMass,
     mesh_vertices,
 )
-from consistent_id.cross_validation import RegularisationPath, cross_validated
-from consistent_id.cutoff import CutoffChoice, best_cutoff
+from consistent_id.constraints.link_condition import LinkCondition, link_conditions
+from consistent_id.constraints.priors import Penalty, PointToSet
 from consistent_id.diagnosis import Diagnosis, diagnose
-from consistent_id.drafting import draft_problem
 from consistent_id.errors import (
     ConsistentIdError,
     InfeasibleError,
@@ -56,18 +44,24 @@ from consistent_id.errors import (
     RecordingError,
     SolverError,
 )
-from consistent_id.estimate import Certificate, Estimate
-from consistent_id.estimators.constrained import constrained_least_squares
-from consistent_id.estimators.contradiction import Contradiction, contradiction
-from consistent_id.estimators.gains import DriveGains, identify_gains
-from consistent_id.estimators.least_squares import (
+from consistent_id.estimation.constrained import constrained_least_squares
+from consistent_id.estimation.contradiction import Contradiction, contradiction
+from consistent_id.estimation.cross_validation import (
+    RegularisationPath,
+    cross_validated,
+)
+from consistent_id.estimation.cutoff import CutoffChoice, best_cutoff
+from consistent_id.estimation.estimate import Certificate, Estimate
+from consistent_id.estimation.gains import DriveGains, identify_gains
+from consistent_id.estimation.least_squares import (
     joint_noise,
     least_squares,
     weighted_least_squares,
 )
-from consistent_id.estimators.payload import Payload, identify_payload
-from consistent_id.estimators.robust import huber
-from consistent_id.estimators.smooth import smooth_least_squares
+from consistent_id.estimation.payload import Payload, identify_payload
+from consistent_id.estimation.robust import huber
+from consistent_id.estimation.shapes.shape_fit import ShapeFit, fit_shapes
+from consistent_id.estimation.smooth import smooth_least_squares
 from consistent_id.excitation.accuracy import PredictedAccuracy, predicted_accuracy
 from consistent_id.excitation.aims import Aim, PathForm
 from consistent_id.excitation.design import design_trajectory
@@ -85,74 +79,49 @@ from consistent_id.export import (
     to_pinocchio,
     to_urdf,
 )
-from consistent_id.fit_costs import constraint_costs
-from consistent_id.fit_cross_check import CrossCheck, cross_check
-from consistent_id.friction import DriveTerms, GearCoupling
-from consistent_id.inertia import InertialParameters
-from consistent_id.intervals import ConsistentIntervals, consistent_intervals
-from consistent_id.inverse_kinematics import TaskPath, follow
-from consistent_id.kinematics import frame_places
-from consistent_id.link_condition import LinkCondition, link_conditions
-from consistent_id.loaders import (
-    DHRow,
-    Finding,
-    from_classical_dh,
-    from_modified_dh,
-    lint_urdf,
-    load_mjcf,
-    load_urdf,
+from consistent_id.export.repair import Repair, nearest_inertia, repair_urdf
+from consistent_id.laboratory.inverse_kinematics import TaskPath, follow
+from consistent_id.laboratory.writer import Writer
+from consistent_id.laboratory.writing_tasks import Orientation, WritingTask
+from consistent_id.motion.collisions.bodies import (
+    Body,
+    Box,
+    Capsule,
+    Cylinder,
+    HalfSpace,
+    Hull,
+    Sphere,
+    plane,
 )
-from consistent_id.log_cholesky import (
-    body_from_log_cholesky,
-    log_cholesky_from_body,
-    log_cholesky_jacobian,
-)
-from consistent_id.model import (
-    Datasheet,
-    FixedFrame,
-    Joint,
-    JointLimits,
-    Link,
-    RobotModel,
+from consistent_id.motion.collisions.clearance import ClearanceReport, prove_clearance
+from consistent_id.motion.collisions.scene import Scene
+from consistent_id.motion.collisions.scene_building import build_scene
+from consistent_id.motion.collisions.scene_file import scene_from_urdf
+from consistent_id.motion.files import (
+    TRAJECTORY_COLUMNS,
+    read_trajectory,
+    write_trajectory,
 )
 from consistent_id.motion.limits import MotionLimits, motion_limits
 from consistent_id.motion.motion_state import MotionState
 from consistent_id.motion.move import Move
 from consistent_id.motion.move_along import move_along
 from consistent_id.motion.polynomial_path import PolynomialPath
+from consistent_id.motion.proofs.margins import MotionMargins, motion_margins
 from consistent_id.motion.transfers import transfer
-from consistent_id.parameter_uncertainty import Uncertainty, uncertainty
-from consistent_id.priors import Penalty, PointToSet
-from consistent_id.problem import Problem, load_problem, load_problems
-from consistent_id.problem_draft import Draft
-from consistent_id.proofs.margins import MotionMargins, motion_margins
-from consistent_id.readers import (
+from consistent_id.problems.draft import Draft
+from consistent_id.problems.drafting import draft_problem
+from consistent_id.problems.problem import Problem, load_problem, load_problems
+from consistent_id.problems.study import Study, identify, run_study
+from consistent_id.recordings.readers import (
     JOINT_STATE,
     Columns,
     read_recording,
     read_track,
     recording_from,
 )
-from consistent_id.recording import Recording
-from consistent_id.regression import Regression, build_regression
-from consistent_id.regressor import (
-    TorqueModel,
-    casadi_regressor,
-    joint_torque_regressor,
-)
-from consistent_id.repair import Repair, nearest_inertia, repair_urdf
-from consistent_id.report import (
-    Advice,
-    advise,
-    comparison_html,
-    report_html,
-    write_report,
-)
-from consistent_id.segment_bootstrap import Bootstrap, bootstrap
-from consistent_id.segments import segment_regressions
-from consistent_id.shape_fit import ShapeFit, fit_shapes
-from consistent_id.shapes import shapes_of, with_shapes
-from consistent_id.signals import (
+from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.signals import (
     Delay,
     Fold,
     FourierFit,
@@ -183,16 +152,54 @@ from consistent_id.signals import (
     trimmed,
     without,
 )
-from consistent_id.simulation import simulate_torque
-from consistent_id.study import Study, identify, run_study
-from consistent_id.trajectory import FourierTrajectory, harmonics_of
-from consistent_id.trajectory_files import (
-    TRAJECTORY_COLUMNS,
-    read_trajectory,
-    write_trajectory,
+from consistent_id.recordings.trajectory import FourierTrajectory, harmonics_of
+from consistent_id.regression.base import (
+    BaseParameters,
+    base_parameters,
+    condition_number,
 )
-from consistent_id.writer import Writer
-from consistent_id.writing_tasks import Orientation, WritingTask
+from consistent_id.regression.friction import DriveTerms, GearCoupling
+from consistent_id.regression.regression import Regression, build_regression
+from consistent_id.regression.regressor import (
+    TorqueModel,
+    casadi_regressor,
+    joint_torque_regressor,
+)
+from consistent_id.regression.segments import segment_regressions
+from consistent_id.regression.shapes import shapes_of, with_shapes
+from consistent_id.regression.simulation import simulate_torque
+from consistent_id.report import (
+    Advice,
+    advise,
+    comparison_html,
+    report_html,
+    write_report,
+)
+from consistent_id.robot.chains import chain, held
+from consistent_id.robot.inertia import InertialParameters
+from consistent_id.robot.kinematics import frame_places
+from consistent_id.robot.loaders import (
+    DHRow,
+    Finding,
+    from_classical_dh,
+    from_modified_dh,
+    lint_urdf,
+    load_mjcf,
+    load_urdf,
+)
+from consistent_id.robot.log_cholesky import (
+    body_from_log_cholesky,
+    log_cholesky_from_body,
+    log_cholesky_jacobian,
+)
+from consistent_id.robot.model import (
+    Datasheet,
+    FixedFrame,
+    Joint,
+    JointLimits,
+    Link,
+    RobotModel,
+)
 
 __version__: str
 

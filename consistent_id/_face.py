@@ -20,7 +20,7 @@ def homes() -> dict[str, str]:
     Examples
     --------
     >>> homes()["compare"]
-    'consistent_id.comparison'
+    'consistent_id.comparison.comparison'
     """
     stub = ast.parse(get_data(_PACKAGE, "__init__.pyi") or b"")
     return {

@@ -4,7 +4,7 @@ import subprocess
 import sys
 
 _SEEN = """
-from consistent_id._threads import _controller, single_threaded
+from consistent_id._support.threads import _controller, single_threaded
 held = single_threaded(lambda: _controller().info())()
 import scipy.linalg, threadpoolctl
 every = threadpoolctl.threadpool_info()

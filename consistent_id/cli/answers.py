@@ -38,7 +38,7 @@ def answered(options: argparse.Namespace, answer_to: AnswerTo) -> int:
     int
         The highest exit code.
     """
-    from consistent_id.problem_folder import problem_files
+    from consistent_id.problems.folder import problem_files
 
     files = problem_files(options.problem)
     if len(files) > 1:
@@ -89,8 +89,8 @@ def _each(
     options: argparse.Namespace, files: Sequence[Path], answer_to: AnswerTo
 ) -> int:
     """Work through several problems; one that fails does not stop the others."""
-    from consistent_id.problem import require_distinct
-    from consistent_id.problem_file import read_problem_table
+    from consistent_id.problems.file import read_problem_table
+    from consistent_id.problems.problem import require_distinct
 
     codes, records, names = [], {}, []
     for file in files:

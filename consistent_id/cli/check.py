@@ -47,10 +47,10 @@ def run_check(options: argparse.Namespace) -> int:
 
 
 def _check(options: argparse.Namespace) -> Answer:
-    from consistent_id.commands import check_log, check_problem
+    from consistent_id.cli.commands import check_log, check_problem
     from consistent_id.diagnosis.tell import diagnosis_record
-    from consistent_id.problem import load_problem
-    from consistent_id.readers import Columns
+    from consistent_id.problems.problem import load_problem
+    from consistent_id.recordings.readers import Columns
 
     if options.log is None:
         found, table = check_problem(load_problem(options.problem))

@@ -40,9 +40,9 @@ def run_compare(options: argparse.Namespace) -> int:
 
 
 def _compare(options: argparse.Namespace) -> Answer:
-    from consistent_id.commands import compare_problem
-    from consistent_id.problem import load_problem
-    from consistent_id.record import study_record
+    from consistent_id.cli.commands import compare_problem
+    from consistent_id.problems.problem import load_problem
+    from consistent_id.report.study_record import study_record
 
     problem = load_problem(options.problem)
     output = options.output or Path("results") / problem.name

@@ -66,9 +66,9 @@ def run_excite(options: argparse.Namespace) -> int:
 
 
 def _excite(options: argparse.Namespace) -> Answer:
-    from consistent_id import excite as tool
+    from consistent_id.excitation import excite as tool
     from consistent_id.excitation.replay import require_viewer
-    from consistent_id.problem import load_problem
+    from consistent_id.problems.problem import load_problem
 
     problem = load_problem(options.problem)
     folder = options.output or Path("results") / problem.name

@@ -55,9 +55,9 @@ def add_export(commands: Any) -> None:
 
 def run_export(options: argparse.Namespace) -> int:
     """Export an estimate; return the exit code."""
-    from consistent_id.commands_export import estimate_for_export, exported
+    from consistent_id.cli.commands_export import estimate_for_export, exported
     from consistent_id.export.pedigree import export_verdict
-    from consistent_id.problem import load_problem
+    from consistent_id.problems.problem import load_problem
 
     problem = load_problem(options.problem)
     estimate = estimate_for_export(problem, options.estimate)

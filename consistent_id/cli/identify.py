@@ -64,10 +64,10 @@ def run_identify(options: argparse.Namespace) -> int:
 
 
 def _identify(options: argparse.Namespace) -> Answer:
-    from consistent_id.commands import identify_problem
-    from consistent_id.problem import load_problem
+    from consistent_id.cli.commands import identify_problem
+    from consistent_id.problems.problem import load_problem
+    from consistent_id.problems.study import run_study
     from consistent_id.report import write_report
-    from consistent_id.study import run_study
 
     _refuse_drafting(options)
     problem = load_problem(options.problem)
@@ -83,10 +83,10 @@ def _identify(options: argparse.Namespace) -> Answer:
 
 
 def _identify_log(options: argparse.Namespace) -> Answer:
-    from consistent_id.commands_draft import identify_log
+    from consistent_id.cli.commands_draft import identify_log
     from consistent_id.diagnosis.tell import diagnosis_record
-    from consistent_id.record import study_record
     from consistent_id.report import write_report
+    from consistent_id.report.study_record import study_record
 
     draft = draft_of(options, options.problem, options.log)
     output = None if options.dry_run else options.output
@@ -111,7 +111,7 @@ def _uncertainty(
     options: argparse.Namespace, problem: Any, tables: list[Any], record: dict[str, Any]
 ) -> str:
     """Return the tables' text, with how sure the parameters are if it is asked for."""
-    from consistent_id.commands import uncertainty_of
+    from consistent_id.cli.commands import uncertainty_of
 
     if options.uncertainty:
         found, table = uncertainty_of(

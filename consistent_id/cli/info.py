@@ -29,20 +29,20 @@ def add_info(commands: Any) -> None:
 
 def run_info(options: argparse.Namespace) -> int:
     """Show a problem, or list several; return the exit code."""
-    from consistent_id.problem_folder import problem_files
+    from consistent_id.problems.folder import problem_files
 
     files = problem_files(options.problem)
     if len(files) == 1:
         return answered(options, _info)
-    from consistent_id.problem_list import list_problems
+    from consistent_id.problems.listing import list_problems
 
     table = list_problems(options.problem, files)
     return show(options, Answer(0, table.text(), [asdict(table)]))
 
 
 def _info(options: argparse.Namespace) -> Answer:
-    from consistent_id.commands import info
-    from consistent_id.problem import load_problem
+    from consistent_id.cli.commands import info
+    from consistent_id.problems.problem import load_problem
 
     tables = info(load_problem(options.problem))
     text = "\n\n".join(table.text() for table in tables)

@@ -47,7 +47,7 @@ def add_init(commands: Any) -> None:
 
 def run_init(options: argparse.Namespace) -> int:
     """Write a problem file; return the exit code."""
-    from consistent_id._files import write_atomically
+    from consistent_id._support.files import write_atomically
 
     file = options.output
     if file.exists() and not (options.force or options.dry_run):

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from consistent_id.problem_draft import Draft
+    from consistent_id.problems.draft import Draft
 
 
 def add_columns(
@@ -63,8 +63,8 @@ def add_draft_options(command: argparse.ArgumentParser) -> None:
 
 def draft_of(options: argparse.Namespace, model: Path, log: Path) -> "Draft":
     """Draft the problem that a robot and a log make."""
-    from consistent_id.chains import Selection
-    from consistent_id.drafting import draft_problem
+    from consistent_id.problems.drafting import draft_problem
+    from consistent_id.robot.chains import Selection
 
     channels = ("time", "position", "velocity", "torque")
     named = {name: getattr(options, name) for name in channels}

@@ -44,8 +44,8 @@ def add_report(commands: Any) -> None:
 
 def run_report(options: argparse.Namespace) -> int:
     """Write a report; return the exit code."""
-    from consistent_id.commands_report import report_problem
-    from consistent_id.problem import load_problem
+    from consistent_id.cli.commands_report import report_problem
+    from consistent_id.problems.problem import load_problem
 
     problem = load_problem(options.problem)
     place = shlex.quote(str(options.problem))

@@ -45,14 +45,14 @@ def run_reproduce(options: argparse.Namespace) -> int:
 
 
 def _reproduce(options: argparse.Namespace) -> Answer:
-    from consistent_id._files import require_writable
-    from consistent_id.problem import load_problem
-    from consistent_id.reproduction.record import (
+    from consistent_id._support.files import require_writable
+    from consistent_id.laboratory.reproduction.record import (
         reproduction_record,
         write_reproduction,
     )
-    from consistent_id.reproduction.sections import sections_of
-    from consistent_id.reproduction.study import FULL, QUICK, reproduce
+    from consistent_id.laboratory.reproduction.sections import sections_of
+    from consistent_id.laboratory.reproduction.study import FULL, QUICK, reproduce
+    from consistent_id.problems.problem import load_problem
 
     problem = load_problem(options.problem)
     folder = options.output or Path("results") / problem.name

@@ -4,7 +4,6 @@ Each lowers itself to a `ConicSet` over the parameters of a torque model; any nu
 them combine.
 """
 
-from consistent_id.constraints._rows import Constraint, lowered
 from consistent_id.constraints.datasheet import (
     CentreOfMassBoxes,
     FixedCentresOfMass,
@@ -20,12 +19,13 @@ from consistent_id.constraints.parameters import (
     ParameterBounds,
     SharedMotors,
 )
+from consistent_id.constraints.rows import Constraint, lowered
 from consistent_id.constraints.shape import (
     CentreOfMassIn,
     DensityOn,
 )
-from consistent_id.constraints.solids import Ellipsoid, Polytope, mesh_vertices
 from consistent_id.constraints.symmetry import EqualLinks, SymmetricLink, TotalMass
+from consistent_id.robot.solids import Ellipsoid, Polytope, mesh_vertices
 
 __all__ = [
     "CentreOfMassBoxes",

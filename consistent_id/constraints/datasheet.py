@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from consistent_id.conic import ConicSet, SemidefiniteBlock
-from consistent_id.constraints._rows import (
+from consistent_id.constraints.cones.sets import ConicSet, SemidefiniteBlock
+from consistent_id.constraints.rows import (
     equalities,
     fixed_values,
     inequalities,
@@ -16,9 +16,9 @@ from consistent_id.constraints._rows import (
     unit_row,
 )
 from consistent_id.errors import ProblemError
-from consistent_id.inertia import PSEUDO_INERTIA_BASIS
-from consistent_id.regressor import TorqueModel
-from consistent_id.scaling import link_scales
+from consistent_id.regression.regressor import TorqueModel
+from consistent_id.robot.inertia import PSEUDO_INERTIA_BASIS
+from consistent_id.robot.scaling import link_scales
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from consistent_id.conic import ConicSet
-from consistent_id.constraints._rows import fixed_values
+from consistent_id.constraints.cones.sets import ConicSet
 from consistent_id.constraints.parameters import ParameterBounds
+from consistent_id.constraints.rows import fixed_values
 from consistent_id.errors import ProblemError
-from consistent_id.parameters import did_you_mean
-from consistent_id.regressor import TorqueModel
+from consistent_id.regression.regressor import TorqueModel
+from consistent_id.robot.parameters import did_you_mean
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,15 +5,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from consistent_id.conic import ConicSet
-from consistent_id.constraints._rows import (
+from consistent_id.constraints.cones.sets import ConicSet
+from consistent_id.constraints.rows import (
     fixed_values,
     inequalities,
     unit_row,
 )
 from consistent_id.errors import ProblemError
-from consistent_id.parameters import COUPLING_NAMES, DRIVE_NAMES
-from consistent_id.regressor import TorqueModel
+from consistent_id.regression.regressor import TorqueModel
+from consistent_id.robot.parameters import COUPLING_NAMES, DRIVE_NAMES
 
 
 @dataclass(frozen=True, slots=True)

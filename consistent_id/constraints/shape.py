@@ -10,14 +10,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from consistent_id._arrays import Array, Vector
-from consistent_id.conic import ConicSet, SemidefiniteBlock
-from consistent_id.constraints._rows import inequalities, known_links
-from consistent_id.constraints.solids import Ellipsoid, Polytope
+from consistent_id._support.arrays import Array, Vector
+from consistent_id.constraints.cones.sets import ConicSet, SemidefiniteBlock
+from consistent_id.constraints.rows import inequalities, known_links
 from consistent_id.errors import ProblemError
-from consistent_id.inertia import PSEUDO_INERTIA_BASIS
-from consistent_id.regressor import TorqueModel
-from consistent_id.scaling import link_scales
+from consistent_id.regression.regressor import TorqueModel
+from consistent_id.robot.inertia import PSEUDO_INERTIA_BASIS
+from consistent_id.robot.scaling import link_scales
+from consistent_id.robot.solids import Ellipsoid, Polytope
 
 _FACETS = 40  # of a polytope whose pairs of facets become constraints
 

@@ -6,15 +6,15 @@ from typing import Literal
 
 import numpy as np
 
-from consistent_id.conic import ConicSet
-from consistent_id.constraints._rows import (
+from consistent_id.constraints.cones.sets import ConicSet
+from consistent_id.constraints.rows import (
     equalities,
     known_links,
     unit_row,
 )
 from consistent_id.errors import ProblemError
-from consistent_id.inertia import INERTIAL_NAMES
-from consistent_id.regressor import TorqueModel
+from consistent_id.regression.regressor import TorqueModel
+from consistent_id.robot.inertia import INERTIAL_NAMES
 
 Axis = Literal["x", "y", "z"]
 

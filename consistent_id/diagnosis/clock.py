@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from consistent_id._arrays import Array, BoolArray, Vector
+from consistent_id._support.arrays import Array, BoolArray, Vector
 from consistent_id.diagnosis.findings import Finding
-from consistent_id.recording import Recording
+from consistent_id.recordings.recording import Recording
 
 _SLOW = 0.5  # s between samples, above which the clock is hardly in seconds
 _AGREED = 0.8  # correlation of two rates that belong to one joint

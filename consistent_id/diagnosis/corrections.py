@@ -6,9 +6,9 @@ from itertools import combinations
 
 import numpy as np
 
-from consistent_id._arrays import Array
-from consistent_id.model import RobotModel
-from consistent_id.recording import Recording
+from consistent_id._support.arrays import Array
+from consistent_id.recordings.recording import Recording
+from consistent_id.robot.model import RobotModel
 
 _QUARTERS = {90: np.pi / 2, -90: -np.pi / 2, 180: np.pi}
 

@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from consistent_id._arrays import Array, BoolArray
-from consistent_id.base import BaseParameters
+from consistent_id._support.arrays import Array, BoolArray
 from consistent_id.diagnosis.findings import Finding
-from consistent_id.recording import Recording
-from consistent_id.regression import build_regression
-from consistent_id.regressor import TorqueModel
-from consistent_id.study import excitation_of
+from consistent_id.problems.study import excitation_of
+from consistent_id.recordings.recording import Recording
+from consistent_id.regression.base import BaseParameters
+from consistent_id.regression.regression import build_regression
+from consistent_id.regression.regressor import TorqueModel
 
 _STILL = 0.02  # of a joint's largest velocity, below which it stands
 _IDLE = 0.2  # share of samples with all joints at rest that is worth a warning

@@ -3,9 +3,8 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from consistent_id._arrays import Vector
-from consistent_id._threads import single_threaded
-from consistent_id.base import BaseParameters, base_parameters
+from consistent_id._support.arrays import Vector
+from consistent_id._support.threads import single_threaded
 from consistent_id.constraints import Constraint
 from consistent_id.diagnosis.clock import clock_findings, velocity_findings
 from consistent_id.diagnosis.corrections import motion_corrections, torque_corrections
@@ -31,10 +30,11 @@ from consistent_id.diagnosis.small_shifts import (
     shift_findings,
 )
 from consistent_id.errors import InfeasibleError, SolverError
-from consistent_id.estimators.constrained import constrained_least_squares
-from consistent_id.recording import Recording
-from consistent_id.regression import build_regression
-from consistent_id.regressor import TorqueModel
+from consistent_id.estimation.constrained import constrained_least_squares
+from consistent_id.recordings.recording import Recording
+from consistent_id.regression.base import BaseParameters, base_parameters
+from consistent_id.regression.regression import build_regression
+from consistent_id.regression.regressor import TorqueModel
 
 
 @single_threaded

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from consistent_id.base import BaseParameters
 from consistent_id.constraints import (
     Constraint,
     FixedMasses,
@@ -20,10 +19,11 @@ from consistent_id.constraints import (
 from consistent_id.diagnosis.corrections import Correction
 from consistent_id.diagnosis.findings import Finding
 from consistent_id.errors import ConsistentIdError
-from consistent_id.estimators.best_fit import best_fit
-from consistent_id.recording import Recording
-from consistent_id.regression import Regression, build_regression, triangle
-from consistent_id.regressor import TorqueModel
+from consistent_id.estimation.best_fit import best_fit
+from consistent_id.recordings.recording import Recording
+from consistent_id.regression.base import BaseParameters
+from consistent_id.regression.regression import Regression, build_regression, triangle
+from consistent_id.regression.regressor import TorqueModel
 
 Prepare = Callable[[Recording], Recording]
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from consistent_id._arrays import Array, Matrix, Vector
+from consistent_id._support.arrays import Array, Matrix, Vector
 
 _SEGMENTS = 20
 _RANK = 1e-6  # of the largest singular value, of unit columns

@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from consistent_id._arrays import Array, Matrix, Vector
-from consistent_id.base import BaseParameters
+from consistent_id._support.arrays import Array, Matrix, Vector
 from consistent_id.diagnosis.jackknife import jackknifed
-from consistent_id.recording import Recording
-from consistent_id.regressor import TorqueModel
+from consistent_id.recordings.recording import Recording
+from consistent_id.regression.base import BaseParameters
+from consistent_id.regression.regressor import TorqueModel
 
 _STEP = 1e-4  # rad or m, of the finite differences
 _HELD = 20_000  # samples whose rows are filtered

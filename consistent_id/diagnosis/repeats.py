@@ -8,9 +8,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from consistent_id._arrays import Array, Vector
+from consistent_id._support.arrays import Array, Vector
 from consistent_id.diagnosis.findings import Finding
-from consistent_id.recording import Recording
+from consistent_id.recordings.recording import Recording
 
 _SAME = 2e-3  # of a joint's range, within which two positions are the same
 _MOVED = 10.0  # times that, by which some joint must move within a span

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from consistent_id._arrays import Vector
+from consistent_id._support.arrays import Vector
 from consistent_id.diagnosis.findings import Finding
 from consistent_id.diagnosis.jackknife import Fitted, jackknifed
 from consistent_id.diagnosis.linearise import Linearised
-from consistent_id.model import Joint
-from consistent_id.regressor import TorqueModel
+from consistent_id.regression.regressor import TorqueModel
+from consistent_id.robot.model import Joint
 
 # Twenty segments leave Student's t 19 degrees of freedom: it exceeds five once in ten
 # thousand times by chance.

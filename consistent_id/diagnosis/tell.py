@@ -3,8 +3,8 @@
 from dataclasses import asdict
 from typing import Any
 
+from consistent_id._support.tables import Table
 from consistent_id.diagnosis.findings import Diagnosis, Finding
-from consistent_id.tables import Table
 
 _LOOKED_FOR = (
     "clocks, units, signs, exchanged channels, zeros, lags, dead and saturated "

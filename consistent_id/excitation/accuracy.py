@@ -10,21 +10,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from consistent_id._arrays import Matrix, Vector, checked
-from consistent_id._threads import single_threaded
-from consistent_id.base import (
+from consistent_id._support.arrays import Matrix, Vector, checked
+from consistent_id._support.tables import Table
+from consistent_id._support.threads import single_threaded
+from consistent_id.errors import NotExcitedError, ProblemError
+from consistent_id.excitation.aims import Aim
+from consistent_id.recordings.paths import JointPath
+from consistent_id.regression.base import (
     BaseParameters,
     ConditionNumber,
     condition_number,
     linear_combination,
 )
-from consistent_id.errors import NotExcitedError, ProblemError
-from consistent_id.excitation.aims import Aim
-from consistent_id.parameters import did_you_mean
-from consistent_id.paths import JointPath
-from consistent_id.regression import require_same_model, triangle
-from consistent_id.regressor import TorqueModel
-from consistent_id.tables import Table
+from consistent_id.regression.regression import require_same_model, triangle
+from consistent_id.regression.regressor import TorqueModel
+from consistent_id.robot.parameters import did_you_mean
 
 _PART = 0.2  # of the largest part of a combination; less is not told
 _MOST = 1e9  # repetitions; more would not be played

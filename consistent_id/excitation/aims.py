@@ -7,13 +7,13 @@ from typing import get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._arrays import Vector, checked, frozen, number
+from consistent_id._support.arrays import Vector, checked, frozen, number
 from consistent_id.errors import ProblemError
 from consistent_id.excitation.criteria import Objective, Scaling
-from consistent_id.parameters import did_you_mean
-from consistent_id.recording import Recording
-from consistent_id.regression import Regression
-from consistent_id.trajectory import harmonics_of
+from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.trajectory import harmonics_of
+from consistent_id.regression.regression import Regression
+from consistent_id.robot.parameters import did_you_mean
 
 _COMMON = 1e-9  # relative difference below which two frequencies are one
 

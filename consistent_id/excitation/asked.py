@@ -2,16 +2,16 @@
 
 from dataclasses import dataclass
 
-from consistent_id.collisions.scene import Scene
-from consistent_id.collisions.separation import nearest
 from consistent_id.errors import ProblemError
 from consistent_id.excitation.aims import Aim, PathForm
 from consistent_id.excitation.asked_scene import asked_scene
-from consistent_id.excitation_file import LimitsTable
-from consistent_id.model import RobotModel
+from consistent_id.motion.collisions.scene import Scene
+from consistent_id.motion.collisions.separation import nearest
 from consistent_id.motion.limits import MotionLimits, motion_limits
-from consistent_id.parameters import did_you_mean
-from consistent_id.problem import Problem
+from consistent_id.problems.excitation_tables import LimitsTable
+from consistent_id.problems.problem import Problem
+from consistent_id.robot.model import RobotModel
+from consistent_id.robot.parameters import did_you_mean
 
 
 @dataclass(frozen=True, slots=True, eq=False)

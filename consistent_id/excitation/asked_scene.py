@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from consistent_id._arrays import Matrix, Vector
-from consistent_id.collisions.bodies import (
+from consistent_id._support.arrays import Matrix, Vector
+from consistent_id.errors import ConsistentIdError, ProblemError
+from consistent_id.motion.collisions.bodies import (
     Body,
     Box,
     Capsule,
@@ -12,19 +13,18 @@ from consistent_id.collisions.bodies import (
     Sphere,
     plane,
 )
-from consistent_id.collisions.scene import Scene
-from consistent_id.collisions.scene_building import build_scene
-from consistent_id.collisions.scene_file import scene_from_urdf
-from consistent_id.collisions.urdf_bodies import rpy
-from consistent_id.errors import ConsistentIdError, ProblemError
-from consistent_id.excitation_file import (
+from consistent_id.motion.collisions.scene import Scene
+from consistent_id.motion.collisions.scene_building import build_scene
+from consistent_id.motion.collisions.scene_file import scene_from_urdf
+from consistent_id.motion.collisions.urdf_bodies import rpy
+from consistent_id.problems.excitation_tables import (
     BodyTable,
     BoxTable,
     RodTable,
     SceneTable,
     SphereTable,
 )
-from consistent_id.problem import Problem
+from consistent_id.problems.problem import Problem
 
 _WHERE = "[excitation.scene]"
 _SHAPES = ("sphere", "box", "capsule", "cylinder")

@@ -1,10 +1,10 @@
 """What would be designed, as tables: to look at before a search is begun."""
 
+from consistent_id._support.tables import Table
 from consistent_id.excitation.asked import Asked
 from consistent_id.excitation.verification import Demands
 from consistent_id.motion.limits import MotionLimits
-from consistent_id.regressor import TorqueModel
-from consistent_id.tables import Table
+from consistent_id.regression.regressor import TorqueModel
 
 
 def asked_tables(model: TorqueModel, asked: Asked, required: Demands) -> list[Table]:

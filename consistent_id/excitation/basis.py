@@ -9,10 +9,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from consistent_id._arrays import Array, Matrix, Vector, frozen
+from consistent_id._support.arrays import Array, Matrix, Vector, frozen
 from consistent_id.errors import ProblemError
 from consistent_id.motion.limits import MotionLimits
-from consistent_id.trajectory import FourierTrajectory
+from consistent_id.recordings.trajectory import FourierTrajectory
 
 
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from consistent_id._arrays import Array, Matrix, Vector
+from consistent_id._support.arrays import Array, Matrix, Vector
 from consistent_id.excitation.basis import FourierBasis
 from consistent_id.excitation.guards import Guard
 from consistent_id.excitation.limit_rows import LimitRows

@@ -10,15 +10,15 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from consistent_id._arrays import Array, IntArray, Matrix, Vector
-from consistent_id.collisions.scene import BodyPlaces, Scene, body_places
-from consistent_id.collisions.separation import (
+from consistent_id._support.arrays import Array, IntArray, Matrix, Vector
+from consistent_id.excitation.guards import EVERY, ItemRows, Place
+from consistent_id.motion.collisions.scene import BodyPlaces, Scene, body_places
+from consistent_id.motion.collisions.separation import (
     Separation,
     separation,
     separation_slopes,
 )
-from consistent_id.excitation.guards import EVERY, ItemRows, Place
-from consistent_id.kinematics import link_places
+from consistent_id.robot.kinematics import link_places
 
 _CLOSE = 0.1  # m; unit of distances, and beyond it they need not be known well
 _FURTHER = 0.01  # m; distance added where a proof has failed

@@ -17,7 +17,7 @@ from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
-from consistent_id._arrays import Matrix, Vector
+from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.errors import ProblemError
 
 Objective = Literal["condition", "D", "A", "E", "task"]

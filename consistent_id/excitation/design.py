@@ -12,10 +12,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._interrupts import noted_interrupts
-from consistent_id._threads import single_threaded
-from consistent_id.base import base_parameters
-from consistent_id.collisions.scene import Scene
+from consistent_id._support.interrupts import noted_interrupts
+from consistent_id._support.threads import single_threaded
 from consistent_id.errors import ProblemError
 from consistent_id.excitation.accuracy import PredictedAccuracy, predicted_accuracy
 from consistent_id.excitation.aims import Aim, PathForm
@@ -24,9 +22,11 @@ from consistent_id.excitation.search import Searcher
 from consistent_id.excitation.search_task import SearchTask, search_task
 from consistent_id.excitation.verification import demands
 from consistent_id.excitation.workshop import Settled, Workshop
-from consistent_id.model import RobotModel
+from consistent_id.motion.collisions.scene import Scene
 from consistent_id.motion.limits import MotionLimits, motion_limits
-from consistent_id.regressor import TorqueModel
+from consistent_id.regression.base import base_parameters
+from consistent_id.regression.regressor import TorqueModel
+from consistent_id.robot.model import RobotModel
 
 _COMPARED = 8  # random paths at most that the design is compared with
 _LEAST = 0.01  # rad or m; a joint that can move less is not excited

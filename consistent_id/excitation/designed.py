@@ -2,14 +2,14 @@
 
 from dataclasses import dataclass
 
-from consistent_id.base import BaseParameters, ConditionNumber
+from consistent_id._support.tables import Table
 from consistent_id.excitation.accuracy import PredictedAccuracy
 from consistent_id.excitation.aims import Aim, PathForm
 from consistent_id.excitation.verification import Demands, Proof
 from consistent_id.motion.limits import MotionLimits
-from consistent_id.regressor import TorqueModel
-from consistent_id.tables import Table
-from consistent_id.trajectory import FourierTrajectory
+from consistent_id.recordings.trajectory import FourierTrajectory
+from consistent_id.regression.base import BaseParameters, ConditionNumber
+from consistent_id.regression.regressor import TorqueModel
 
 
 @dataclass(frozen=True, slots=True, eq=False)

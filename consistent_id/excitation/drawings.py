@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from consistent_id._arrays import Array, Matrix, Vector
-from consistent_id.chains import Place
-from consistent_id.collisions.bodies import (
+from consistent_id._support.arrays import Array, Matrix, Vector
+from consistent_id.motion.collisions.bodies import (
     Body,
     Box,
     Capsule,
@@ -19,9 +18,10 @@ from consistent_id.collisions.bodies import (
     Hull,
     Sphere,
 )
-from consistent_id.collisions.scene import Scene, place_of
-from consistent_id.kinematics import LinkPlaces, link_places
-from consistent_id.model import RobotModel
+from consistent_id.motion.collisions.scene import Scene, place_of
+from consistent_id.robot.chains import Place
+from consistent_id.robot.kinematics import LinkPlaces, link_places
+from consistent_id.robot.model import RobotModel
 
 _log = logging.getLogger(__name__)
 

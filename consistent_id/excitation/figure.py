@@ -4,9 +4,9 @@ from typing import Any
 
 import numpy as np
 
-from consistent_id._arrays import Vector
+from consistent_id._support.arrays import Vector
 from consistent_id.excitation.designed import ExcitationDesign
-from consistent_id.kinematics import link_places
+from consistent_id.robot.kinematics import link_places
 
 _SAMPLES = 1000
 _PATH, _LIMIT, _BEFORE = "#0072b2", "#d55e00", "0.6"

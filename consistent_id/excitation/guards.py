@@ -11,10 +11,10 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from consistent_id._arrays import Array, IntArray, Matrix, Vector
+from consistent_id._support.arrays import Array, IntArray, Matrix, Vector
 from consistent_id.excitation.basis import FourierBasis
 from consistent_id.excitation.kernels import TorqueKernel
-from consistent_id.regressor import TorqueModel
+from consistent_id.regression.regressor import TorqueModel
 
 _TIGHTER = 0.03  # share of a limit given up where a proof has failed
 _NEAR = 0.05  # share of what is allowed within which an item gets a row

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from consistent_id._arrays import Array, Matrix, Vector
+from consistent_id._support.arrays import Array, Matrix, Vector
 from consistent_id.excitation.basis import FourierBasis
 from consistent_id.excitation.kernels import RegressorKernel
 

@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from consistent_id._arrays import Array, Matrix, Vector
+from consistent_id._support.arrays import Array, Matrix, Vector
 from consistent_id.excitation.basis import FourierBasis
-from consistent_id.proofs.grids import between_samples
+from consistent_id.motion.proofs.grids import between_samples
 
 _COARSE = 12  # points per period of the highest frequency, for the programme
 _FINE = 32  # for measuring: the bound is then within 0.5 % of the extreme

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from consistent_id._arrays import Array, Matrix, Vector
+from consistent_id._support.arrays import Array, Matrix, Vector
 from consistent_id.errors import SolverError
 from consistent_id.excitation.limit_rows import LimitRows
 
@@ -63,7 +63,7 @@ def minimise(
     """
     import casadi as ca
 
-    from consistent_id.excitation._callbacks import (
+    from consistent_id.excitation.callbacks import (
         Differentiable,
         Observer,
         QuasiNewton,

@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from consistent_id.base import ConditionNumber
-from consistent_id.collisions.clearance import ClearanceReport
+from consistent_id._support.tables import Table
 from consistent_id.excitation.designed import ExcitationDesign, Stage
 from consistent_id.excitation.validating import ValidationPath
+from consistent_id.motion.collisions.clearance import ClearanceReport
 from consistent_id.motion.limits import MotionLimits
-from consistent_id.proofs.margins import Margin
-from consistent_id.tables import Table
+from consistent_id.motion.proofs.margins import Margin
+from consistent_id.regression.base import ConditionNumber
 
 _MOVES = ("whole_move", "validation_move")
 

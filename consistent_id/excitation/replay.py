@@ -8,16 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from consistent_id._arrays import Matrix
-from consistent_id._files import write_atomically
-from consistent_id.collisions.bodies import Body
-from consistent_id.collisions.scene import Scene
+from consistent_id._support.arrays import Matrix
+from consistent_id._support.files import write_atomically
 from consistent_id.errors import ProblemError
 from consistent_id.excitation.drawings import drawn_bodies, drawn_robot, reach_of
-from consistent_id.kinematics import link_places
-from consistent_id.model import RobotModel
+from consistent_id.motion.collisions.bodies import Body
+from consistent_id.motion.collisions.scene import Scene
 from consistent_id.motion.move import Move
-from consistent_id.paths import sampled
+from consistent_id.recordings.paths import sampled
+from consistent_id.robot.kinematics import link_places
+from consistent_id.robot.model import RobotModel
 
 _RATE = 30.0  # pictures per second
 _PAUSE = 1.0  # [s] before it begins again

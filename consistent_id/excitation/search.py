@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from consistent_id._arrays import Array, Matrix, Vector
-from consistent_id._threads import single_threaded
+from consistent_id._support.arrays import Array, Matrix, Vector
+from consistent_id._support.threads import single_threaded
 from consistent_id.excitation.clear_starts import clear_start
 from consistent_id.excitation.criteria import (
     Criterion,

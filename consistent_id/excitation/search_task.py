@@ -4,8 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from consistent_id._arrays import Matrix, Vector
-from consistent_id.base import BaseParameters
+from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.errors import ProblemError
 from consistent_id.excitation.accuracy import earlier_rows
 from consistent_id.excitation.aims import Aim, PathForm
@@ -14,7 +13,8 @@ from consistent_id.excitation.criteria import Scaling
 from consistent_id.excitation.guards import Guard
 from consistent_id.excitation.verification import robot_limits
 from consistent_id.motion.limits import MotionLimits
-from consistent_id.regressor import TorqueModel
+from consistent_id.regression.base import BaseParameters
+from consistent_id.regression.regressor import TorqueModel
 
 _SAMPLES = 100  # of a path at least, and ten per period of the highest frequency
 

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from consistent_id._arrays import Matrix
-from consistent_id._interrupts import Asked
+from consistent_id._support.arrays import Matrix
+from consistent_id._support.interrupts import Asked
 from consistent_id.excitation.criteria import Objective
 from consistent_id.excitation.search import Found, Searcher, search
 from consistent_id.excitation.search_task import SearchTask

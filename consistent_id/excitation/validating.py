@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from consistent_id._arrays import Vector
-from consistent_id._threads import single_threaded
+from consistent_id._support.arrays import Vector
+from consistent_id._support.threads import single_threaded
 from consistent_id.errors import InfeasibleError
 from consistent_id.excitation.accuracy import predicted_accuracy
 from consistent_id.excitation.basis import FourierBasis
@@ -17,7 +17,7 @@ from consistent_id.excitation.clear_starts import clear_start
 from consistent_id.excitation.designed import ExcitationDesign
 from consistent_id.excitation.limit_rows import limit_rows
 from consistent_id.excitation.verification import Proof
-from consistent_id.trajectory import FourierTrajectory
+from consistent_id.recordings.trajectory import FourierTrajectory
 
 _REACH = 0.95  # share of the limits that a path may use
 _SHARES = (1.0, 0.85, 0.65, 0.4, 0.2)  # of its swing, tried in this order

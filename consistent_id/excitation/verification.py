@@ -6,19 +6,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._arrays import Matrix, checked
-from consistent_id.collisions.clearance import ClearanceReport, prove_clearance
-from consistent_id.collisions.scene import Scene
+from consistent_id._support.arrays import Matrix, checked
 from consistent_id.errors import InfeasibleError, ProblemError
 from consistent_id.excitation.clearance_guard import ClearanceGuard
 from consistent_id.excitation.guards import Guard, TorqueGuard
 from consistent_id.excitation.kernels import slow_speeds
-from consistent_id.model import RobotModel
+from consistent_id.motion.collisions.clearance import ClearanceReport, prove_clearance
+from consistent_id.motion.collisions.scene import Scene
 from consistent_id.motion.limits import MotionLimits
+from consistent_id.motion.proofs.margins import MotionMargins, motion_margins
 from consistent_id.motion.transfers import limits_of
-from consistent_id.paths import JointPath
-from consistent_id.proofs.margins import MotionMargins, motion_margins
-from consistent_id.regressor import TorqueModel
+from consistent_id.recordings.paths import JointPath
+from consistent_id.regression.regressor import TorqueModel
+from consistent_id.robot.model import RobotModel
 
 _REACH = 0.99  # share of a torque limit that may be used at samples
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from consistent_id._interrupts import Asked
+from consistent_id._support.interrupts import Asked
 from consistent_id.errors import InfeasibleError, NotExcitedError
 from consistent_id.excitation.accuracy import PredictedAccuracy, predicted_accuracy
 from consistent_id.excitation.aims import Aim
@@ -15,7 +15,7 @@ from consistent_id.excitation.search import Found, Searcher
 from consistent_id.excitation.search_task import SearchTask
 from consistent_id.excitation.starts import Job, Outcome, run_searches
 from consistent_id.excitation.verification import Demands
-from consistent_id.trajectory import FourierTrajectory
+from consistent_id.recordings.trajectory import FourierTrajectory
 
 _FIRST = 0.6  # share of the time limit after which the first of two stages ends
 _SECOND = 0.9  # share after which the last stage ends

@@ -5,7 +5,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from consistent_id.estimate import Estimate
+from consistent_id.estimation.estimate import Estimate
 from consistent_id.export.casadi_functions import to_casadi
 from consistent_id.export.exported import Export
 from consistent_id.export.pedigree import pedigree

@@ -3,8 +3,8 @@
 from collections.abc import Container, Iterable, Mapping
 from dataclasses import dataclass
 
-from consistent_id.estimate import Estimate
-from consistent_id.friction import DriveTerms, GearCoupling
+from consistent_id.estimation.estimate import Estimate
+from consistent_id.regression.friction import DriveTerms, GearCoupling
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from consistent_id._files import write_atomically
+from consistent_id._support.files import write_atomically
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,17 +6,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from consistent_id.errors import ModelError
-from consistent_id.estimate import Estimate
-from consistent_id.export._mjcf_body import quaternion, require_mujoco, set_body
-from consistent_id.export._mjcf_gears import add_gears, set_number
-from consistent_id.export._mjcf_source import Source, put_into, read_spec
-from consistent_id.export._mjcf_text import exact_xml
-from consistent_id.export._mjcf_tree import spec_tree
+from consistent_id.estimation.estimate import Estimate
 from consistent_id.export.drive_values import JointDrive, joint_drives, not_expressed
 from consistent_id.export.exported import Export
+from consistent_id.export.mjcf_body import quaternion, require_mujoco, set_body
+from consistent_id.export.mjcf_gears import add_gears, set_number
+from consistent_id.export.mjcf_source import Source, put_into, read_spec
+from consistent_id.export.mjcf_text import exact_xml
+from consistent_id.export.mjcf_tree import spec_tree
 from consistent_id.export.pedigree import pedigree, require_usable
-from consistent_id.inertia import InertialParameters
-from consistent_id.model import Joint
+from consistent_id.robot.inertia import InertialParameters
+from consistent_id.robot.model import Joint
 
 _EXPRESSED = (
     "viscous",

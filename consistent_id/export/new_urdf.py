@@ -5,14 +5,14 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from consistent_id._arrays import Matrix, Vector
-from consistent_id.estimate import Estimate
+from consistent_id._support.arrays import Matrix, Vector
+from consistent_id.estimation.estimate import Estimate
 from consistent_id.export.drive_values import JointDrive, joint_drives
 from consistent_id.export.pedigree import pedigree
 from consistent_id.export.pinocchio_model import central
-from consistent_id.inertia import InertialParameters
-from consistent_id.loaders._urdf_inertial import inertia_attributes, number
-from consistent_id.model import FixedFrame, Joint
+from consistent_id.robot.inertia import InertialParameters
+from consistent_id.robot.loaders.urdf_inertial import inertia_attributes, number
+from consistent_id.robot.model import FixedFrame, Joint
 
 _UNLIMITED = 1e9  # URDF asks for numbers, and has no infinity
 

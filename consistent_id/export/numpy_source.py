@@ -5,7 +5,17 @@ from typing import Any
 
 import numpy as np
 
-from consistent_id.drive_terms import (
+from consistent_id.errors import ProblemError
+from consistent_id.estimation.estimate import Estimate
+from consistent_id.export.drive_values import (
+    JointDrive,
+    coupling_values,
+    joint_drives,
+)
+from consistent_id.export.exported import Export
+from consistent_id.export.numpy_template import BODY, HEAD
+from consistent_id.export.pedigree import pedigree, require_usable
+from consistent_id.regression.drive_terms import (
     AsymmetricCoulomb,
     Coulomb,
     DriveTerm,
@@ -16,16 +26,6 @@ from consistent_id.drive_terms import (
     Stribeck,
     Viscous,
 )
-from consistent_id.errors import ProblemError
-from consistent_id.estimate import Estimate
-from consistent_id.export._numpy_template import BODY, HEAD
-from consistent_id.export.drive_values import (
-    JointDrive,
-    coupling_values,
-    joint_drives,
-)
-from consistent_id.export.exported import Export
-from consistent_id.export.pedigree import pedigree, require_usable
 
 
 def to_numpy(estimate: Estimate, *, allow_refused: bool = False) -> Export:

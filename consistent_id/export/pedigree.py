@@ -1,9 +1,9 @@
 """Whether an estimate may leave, and what a file says of where it comes from."""
 
-from consistent_id.certificate import Verdict
+from consistent_id.constraints.cones.certificate import Verdict
+from consistent_id.constraints.link_condition import link_conditions
 from consistent_id.errors import ProblemError
-from consistent_id.estimate import Estimate
-from consistent_id.link_condition import link_conditions
+from consistent_id.estimation.estimate import Estimate
 
 
 def impossible_links(estimate: Estimate) -> tuple[str, ...]:

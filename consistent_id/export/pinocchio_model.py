@@ -4,12 +4,12 @@ from typing import Any
 
 import numpy as np
 
-from consistent_id.estimate import Estimate
+from consistent_id.estimation.estimate import Estimate
 from consistent_id.export.drive_values import joint_drives, not_expressed
 from consistent_id.export.exported import Export
 from consistent_id.export.pedigree import require_usable
-from consistent_id.inertia import InertialParameters
-from consistent_id.model import Joint
+from consistent_id.robot.inertia import InertialParameters
+from consistent_id.robot.model import Joint
 
 _EXPRESSED = (
     "viscous",

@@ -5,14 +5,14 @@ from typing import Any
 
 import numpy as np
 
-from consistent_id.estimate import Estimate
+from consistent_id.estimation.estimate import Estimate
 from consistent_id.export.drive_values import coupling_values, joint_drives
 from consistent_id.export.exported import Export
 from consistent_id.export.pedigree import export_verdict, require_usable
 from consistent_id.export.pinocchio_model import central
-from consistent_id.friction import drive_unit
-from consistent_id.inertia import InertialParameters
-from consistent_id.model import FixedFrame, Joint
+from consistent_id.regression.friction import drive_unit
+from consistent_id.robot.inertia import InertialParameters
+from consistent_id.robot.model import FixedFrame, Joint
 
 FORMAT = "consistent_id robot 1"
 

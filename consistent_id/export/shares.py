@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from consistent_id._arrays import Matrix, Vector
-from consistent_id.inertia import InertialParameters
+from consistent_id._support.arrays import Matrix, Vector
+from consistent_id.robot.inertia import InertialParameters
 
 _ROUNDING = (
     1e-12  # of the largest eigenvalue; a difference of bodies has no more digits

@@ -8,24 +8,24 @@ from pathlib import Path
 import numpy as np
 
 from consistent_id.errors import ModelError, ProblemError
-from consistent_id.estimate import Estimate
+from consistent_id.estimation.estimate import Estimate
 from consistent_id.export.drive_values import JointDrive, joint_drives, not_expressed
 from consistent_id.export.exported import Export
 from consistent_id.export.new_urdf import urdf_text
 from consistent_id.export.pedigree import pedigree, require_usable
 from consistent_id.export.shares import Part, shared
-from consistent_id.inertia import InertialParameters
-from consistent_id.loaders._splice import Document, Edit
-from consistent_id.loaders._urdf_inertial import (
+from consistent_id.robot.inertia import InertialParameters
+from consistent_id.robot.loaders.splice import Document, Edit
+from consistent_id.robot.loaders.urdf_inertial import (
     body_of,
     number,
     set_body,
     set_numbers,
 )
-from consistent_id.loaders._urdf_lint import read_bytes, urdf_findings
-from consistent_id.loaders._xml import Element, XmlFault
-from consistent_id.model import STANDARD_GRAVITY, JointLimits, RobotModel
-from consistent_id.parameters import did_you_mean
+from consistent_id.robot.loaders.urdf_lint import read_bytes, urdf_findings
+from consistent_id.robot.loaders.xml import Element, XmlFault
+from consistent_id.robot.model import STANDARD_GRAVITY, JointLimits, RobotModel
+from consistent_id.robot.parameters import did_you_mean
 
 _EXPRESSED = ("viscous", "coulomb", "coulomb_positive", "coulomb_negative")
 _COMMENT = re.compile(rb"\s*<!-- consistent-id: [^>]* -->")

@@ -4,13 +4,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from consistent_id._arrays import Array, Vector
+from consistent_id._support.arrays import Array, Vector
 from consistent_id.errors import ProblemError, SolverError
 from consistent_id.laboratory.control import Controller
 from consistent_id.laboratory.robot import SimulatedRobot
 from consistent_id.laboratory.sensors import Encoders
-from consistent_id.recording import Recording
-from consistent_id.signals.clocks import uniform_rate
+from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.signals.clocks import uniform_rate
 
 _TICKS = 1000  # per call of the compiled loop
 _POSES = 50  # of the motion at which friction is looked at

@@ -5,11 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from consistent_id._arrays import Array, Vector, frozen
+from consistent_id._support.arrays import Array, Vector, frozen
 from consistent_id.errors import ProblemError, RecordingError
-from consistent_id.mass_matrix import mass_matrices
-from consistent_id.recording import Recording
-from consistent_id.regressor import TorqueModel
+from consistent_id.recordings.recording import Recording
+from consistent_id.regression.mass_matrix import mass_matrices
+from consistent_id.regression.regressor import TorqueModel
 
 _EVERY = 20  # of the motion's samples, for the mean inertia that sets the gains
 

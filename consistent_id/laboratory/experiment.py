@@ -5,13 +5,13 @@ from typing import Self
 
 import numpy as np
 
-from consistent_id._arrays import Vector
+from consistent_id._support.arrays import Vector
 from consistent_id.errors import ProblemError
 from consistent_id.laboratory.closed_loop import controlled
 from consistent_id.laboratory.control import Controller
 from consistent_id.laboratory.robot import SimulatedRobot
 from consistent_id.laboratory.sensors import Cameras, Encoders, LoadCell
-from consistent_id.recording import Recording
+from consistent_id.recordings.recording import Recording
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,7 +112,7 @@ def perform(
     --------
     >>> from consistent_id import DHRow, from_modified_dh
     >>> from consistent_id.laboratory import with_friction
-    >>> from consistent_id.sinusoids import Sinusoid, SinusoidalMotion
+    >>> from consistent_id.recordings.sinusoids import Sinusoid, SinusoidalMotion
     >>> arm = from_modified_dh("rod", [DHRow(0, 0)])
     >>> rod = with_friction(arm, [1, 0.5, 0, 0, 0, 0, 0.3, 0, 0, 0.3], viscous=0.2)
     >>> motion = SinusoidalMotion(2.0, 1000.0, ((Sinusoid(0.5, 0.5, 0.5),),))

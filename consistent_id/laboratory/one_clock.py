@@ -3,13 +3,13 @@
 from dataclasses import dataclass, replace
 
 from consistent_id.laboratory.experiment import ExperimentLog
-from consistent_id.recording import Recording
-from consistent_id.signals.alignment import aligned
-from consistent_id.signals.cuts import trimmed
-from consistent_id.signals.delay import Delay, estimate_delay
-from consistent_id.signals.differences import differentiated
-from consistent_id.signals.filters import low_passed
-from consistent_id.signals.track import track
+from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.signals.alignment import aligned
+from consistent_id.recordings.signals.cuts import trimmed
+from consistent_id.recordings.signals.delay import Delay, estimate_delay
+from consistent_id.recordings.signals.differences import differentiated
+from consistent_id.recordings.signals.filters import low_passed
+from consistent_id.recordings.signals.track import track
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -6,12 +6,12 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._arrays import Vector, frozen
+from consistent_id._support.arrays import Vector, frozen
 from consistent_id.errors import ModelError, ProblemError
-from consistent_id.friction import DriveTerms
-from consistent_id.mass_matrix import least_mass_eigenvalue, random_poses
-from consistent_id.model import RobotModel
-from consistent_id.regressor import TorqueModel, casadi_regressor
+from consistent_id.regression.friction import DriveTerms
+from consistent_id.regression.mass_matrix import least_mass_eigenvalue, random_poses
+from consistent_id.regression.regressor import TorqueModel, casadi_regressor
+from consistent_id.robot.model import RobotModel
 
 _POSES = 200  # random poses at which the mass matrix must be positive definite
 _DISSIPATES = (

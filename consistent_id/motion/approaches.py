@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._arrays import Array, Vector, checked
+from consistent_id._support.arrays import Array, Vector, checked
 from consistent_id.motion import bernstein
 from consistent_id.motion.limits import MotionLimits
 from consistent_id.motion.motion_state import MotionState

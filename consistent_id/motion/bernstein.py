@@ -11,7 +11,7 @@ from math import comb, perm
 
 import numpy as np
 
-from consistent_id._arrays import Array, Matrix, Vector
+from consistent_id._support.arrays import Array, Matrix, Vector
 
 _HALVINGS = 6  # coefficients are then within some thousandths of the polynomial
 

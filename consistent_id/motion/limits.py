@@ -7,10 +7,10 @@ from typing import Self, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._arrays import Vector, frozen
+from consistent_id._support.arrays import Vector, frozen
 from consistent_id.errors import ProblemError
-from consistent_id.model import Joint, RobotModel
-from consistent_id.parameters import did_you_mean
+from consistent_id.robot.model import Joint, RobotModel
+from consistent_id.robot.parameters import did_you_mean
 
 _ORDERS = ("velocity", "acceleration", "jerk")
 _T = TypeVar("_T")

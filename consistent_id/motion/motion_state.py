@@ -6,8 +6,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._arrays import Matrix, frozen
-from consistent_id.paths import JointPath
+from consistent_id._support.arrays import Matrix, frozen
+from consistent_id.recordings.paths import JointPath
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._arrays import Array, BoolArray, Vector, checked
+from consistent_id._support.arrays import Array, BoolArray, Vector, checked
 from consistent_id.errors import ProblemError
 from consistent_id.motion.polynomial_path import PolynomialPath
-from consistent_id.paths import sampled
-from consistent_id.recording import Recording
-from consistent_id.trajectory import FourierTrajectory
+from consistent_id.recordings.paths import sampled
+from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.trajectory import FourierTrajectory
 
 _ORDERS = ("position", "velocity", "acceleration")
 _SAME = 1e-9  # share of the duration that two times may miss each other by

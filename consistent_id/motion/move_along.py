@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._arrays import Vector, checked
+from consistent_id._support.arrays import Vector, checked
 from consistent_id.errors import ProblemError
 from consistent_id.motion.approaches import approach, departure
 from consistent_id.motion.limits import MotionLimits
@@ -14,8 +14,8 @@ from consistent_id.motion.motion_state import MotionState
 from consistent_id.motion.move import Move, end_of
 from consistent_id.motion.polynomial_path import PolynomialPath
 from consistent_id.motion.transfers import limits_of, transfer
-from consistent_id.parameters import did_you_mean
-from consistent_id.trajectory import FourierTrajectory
+from consistent_id.recordings.trajectory import FourierTrajectory
+from consistent_id.robot.parameters import did_you_mean
 
 _SAME = 1e-9  # difference, over the trajectory's bound, that is rounding
 

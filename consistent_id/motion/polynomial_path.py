@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._arrays import Array, Matrix, Vector, checked, frozen, number
+from consistent_id._support.arrays import Array, Matrix, Vector, checked, frozen, number
 from consistent_id.errors import ProblemError
 from consistent_id.motion import bernstein
 

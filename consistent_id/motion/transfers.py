@@ -8,13 +8,13 @@ from collections.abc import Callable
 
 import numpy as np
 
-from consistent_id._arrays import Array, IntArray, Matrix, Vector
+from consistent_id._support.arrays import Array, IntArray, Matrix, Vector
 from consistent_id.errors import ProblemError
 from consistent_id.motion import bernstein
 from consistent_id.motion.limits import MotionLimits
 from consistent_id.motion.motion_state import MotionState
 from consistent_id.motion.polynomial_path import PolynomialPath
-from consistent_id.parameters import did_you_mean
+from consistent_id.robot.parameters import did_you_mean
 
 _ORDERS = ("position", "velocity", "acceleration", "jerk")
 _RATIO = 1.03  # between durations that are tried

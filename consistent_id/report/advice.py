@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from consistent_id.comparison import Comparison, EstimateReport
+from consistent_id.comparison.comparison import Comparison, EstimateReport
 from consistent_id.diagnosis import Diagnosis
 
 _FIRST = ("constrained", "weighted constrained", "cross-validated")

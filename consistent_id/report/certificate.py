@@ -1,6 +1,6 @@
 """Section: the certificate of each estimate, and all errors joint by joint."""
 
-from consistent_id.comparison import EstimateReport
+from consistent_id.comparison.comparison import EstimateReport
 from consistent_id.report.findings import Findings, Section
 from consistent_id.report.markup import (
     Html,
@@ -11,7 +11,7 @@ from consistent_id.report.markup import (
     table_html,
     tag,
 )
-from consistent_id.summary import comparison_tables
+from consistent_id.report.summary import comparison_tables
 
 
 def certificate_section(findings: Findings) -> Section:

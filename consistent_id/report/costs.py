@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from consistent_id.constraint_prices import ShadowPrice
+from consistent_id.comparison.constraint_prices import ShadowPrice
 from consistent_id.report.findings import Findings, Section
 from consistent_id.report.markup import (
     Html,
@@ -14,7 +14,7 @@ from consistent_id.report.markup import (
     table_html,
     tag,
 )
-from consistent_id.summary import cost_table, path_table, price_table
+from consistent_id.report.summary import cost_table, path_table, price_table
 
 
 def costs_section(findings: Findings) -> Section | None:

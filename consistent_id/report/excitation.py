@@ -1,6 +1,6 @@
 """Section: what the training motion can tell."""
 
-from consistent_id.recording import Recording
+from consistent_id.recordings.recording import Recording
 from consistent_id.report.findings import Findings, Section, angle_unit
 from consistent_id.report.markup import (
     Html,
@@ -11,8 +11,8 @@ from consistent_id.report.markup import (
     tag,
 )
 from consistent_id.report.plot import Frame, line, plot, spanning
+from consistent_id.report.summary import excitation_table
 from consistent_id.report.thinning import buckets, extremes, instants
-from consistent_id.summary import excitation_table
 
 _POINTS = 400
 

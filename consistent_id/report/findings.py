@@ -2,20 +2,20 @@
 
 from dataclasses import dataclass
 
-from consistent_id.comparison import Comparison, EstimateReport
-from consistent_id.constraint_prices import ShadowPrice
-from consistent_id.cross_validation import RegularisationPath
+from consistent_id.comparison.comparison import Comparison, EstimateReport
+from consistent_id.comparison.constraint_prices import ShadowPrice
+from consistent_id.comparison.fit_costs import ConstraintCost
+from consistent_id.comparison.parameter_uncertainty import Uncertainty
 from consistent_id.diagnosis import Diagnosis
-from consistent_id.fit_costs import ConstraintCost
-from consistent_id.model import Joint
-from consistent_id.parameter_uncertainty import Uncertainty
-from consistent_id.problem import Problem
-from consistent_id.published import PublishedReport
-from consistent_id.recording import Recording
-from consistent_id.regressor import TorqueModel
+from consistent_id.estimation.cross_validation import RegularisationPath
+from consistent_id.problems.problem import Problem
+from consistent_id.problems.published import PublishedReport
+from consistent_id.problems.study import Excitation
+from consistent_id.recordings.recording import Recording
+from consistent_id.regression.regressor import TorqueModel
 from consistent_id.report.advice import Advice
 from consistent_id.report.markup import Html
-from consistent_id.study import Excitation
+from consistent_id.robot.model import Joint
 
 
 @dataclass(frozen=True, slots=True, eq=False)

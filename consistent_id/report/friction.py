@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from consistent_id._arrays import Array, IntArray
-from consistent_id.estimate import Estimate
-from consistent_id.recording import Recording
-from consistent_id.regression import motion_of
-from consistent_id.regressor import TorqueModel
+from consistent_id._support.arrays import Array, IntArray
+from consistent_id.estimation.estimate import Estimate
+from consistent_id.recordings.recording import Recording
+from consistent_id.regression.regression import motion_of
+from consistent_id.regression.regressor import TorqueModel
 from consistent_id.report.findings import Findings, Section, angle_unit, torque_unit
 from consistent_id.report.markup import folded, grid, joined, paragraphs, tag
 from consistent_id.report.plot import Frame, dots, plot, spanning

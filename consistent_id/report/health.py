@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from consistent_id.diagnosis.findings import Diagnosis, Finding
 from consistent_id.diagnosis.tell import diagnosis_table
-from consistent_id.recording import Recording
+from consistent_id.recordings.recording import Recording
 from consistent_id.report.findings import Findings, Section
 from consistent_id.report.markup import (
     Html,

@@ -3,15 +3,15 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from consistent_id._files import write_atomically
-from consistent_id.comparison import Comparison
+from consistent_id._support.files import write_atomically
+from consistent_id.comparison.comparison import Comparison
+from consistent_id.comparison.parameter_uncertainty import Uncertainty
 from consistent_id.diagnosis import Diagnosis
-from consistent_id.parameter_uncertainty import Uncertainty
-from consistent_id.recording import Recording
+from consistent_id.problems.study import Study
+from consistent_id.recordings.recording import Recording
 from consistent_id.report.advice import advise
 from consistent_id.report.findings import Findings
 from consistent_id.report.page import page
-from consistent_id.study import Study
 
 
 def report_html(

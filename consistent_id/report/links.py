@@ -4,13 +4,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from consistent_id.comparison import EstimateReport
-from consistent_id.inertia import InertialParameters
+from consistent_id.comparison.comparison import EstimateReport
 from consistent_id.report.findings import Findings, Section
 from consistent_id.report.markup import Html, grid, joined, paragraphs, tag
 from consistent_id.report.projection import AZIMUTH, telling_pose
 from consistent_id.report.robot_scene import DrawnLink, Window, scene, window_around
 from consistent_id.report.robot_view import robot_view
+from consistent_id.robot.inertia import InertialParameters
 
 
 def links_section(findings: Findings) -> Section:

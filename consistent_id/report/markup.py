@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from html import escape
 
-from consistent_id.tables import Table
+from consistent_id._support.tables import Table
 
 _EMPTY = frozenset({"br", "input", "meta"})  # elements of HTML that have no end tag
 _LONG = 40  # letters of a row's name that may be wrapped

@@ -5,8 +5,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from consistent_id.estimate import Estimate
-from consistent_id.parameter_uncertainty import ParameterUncertainty, Uncertainty
+from consistent_id.comparison.parameter_uncertainty import (
+    ParameterUncertainty,
+    Uncertainty,
+)
+from consistent_id.estimation.estimate import Estimate
 from consistent_id.report.findings import Findings, Section
 from consistent_id.report.markup import (
     Html,
@@ -17,7 +20,7 @@ from consistent_id.report.markup import (
     paragraphs,
     tag,
 )
-from consistent_id.summary import uncertainty_table
+from consistent_id.report.summary import uncertainty_table
 
 _MEANING = {
     "data": "the data determine it",

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from consistent_id._arrays import Vector
+from consistent_id._support.arrays import Vector
 from consistent_id.report.markup import Html, joined, tag
 
 _LEFT, _RIGHT, _TOP = 46, 8, 8

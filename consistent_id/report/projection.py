@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from consistent_id._arrays import Array, Matrix, Vector
-from consistent_id.inertia import InertialParameters
-from consistent_id.kinematics import link_places
-from consistent_id.model import RobotModel
-from consistent_id.recording import Recording
+from consistent_id._support.arrays import Array, Matrix, Vector
+from consistent_id.recordings.recording import Recording
+from consistent_id.robot.inertia import InertialParameters
+from consistent_id.robot.kinematics import link_places
+from consistent_id.robot.model import RobotModel
 
 AZIMUTH, ELEVATION = -60.0, 20.0  # degrees
 

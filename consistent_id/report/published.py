@@ -1,8 +1,8 @@
 """Section: a paper's own parameters and tables."""
 
-from consistent_id.published_summary import published_tables
 from consistent_id.report.findings import Findings, Section
 from consistent_id.report.markup import folded, joined, paragraphs, table_html
+from consistent_id.report.published_summary import published_tables
 
 
 def published_section(findings: Findings) -> Section | None:

@@ -4,7 +4,7 @@ import platform
 from hashlib import sha256
 from pathlib import Path
 
-from consistent_id.problem import Problem
+from consistent_id.problems.problem import Problem
 from consistent_id.report.findings import Findings, Section
 from consistent_id.report.markup import Html, folded, grid, joined, paragraphs, tag
 

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from consistent_id._arrays import Vector
-from consistent_id.correlation import correlation_length
+from consistent_id._support.arrays import Vector
+from consistent_id.regression.correlation import correlation_length
 
 BINS = 12
 """Intervals of position or velocity in which residuals are averaged."""

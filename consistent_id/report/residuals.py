@@ -2,10 +2,9 @@
 
 import numpy as np
 
-from consistent_id._arrays import Vector
-from consistent_id.model import Joint
-from consistent_id.recording import Recording
-from consistent_id.regression import motion_of
+from consistent_id._support.arrays import Vector
+from consistent_id.recordings.recording import Recording
+from consistent_id.regression.regression import motion_of
 from consistent_id.report.findings import Findings, Section, angle_unit, torque_unit
 from consistent_id.report.markup import Html, folded, grid, joined, paragraphs, tag
 from consistent_id.report.plot import (
@@ -22,6 +21,7 @@ from consistent_id.report.residual_figures import (
     ResidualFigures,
     residual_figures,
 )
+from consistent_id.robot.model import Joint
 
 _DOTS = 300
 _STEMS = 100

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from consistent_id._arrays import Vector
-from consistent_id.comparison import EstimateReport
-from consistent_id.inertia import InertialParameters
-from consistent_id.kinematics import link_places
+from consistent_id._support.arrays import Vector
+from consistent_id.comparison.comparison import EstimateReport
 from consistent_id.report.projection import Ellipsoid, equimomental
+from consistent_id.robot.inertia import InertialParameters
+from consistent_id.robot.kinematics import link_places
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from consistent_id._arrays import Array, Vector
+from consistent_id._support.arrays import Array, Vector
 from consistent_id.report.markup import Html, joined, tag
 from consistent_id.report.projection import Ellipsoid, outline, view
 from consistent_id.report.robot_scene import DrawnLink, Window

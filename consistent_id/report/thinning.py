@@ -4,7 +4,7 @@ import base64
 
 import numpy as np
 
-from consistent_id._arrays import Array, IntArray, Vector
+from consistent_id._support.arrays import Array, IntArray, Vector
 
 _LEVELS = 65535
 

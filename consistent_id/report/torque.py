@@ -4,8 +4,8 @@ import json
 
 import numpy as np
 
-from consistent_id._arrays import Vector
-from consistent_id.recording import Recording
+from consistent_id._support.arrays import Vector
+from consistent_id.recordings.recording import Recording
 from consistent_id.report.findings import Findings, Section, torque_unit
 from consistent_id.report.markup import Html, folded, joined, paragraphs, tag
 from consistent_id.report.plot import Frame, line, plot, spanning

@@ -1,6 +1,6 @@
 """Section: which estimate to use, and why."""
 
-from consistent_id.comparison import EstimateReport
+from consistent_id.comparison.comparison import EstimateReport
 from consistent_id.report.advice import held_out_error, is_usable
 from consistent_id.report.findings import Findings, Section
 from consistent_id.report.markup import Html, grid, joined, listed, tag

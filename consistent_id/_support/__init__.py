@@ -1,0 +1,1 @@
+"""What every room needs: arrays, files, tables, threads, progress, interrupts."""

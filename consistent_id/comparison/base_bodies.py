@@ -1,0 +1,264 @@
+"""Is there any body with these base parameters?  The fair question to least squares.
+
+Least squares determines base parameters only; infinitely many standard parameters share
+them.  It contradicts physics when none of those belongs to a body.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from consistent_id._support.arrays import Array, Vector, frozen
+from consistent_id._support.threads import single_threaded
+from consistent_id.constraints import Constraint, PhysicalConsistency, lowered
+from consistent_id.constraints.cones.certificate import Verdict, solve_certified
+from consistent_id.constraints.cones.feasibility import Interior, find_interior
+from consistent_id.constraints.cones.least_norm import LeastNorm, solve_least_norm
+from consistent_id.constraints.cones.sets import ConicSet, SemidefiniteBlock
+from consistent_id.constraints.distances import nominal_distance
+from consistent_id.errors import ProblemError, SolverError
+from consistent_id.regression.base import BaseParameters, random_regressor
+from consistent_id.regression.regressor import TorqueModel
+from consistent_id.robot.inertia import InertialParameters
+from consistent_id.robot.scaling import link_scales
+
+_BACK_OFF = 0.01  # share of the depth given up for smaller, more telling numbers
+_SMALL = 5e-7  # half the squared torque change, relative, that is as good as none
+_UNDECIDED = 1e-9  # depths nearer to zero than this are neither proof nor witness
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinkViolation:
+    """What is wrong with a link, whatever the other links are.
+
+    Parameters
+    ----------
+    link : str
+    depth : float
+        Largest least eigenvalue of the link's pseudo-inertia, divided by its typical
+        mass and length, over all parameters with the given base parameters; negative.
+    statement : str
+        The violated inequality and by how much, at the least violating parameters.
+    """
+
+    link: str
+    depth: float
+    statement: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NearestRobot:
+    """The robot that satisfies the constraints and whose torque differs least.
+
+    Parameters
+    ----------
+    parameters : ndarray, shape (parameters,)
+    torque_change : float
+        Root-mean-square difference of the torque along random motions, relative to
+        the torque that the given base parameters predict.
+    verdict : {"certified", "uncertified"}
+        Whether no nearer one exists.
+    """
+
+    parameters: Vector
+    torque_change: float
+    verdict: Verdict
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BaseFeasibility:
+    """Answer to "is there a body with these base parameters?".
+
+    Parameters
+    ----------
+    answer : {"consistent", "impossible", "undecided"}
+        ``"consistent"`` with `parameters` as a witness; ``"impossible"`` with
+        multipliers as a proof (`proof.bound` is negative); ``"undecided"`` at the very
+        edge, or when the solver fails.
+    proof : Interior
+        In dimensionless parameters.
+    parameters : ndarray
+        The least violating parameters, in original units.
+    violations : tuple of LinkViolation
+        Links that cannot be bodies even alone.
+    nearest : NearestRobot, optional
+        If the answer is ``"impossible"`` and one was found.
+    """
+
+    answer: str
+    proof: Interior
+    parameters: Vector
+    violations: tuple[LinkViolation, ...]
+    nearest: NearestRobot | None = None
+
+    @property
+    def summary(self) -> str:
+        """The answer in one sentence."""
+        if self.answer == "consistent":
+            return "a consistent robot with these base parameters exists"
+        if self.answer == "undecided":
+            return "neither a body nor a proof that there is none was found"
+        if self.violations:
+            return "impossible: " + "; ".join(v.statement for v in self.violations)
+        blamed = ", ".join(self.proof.to_blame)
+        return f"impossible: {blamed} contradict each other"
+
+
+@single_threaded
+def base_feasibility(
+    model: TorqueModel,
+    base: BaseParameters,
+    base_values: Vector,
+    *,
+    constraints: Sequence[Constraint] = (PhysicalConsistency(margin=0.0),),
+    witness: Vector | None = None,
+) -> BaseFeasibility:
+    """Ask whether any parameters with these base parameters satisfy the constraints.
+
+    Parameters
+    ----------
+    model : TorqueModel
+    base : BaseParameters
+    base_values : ndarray, shape (base,)
+    constraints : sequence of Constraint
+        By default physical consistency of all links.
+    witness : ndarray, shape (parameters,), optional
+        Parameters that may be the answer, such as an estimate's own; tried first.
+    """
+    layout = model.layout
+    inertial_units = link_scales(model.robot).units
+    unit = np.concatenate([inertial_units, np.ones(len(layout) - layout.inertial_size)])
+    base_values = frozen(base_values, (len(base),), "base values")
+    if base.layout != layout or base.fingerprint not in ("", model.fingerprint):
+        raise ProblemError("the base parameters are of another torque model")
+    same_torque = ConicSet.equal(base.projection, base_values, base.groupings)
+    domain = (same_torque & lowered(constraints, model)).normalised(unit)
+    if witness is not None:
+        known = _witnessed(domain, frozen(witness, (len(layout),), "witness") / unit)
+        if known is not None:
+            return BaseFeasibility("consistent", known, known.u * unit, ())
+    try:
+        proof = find_interior(domain)
+    except SolverError:
+        nothing = Interior(-np.inf, np.inf, np.zeros(len(layout)), (), ())
+        return BaseFeasibility("undecided", nothing, np.zeros(len(layout)), ())
+    violations, nearest = [], None
+    if proof.bound < -_UNDECIDED:
+        answer = "impossible"
+        violations = _violations(domain, unit, layout.links)
+        possible = lowered(constraints, model).normalised(unit)
+        nearest = _nearest(model, base, base_values, possible, unit)
+    else:
+        # A witness must be a body and have these very base parameters.
+        missed = _relative_miss(domain, proof.u)
+        is_one = proof.depth >= -_UNDECIDED and missed <= _UNDECIDED
+        answer = "consistent" if is_one else "undecided"
+    return BaseFeasibility(answer, proof, proof.u * unit, tuple(violations), nearest)
+
+
+def _nearest(
+    model: TorqueModel,
+    base: BaseParameters,
+    base_values: Vector,
+    possible: ConicSet,
+    unit: Vector,
+) -> NearestRobot | None:
+    """Return the possible robot whose torque along random motions differs least."""
+    W = random_regressor(model)[:, list(base.independent)]
+    R = np.linalg.qr(np.concatenate(list(np.swapaxes(W, 1, 2))), mode="r")
+    size = float(np.linalg.norm(R @ base_values))
+    if size == 0.0:
+        return None
+    problem = LeastNorm(
+        R @ (base.projection * unit) / size, R @ base_values / size, possible
+    )
+    centre = nominal_distance(model, "pullback", unit).nominal
+    try:
+        # Half a thousandth of the torque, squared, is what a gap is measured against.
+        solution, optimality = solve_certified(problem, centre, reference=_SMALL)
+    except SolverError:
+        return None
+    change = float(np.linalg.norm(problem.G @ solution.u - problem.g))
+    return NearestRobot(solution.u * unit, change, optimality.verdict)
+
+
+def _witnessed(domain: ConicSet, u: Vector) -> Interior | None:
+    """Return a point as the answer if it satisfies everything, up to rounding."""
+    if _relative_miss(domain, u) > _UNDECIDED or domain.violation(u) > _UNDECIDED:
+        return None
+    depth = min(
+        (float(np.linalg.eigvalsh(block.scaled(u))[0]) for block in domain.blocks),
+        default=1.0,
+    )
+    return Interior(depth, np.inf, u, (), ())
+
+
+def _relative_miss(domain: ConicSet, u: Vector) -> float:
+    """Largest residual of the equalities, relative to their values."""
+    residual = abs(domain.A_eq @ u - domain.b_eq)
+    return float(residual.max(initial=0.0) / (1.0 + abs(domain.b_eq).max(initial=0.0)))
+
+
+def _violations(
+    domain: ConicSet, unit: Vector, links: tuple[str, ...]
+) -> list[LinkViolation]:
+    """Ask the question for each link alone."""
+    found = []
+    for block in domain.blocks:
+        if block.label not in links:
+            continue
+        try:
+            alone = find_interior(_only(domain, block))
+        except SolverError:
+            continue  # nothing is known of this link alone
+        if alone.bound >= -_UNDECIDED:
+            continue
+        k = links.index(block.label)
+        body = (_smallest(domain, block, alone) * unit)[10 * k : 10 * k + 10]
+        words = f"{block.label}: {in_words(body)}"
+        found.append(LinkViolation(block.label, alone.depth, words))
+    return found
+
+
+def _smallest(domain: ConicSet, block: SemidefiniteBlock, alone: Interior) -> Vector:
+    """Return the smallest of the least violating parameters, to speak of."""
+    size = len(alone.u)
+    depth = alone.depth - _BACK_OFF * abs(alone.depth)
+    lowered_block = replace(block, constant=block.constant - depth * np.eye(4))
+    problem = LeastNorm(np.eye(size), np.zeros(size), _only(domain, lowered_block))
+    try:
+        return solve_least_norm(problem, tolerance=1e-8).u
+    except SolverError:
+        return alone.u
+
+
+def _only(domain: ConicSet, block: SemidefiniteBlock) -> ConicSet:
+    return ConicSet(
+        domain.A_eq,
+        domain.b_eq,
+        domain.eq_labels,
+        domain.A_in,
+        domain.b_in,
+        domain.in_labels,
+        (block,),
+    )
+
+
+def in_words(vector: Array) -> str:
+    """Say what keeps ten inertial parameters from being a body's, and by how much."""
+    body = InertialParameters(vector)
+    if body.mass <= 0.0:
+        return f"mass {body.mass:.4g} kg is not positive"
+    central = body.central_inertia
+    values, axes = np.linalg.eigh(central)
+    if values[0] < 0.0:
+        return f"the least moment of inertia, {values[0]:.4g} kg m^2, is negative"
+    excess = values[2] - values[0] - values[1]
+    if excess > 0.0:
+        axis = np.array2string(axes[:, 2], precision=2, suppress_small=True)
+        return (
+            f"the moment of inertia {values[2]:.4g} kg m^2 about {axis} exceeds the "
+            f"sum of the other two, {values[0] + values[1]:.4g}, by {excess:.4g}"
+        )
+    return "a body could have these parameters"

@@ -1,0 +1,182 @@
+"""How far the constrained estimate would move, had other data been recorded.
+
+Segments of the data are drawn with replacement, as many as there are, and the estimate
+is solved for anew each time [Carlstein1986]_: correlation within segments is kept, and
+so is every constraint.  The prior keeps the weight that it had for the data themselves.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import islice
+from time import perf_counter
+
+import numpy as np
+
+from consistent_id._support.arrays import Array, Matrix, Vector, frozen
+from consistent_id._support.threads import single_threaded
+from consistent_id.constraints import Constraint
+from consistent_id.constraints.priors import Prior
+from consistent_id.errors import ConsistentIdError, ProblemError, SolverError
+from consistent_id.estimation.constrained import DEFAULT_CONSTRAINTS
+from consistent_id.estimation.penalised import penalised_fit
+from consistent_id.estimation.scaled_fit import base_factor
+from consistent_id.estimation.settled import settle
+from consistent_id.regression.base import BaseParameters, base_parameters
+from consistent_id.regression.regression import Regression, triangle
+from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.segments import merged
+from consistent_id.robot.parameters import ParameterLayout
+
+_WORKERS = 2  # Clarabel frees the interpreter's lock
+
+_Replicate = tuple[Vector, bool]  # parameters, and whether they are certified
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Bootstrap:
+    """Constrained estimates of resampled data.
+
+    Parameters
+    ----------
+    layout : ParameterLayout
+    estimates : array_like, shape (replicates, parameters)
+        In the layout's units, without those that failed.
+    certified : int
+        How many of these optima are certified.
+    failed : int
+        How many replicates gave no estimate.
+    seconds : float
+        Wall time, [s].
+    """
+
+    layout: ParameterLayout
+    estimates: Matrix
+    certified: int
+    failed: int
+    seconds: float
+
+    def __post_init__(self) -> None:
+        shape = (None, len(self.layout))
+        object.__setattr__(
+            self, "estimates", frozen(self.estimates, shape, "estimates")
+        )
+
+    @property
+    def standard_deviation(self) -> Vector:
+        """Standard deviation of each parameter."""
+        return np.asarray(self.estimates.std(axis=0, ddof=1))
+
+    def interval(self, level: float = 0.95) -> Array:
+        """Return the central share of each parameter's estimates.
+
+        Returns
+        -------
+        ndarray, shape (parameters, 2)
+        """
+        if not 0.0 < level < 1.0:
+            raise ProblemError(f"level is {level}, expected between 0 and 1")
+        tail = (1.0 - level) / 2
+        return np.quantile(self.estimates, [tail, 1.0 - tail], axis=0).T
+
+
+@single_threaded
+def bootstrap(
+    model: TorqueModel,
+    segments: Sequence[Regression],
+    *,
+    constraints: Sequence[Constraint] = DEFAULT_CONSTRAINTS,
+    prior: Prior | None = None,
+    base: BaseParameters | None = None,
+    replicates: int = 200,
+    seed: int = 0,
+    progress: bool = False,
+) -> Bootstrap:
+    """Estimate again and again from segments drawn with replacement.
+
+    Parameters
+    ----------
+    model : TorqueModel
+    segments : sequence of Regression
+        See `segment_regressions`; their `sigma` are the weights.
+    constraints, prior, base
+        See `constrained_least_squares`.
+    replicates : int
+    seed : int
+    progress : bool
+        Show a progress bar.
+
+    Returns
+    -------
+    Bootstrap
+        Of the replicates done so far, if interrupted from the keyboard after two.
+
+    Raises
+    ------
+    ProblemError
+        If there are fewer than two segments or replicates.
+    SolverError
+        If fewer than two replicates give an estimate.
+    """
+    started = perf_counter()
+    if len(segments) < 2 or replicates < 2:
+        raise ProblemError(
+            f"{len(segments)} segments and {replicates} replicates, expected 2 or more"
+        )
+    base = base_parameters(model) if base is None else base
+    settled = settle(model, merged(segments), constraints, prior, base)
+    factors = [base_factor(segment, base) for segment in segments]
+    scaled, weight = settled.best.scaled, settled.fit.weight
+
+    def estimate(times: Array) -> _Replicate | None:
+        rows = [np.sqrt(n) * F for n, F in zip(times, factors, strict=True) if n]
+        fit = scaled.with_factor(triangle(np.asfortranarray(np.vstack(rows))))
+        try:
+            found = penalised_fit(
+                fit, settled.distance, weight, start=settled.fit.solution.u
+            )
+        except ConsistentIdError:
+            return None
+        certified = found.optimality.verdict == "certified"
+        return found.solution.u * scaled.unit, certified
+
+    draws = islice(_draws(len(segments), np.random.default_rng(seed)), replicates)
+    found = _collected(estimate, draws, replicates if progress else None)
+    good = [result for result in found if result is not None]
+    if len(good) < 2:
+        raise SolverError(f"{len(good)} of {len(found)} replicates gave an estimate")
+    return Bootstrap(
+        layout=model.layout,
+        estimates=np.array([x for x, _ in good]),
+        certified=sum(certified for _, certified in good),
+        failed=len(found) - len(good),
+        seconds=perf_counter() - started,
+    )
+
+
+def _draws(segments: int, rng: np.random.Generator) -> Iterator[Array]:
+    """Yield how often each segment is drawn."""
+    while True:
+        drawn = rng.integers(segments, size=segments)
+        yield np.bincount(drawn, minlength=segments).astype(np.float64)
+
+
+def _collected(
+    estimate: Callable[[Array], _Replicate | None],
+    draws: Iterator[Array],
+    total: int | None,
+) -> list[_Replicate | None]:
+    """Return the results in order; those so far, if interrupted after two or more."""
+    from tqdm import tqdm
+
+    found: list[_Replicate | None] = []
+    with ThreadPoolExecutor(_WORKERS) as pool:
+        results = pool.map(estimate, draws)
+        try:
+            for result in tqdm(results, "bootstrap", total, disable=total is None):
+                found.append(result)
+        except KeyboardInterrupt:
+            pool.shutdown(cancel_futures=True)
+            if len(found) < 2:
+                raise
+    return found

@@ -1,0 +1,1 @@
+"""Convex sets, programmes over them, and proofs of optimality and emptiness."""

@@ -1,0 +1,264 @@
+"""Proof that a point is optimal, without trust in the solver that found it.
+
+Let ``f(u) = 1/2 ||G u - g||^2`` and ``v`` be any feasible point, ``d = v - u``.  Then
+``f(v) = f(u) + grad f(u).d + 1/2 ||G d||^2``, and writing the gradient through
+multipliers of the right sign leaves
+
+``f(u) - f(v) <= complementarity - r.d - 1/2 ||G d||^2``
+
+where ``r`` is what the multipliers fail to explain.  On the steps that equalities
+allow, its part along a singular vector of ``G`` with value ``s`` costs at most
+``r_s^2 / (2 s^2)``; along any others together, where ``G`` is flat, at most what the
+linear function gains in a ball, ``radius ||r|| - r.(centre - u)``.  The least such sum
+is the gap.  It holds whatever the solver did, against all ``v`` in a ball about a
+centre (the nominal robot) that is `RADIUS` times as large as the centre itself, and
+reaches `RADIUS` times as far as ``u`` is from it.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Literal
+
+import numpy as np
+
+from consistent_id._support.arrays import Matrix, Vector
+from consistent_id.constraints.cones.least_norm import (
+    TOLERANCES,
+    ConeSolution,
+    LeastNorm,
+    solve_least_norm,
+)
+from consistent_id.constraints.cones.programmes import Ball, Multipliers
+from consistent_id.constraints.cones.second_opinion import FORMULATIONS, solve_anew
+from consistent_id.constraints.cones.sets import ConicSet
+from consistent_id.errors import SolverError
+
+_FINE = (1e-12, 1e-10)  # tolerances within the ball, where numbers are tame
+_NULL = 1e-12  # singular values below this, relative to the largest, are zero
+
+Verdict = Literal["certified", "uncertified", "refused"]
+
+GAP_TOLERANCE = 1e-6
+"""Largest relative gap of a certified optimum."""
+
+FEASIBILITY_TOLERANCE = 1e-7
+"""Largest violation of a certified point, in units of typical parameters."""
+
+RADIUS = 10.0
+"""Radius of the ball in which a proof holds, in units of one plus its centre's norm."""
+
+
+@dataclass(frozen=True, slots=True)
+class Optimality:
+    """What was recomputed of a solution.
+
+    Parameters
+    ----------
+    objective : float
+        Half the squared norm, dimensionless.
+    gap : float
+        Upper bound on the excess over the optimum, divided by `reference`.
+    violation : float
+        Largest violation of a constraint, in units of typical parameters.
+    stationarity : float
+        Norm of the gradient that the multipliers leave unexplained.
+    radius : float
+        Of the ball about the centre in which the proof holds.
+    """
+
+    objective: float
+    gap: float
+    violation: float
+    stationarity: float
+    radius: float = np.inf
+
+    @property
+    def verdict(self) -> Verdict:
+        """``"certified"`` iff gap and violation are within the tolerances."""
+        fine = self.gap <= GAP_TOLERANCE and self.violation <= FEASIBILITY_TOLERANCE
+        return "certified" if fine else "uncertified"
+
+
+def certify(
+    problem: LeastNorm,
+    solution: ConeSolution,
+    centre: Vector,
+    *,
+    reference: float = 0.0,
+    reach: float = 0.0,
+    objective: float | None = None,
+    curvature: Matrix | None = None,
+) -> Optimality:
+    """Recompute feasibility and the duality gap of a solution.
+
+    Parameters
+    ----------
+    problem : LeastNorm
+    solution : ConeSolution
+    centre : ndarray
+        Centre of the ball in which the proof holds.
+    reference : float
+        What the gap is measured against, if larger than the objective.
+    reach : float
+        Least radius of the ball in which the proof holds; see `ball_about`.
+    objective : float, optional
+        Value of a convex function whose gradient at the solution is the problem's; by
+        default the problem's own objective.
+    curvature : ndarray, shape (rows, parameters), optional
+        ``C`` such that the function has a curvature of ``C^T C`` or more; by default
+        the problem's ``G``.
+    """
+    domain = problem.domain
+    # What is proven is proven of the nearest point on the equalities; how much that
+    # changes the objective is part of the gap.
+    u = _onto_equalities(domain, solution.u)
+    moved = abs(_half_square(problem, solution.u) - _half_square(problem, u))
+    objective = _half_square(problem, u) if objective is None else objective
+    curvature = problem.G if curvature is None else curvature
+    rest, duals = unexplained(problem, u, solution.multipliers)
+    E = null_space(domain.A_eq)
+    away = float(np.linalg.norm(u - centre))
+    radius = max(ball_about(centre, reach).radius, RADIUS * away)
+    gap = moved + _complementarity(domain, u, duals)
+    gap += _cost_of_rest(curvature @ E, E.T @ rest, E.T @ (centre - u), radius)
+    gap = min(gap, objective)  # the optimum is not below 0
+    scale = max(objective, reference)
+    figures = (
+        objective,
+        gap / scale if scale > 0.0 else 0.0,
+        domain.violation(solution.u),
+        float(np.linalg.norm(rest)),
+    )
+    if not np.isfinite(figures).all():
+        return Optimality(np.inf, np.inf, np.inf, np.inf, radius)
+    return Optimality(*figures, radius)
+
+
+def _half_square(problem: LeastNorm, u: Vector) -> float:
+    return float(np.sum((problem.G @ u - problem.g) ** 2)) / 2
+
+
+def _onto_equalities(domain: ConicSet, u: Vector) -> Vector:
+    if len(domain.b_eq) == 0:
+        return u
+    missed = domain.b_eq - domain.A_eq @ u
+    return u + np.asarray(np.linalg.lstsq(domain.A_eq, missed, rcond=None)[0])
+
+
+def _complementarity(domain: ConicSet, u: Vector, duals: Multipliers) -> float:
+    """Return what multipliers pay for slack: at the optimum, nothing."""
+    paid = float(abs(duals.equal @ (domain.b_eq - domain.A_eq @ u)))
+    paid += float(duals.at_most @ np.maximum(domain.b_in - domain.A_in @ u, 0.0))
+    for block, Z in zip(domain.blocks, duals.blocks, strict=True):
+        paid += max(0.0, float(np.sum(Z * block.scaled(u))))
+    return paid
+
+
+def ball_about(centre: Vector, reach: float = 0.0) -> Ball:
+    """Return the ball in which proofs hold, with a radius of `reach` at the least."""
+    return Ball(centre, max(RADIUS * (1.0 + float(np.linalg.norm(centre))), reach))
+
+
+def solve_certified(
+    problem: LeastNorm, centre: Vector, *, reference: float = 0.0, reach: float = 0.0
+) -> tuple[ConeSolution, Optimality]:
+    """Try one way after another until a solution is certified; else return the best.
+
+    At several tolerances; then within the ball of the proof; then about the best point
+    so far; then in another formulation; another solver is asked only when nothing
+    usable was found.
+
+    Raises
+    ------
+    SolverError
+        If no way gives a point.
+    """
+    within = ball_about(centre, reach)
+    solve = partial(solve_least_norm, problem)
+    found: list[tuple[ConeSolution, Optimality]] = []
+    failures: list[str] = []
+
+    def best() -> tuple[ConeSolution, Optimality]:
+        return min(found, key=_quality)
+
+    def about_the_best(tolerance: float) -> ConeSolution:
+        origin = best()[0].u if found else None
+        return solve(tolerance=tolerance, within=within, origin=origin)
+
+    wide = Ball(centre, RADIUS * within.radius)
+    ways: list[Callable[[], ConeSolution]] = [
+        *(partial(solve, tolerance=t) for t in TOLERANCES),
+        *(partial(solve, tolerance=t, within=within) for t in _FINE),
+        *(partial(solve, tolerance=t, within=wide) for t in _FINE),
+        *(partial(about_the_best, t) for t in 2 * _FINE),
+        *(partial(solve_anew, problem, name) for name in FORMULATIONS),
+    ]
+    for way in ways:
+        if way is ways[-1] and found and best()[1].violation <= FEASIBILITY_TOLERANCE:
+            break
+        try:
+            solution = way()
+        except SolverError as failure:
+            failures.append(str(failure))
+            continue
+        optimality = certify(
+            problem, solution, centre, reference=reference, reach=reach
+        )
+        found.append((solution, optimality))
+        if optimality.verdict == "certified":
+            break
+    if not found:
+        raise SolverError("; ".join(dict.fromkeys(failures)))
+    return best()
+
+
+def _quality(pair: tuple[ConeSolution, Optimality]) -> tuple[bool, float]:
+    optimality = pair[1]
+    return optimality.violation > FEASIBILITY_TOLERANCE, optimality.gap
+
+
+def _cost_of_rest(
+    curvature: Matrix, rest: Vector, to_centre: Vector, radius: float
+) -> float:
+    """Bound ``-rest.d - 1/2 ||curvature d||^2`` for steps ``d`` that end in the ball.
+
+    All in coordinates of the steps that equalities allow.
+    """
+    _, s, Vt = np.linalg.svd(curvature)
+    s = np.append(s, np.zeros(len(Vt) - len(s)))
+    along, to_centre = Vt @ rest, Vt @ to_centre
+    with np.errstate(divide="ignore", invalid="ignore"):
+        turns = np.where(s > 0.0, (along / s) ** 2 / 2, np.inf)
+    # The first k, whose parabolas turn latest, are taken as flat; the best k counts.
+    order = np.argsort(-turns)
+    along, to_centre = along[order], to_centre[order]
+    parabolas = np.append(np.cumsum(turns[order][::-1])[::-1], 0.0)
+    sizes = np.sqrt(np.append(0.0, np.cumsum(along**2)))
+    gains = np.append(0.0, np.cumsum(along * to_centre))
+    ends = np.maximum(radius * sizes - gains, 0.0)
+    return float((parabolas + ends).min())
+
+
+def null_space(A: Matrix) -> Matrix:
+    """Return an orthonormal basis of the steps that leave ``A x`` as it is."""
+    _, s, Vt = np.linalg.svd(A)
+    rank = int((s > _NULL * s.max(initial=0.0)).sum())
+    return Vt[rank:].T
+
+
+def unexplained(
+    problem: LeastNorm, u: Vector, duals: Multipliers
+) -> tuple[Vector, Multipliers]:
+    """Gradient left over by the multipliers; those of equalities are refined first."""
+    domain = problem.domain
+    rest = problem.G.T @ (problem.G @ u - problem.g)
+    rest = rest + domain.A_in.T @ duals.at_most
+    for block, Z in zip(domain.blocks, duals.blocks, strict=True):
+        rest = rest - np.tensordot(block.coefficients, Z, axes=2)
+    if len(domain.b_eq) == 0:
+        return rest, duals
+    solved = np.linalg.lstsq(domain.A_eq.T, -rest, rcond=None)
+    equal = np.asarray(solved[0], dtype=np.float64)
+    refined = Multipliers(equal, duals.at_most, duals.blocks)
+    return rest + domain.A_eq.T @ equal, refined

@@ -1,0 +1,209 @@
+"""Interior points of convex sets, and proofs that there are none.
+
+``maximise t  subject to  F_k(u) >= t 1,  A_in u <= b_in - t,  A_eq u = b_eq,  t <= 1``
+
+For ``t < 0`` the multipliers ``Z_k >= 0`` are a proof of emptiness in the manner of
+Farkas: ``sum_k <Z_k, F_k(u)>`` is the same negative number for every candidate ``u``,
+while any body would make it zero or more.  Up to rounding, that is: what is left of its
+slope is paid for in a ball of a thousand units, or ten times as far as the best point.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from consistent_id._support.arrays import Matrix, Vector
+from consistent_id.constraints.cones.programmes import (
+    ConePoint,
+    ConeRows,
+    set_multipliers,
+    set_rows,
+    solve_cones,
+)
+from consistent_id.constraints.cones.sets import ConicSet
+from consistent_id.errors import SolverError
+
+_REACH = 1e3  # radius of the ball of proofs, at the least
+_FARTHER = 10.0  # how far it reaches, in units of the best point
+_TOLERANCES = (1e-11, 1e-8)
+_EQUAL = 1e-9  # residual beyond which equalities contradict each other
+# Of several deepest points, prefer a small one; but that much slope is left to a proof,
+# so that one of little depth needs another solution without.
+_SMALL = (1e-7, 1e-12)
+_ROUNDING = 1e-9  # bound nearer to zero than this proves nothing
+_VALUES = 3  # equalities named in a proof, at the most
+_SHARE = 0.01  # least share of the blame, of the largest, that is worth naming
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Interior:
+    """How deep inside, or how far outside, the best point of a set lies.
+
+    Parameters
+    ----------
+    depth : float
+        The least eigenvalue or slack at the best point; negative if there is none.
+    bound : float
+        Proven upper bound on the depth of any point of the ball.
+    u : ndarray
+        The best point.
+    to_blame : tuple of str
+        Labels of the constraints in the proof, heaviest first.
+    multipliers : tuple of ndarray
+        ``Z_k`` of each semidefinite block; traces and row weights sum to one.
+    """
+
+    depth: float
+    bound: float
+    u: Vector
+    to_blame: tuple[str, ...]
+    multipliers: tuple[Matrix, ...]
+
+    @property
+    def proves_empty(self) -> bool:
+        """True iff the multipliers prove that no point of the ball is in the set."""
+        return self.bound < -_ROUNDING
+
+
+def find_interior(domain: ConicSet) -> Interior:
+    """Find the deepest point of a normalised set, or prove it empty.
+
+    Raises
+    ------
+    SolverError
+        If the solver returns no point.
+    """
+    contradiction, size = _contradiction(domain)
+    if contradiction is not None:
+        return contradiction
+    found = None
+    for small in _SMALL:
+        try:
+            found = _deepest(domain, size, small)
+        except SolverError:
+            if small == _SMALL[-1] and found is None:
+                raise
+            continue
+        if found.proves_empty or found.depth >= -_ROUNDING:
+            break
+    if found is None:
+        raise SolverError("no point was found, nor a proof that there is none")
+    return found
+
+
+def _deepest(domain: ConicSet, size: float, small: float) -> Interior:
+    """Solve once; of several deepest points a `small` share of size decides."""
+    # The solver sees a problem of unit size, however wild the equalities' values are.
+    original, domain = domain, domain.shrunk(size)
+    width = domain.A_eq.shape[1]
+    # Variables (t, r, u): t <= 1 and ||u|| <= r, of which a little is to be small.
+    norm = np.zeros((1 + width, 2 + width))
+    norm[0, 1], norm[1:, 2:] = -1.0, -np.eye(width)
+    cost, capped = np.zeros(2 + width), np.zeros((1, 2 + width))
+    cost[:2], capped[0, 0] = (-1.0, small), 1.0
+    rows = [
+        *set_rows(domain, depth=True, others=2),
+        ConeRows("nonnegative", capped, np.ones(1)),
+        ConeRows("second order", norm, np.zeros(1 + width)),
+    ]
+    solved = _solved(cost, rows)
+    duals = set_multipliers(domain, solved.duals[:-2])
+    Z, y = duals.blocks, duals.at_most
+    point, domain = size * solved.x[2:], original
+    bound, taken = _bound(domain, point, Z, y)
+    return Interior(
+        depth=_depth(domain, point),
+        bound=bound,
+        u=point,
+        to_blame=_blame(domain, Z, y, taken),
+        multipliers=Z,
+    )
+
+
+def _solved(cost: Vector, rows: list[ConeRows]) -> ConePoint:
+    """Solve as tightly as the solver can: slopes are paid for in a large ball."""
+    for tolerance in _TOLERANCES[:-1]:
+        try:
+            return solve_cones(cost, rows, tolerance=tolerance)
+        except SolverError:
+            continue
+    return solve_cones(cost, rows, tolerance=_TOLERANCES[-1])
+
+
+def _contradiction(domain: ConicSet) -> tuple[Interior | None, float]:
+    """Return the proof that the equalities alone exclude each other, if they do.
+
+    And the size of the smallest point that satisfies them, one at the least.
+
+    The residual ``y`` of the best approximation obeys ``A_eq^T y = 0`` and
+    ``y.b_eq = ||y||^2 > 0``.
+    """
+    if len(domain.b_eq) == 0:
+        return None, 1.0
+    u = np.asarray(np.linalg.lstsq(domain.A_eq, domain.b_eq, rcond=None)[0])
+    residual = domain.b_eq - domain.A_eq @ u
+    missed = float(np.linalg.norm(residual))
+    if missed <= _EQUAL * (1.0 + float(np.linalg.norm(domain.b_eq))):
+        return None, max(1.0, float(np.linalg.norm(u)))
+    heavy = np.argsort(-abs(residual))
+    largest = abs(residual).max()
+    blame = tuple(
+        domain.eq_labels[i] for i in heavy if abs(residual[i]) > _SHARE * largest
+    )
+    nothing = tuple(np.zeros_like(block.constant) for block in domain.blocks)
+    reach = max(_REACH, _FARTHER * float(np.linalg.norm(u)))
+    slope = float(np.linalg.norm(domain.A_eq.T @ residual))
+    bound = (slope * reach - float(residual @ domain.b_eq)) / missed
+    if bound >= -_ROUNDING:
+        return None, max(1.0, float(np.linalg.norm(u)))
+    return Interior(-missed, bound, u, blame, nothing), 1.0
+
+
+def _depth(domain: ConicSet, u: Vector) -> float:
+    depths = [float(np.linalg.eigvalsh(block.scaled(u))[0]) for block in domain.blocks]
+    if len(domain.b_in):
+        depths.append(float((domain.b_in - domain.A_in @ u).min()))
+    return min(depths, default=1.0)
+
+
+def _bound(
+    domain: ConicSet, u: Vector, Z: tuple[Matrix, ...], y: Vector
+) -> tuple[float, Vector]:
+    """Upper bound on the depth of any ``v`` near `u`, and multipliers of equalities.
+
+    ``depth(v) (sum tr Z + sum y) <= sum <Z, F(v)> + y.(b_in - A_in v)``, and the right
+    side is linear in ``v``: its slope, less what equalities take up, times the radius.
+    """
+    weight = sum(float(np.trace(z)) for z in Z) + float(y.sum())
+    taken = np.zeros(len(domain.b_eq))
+    if weight <= 0.0:
+        return 1.0, taken
+    value = float(y @ (domain.b_in - domain.A_in @ u)) if len(y) else 0.0
+    slope = -domain.A_in.T @ y if len(y) else np.zeros(len(u))
+    for block, z in zip(domain.blocks, Z, strict=True):
+        value += float(np.sum(z * block.value(u)))
+        slope = slope + np.tensordot(block.coefficients, z, axes=2)
+    if len(domain.b_eq):
+        solved = np.linalg.lstsq(domain.A_eq.T, slope, rcond=None)
+        taken = np.asarray(solved[0], dtype=np.float64)
+        slope = slope - domain.A_eq.T @ taken
+        value += float(taken @ (domain.b_eq - domain.A_eq @ u))
+    reach = max(_REACH, _FARTHER * float(np.linalg.norm(u)))
+    return float((value + np.linalg.norm(slope) * reach) / weight), taken / weight
+
+
+def _blame(
+    domain: ConicSet, Z: tuple[Matrix, ...], y: Vector, taken: Vector
+) -> tuple[str, ...]:
+    """Labels of bodies and inequalities in the proof, then of the weightiest values."""
+    shares = [
+        (float(np.trace(z)), block.description)
+        for block, z in zip(domain.blocks, Z, strict=True)
+    ]
+    shares += list(zip(y.tolist(), domain.in_labels, strict=True)) if len(y) else []
+    largest = max((share for share, _ in shares), default=0.0)
+    named = [pair for pair in shares if pair[0] > _SHARE * largest]
+    heavy = np.argsort(-abs(taken))[:_VALUES]
+    floor = _SHARE * abs(taken).max(initial=0.0)
+    values = [domain.eq_labels[i] for i in heavy if abs(taken[i]) > floor]
+    return (*(label for _, label in sorted(named, reverse=True)), *values)

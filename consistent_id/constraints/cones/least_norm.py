@@ -1,0 +1,95 @@
+"""Least-norm problems over convex sets.
+
+``minimise ||G u - g||  subject to  u in a ConicSet``
+
+in dimensionless variables.  The norm itself is the objective, a second-order cone: its
+square as a quadratic objective makes interior-point solvers stop early on these
+problems.  What the solver says of its own success is not used; `certify` judges.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from consistent_id._support.arrays import Matrix, Vector
+from consistent_id.constraints.cones.programmes import (
+    Ball,
+    ConeRows,
+    Multipliers,
+    set_multipliers,
+    set_rows,
+    solve_cones,
+)
+from consistent_id.constraints.cones.sets import ConicSet
+
+_FAR = 1e3  # norm of g, in units of a misfit that matters, beyond which to rescale
+
+TOLERANCES = (1e-10, 1e-9, 1e-8)
+"""Tolerances worth asking of the solver, from the tightest on."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LeastNorm:
+    """The problem: objective ``||G u - g||`` over a set."""
+
+    G: Matrix
+    g: Vector
+    domain: ConicSet
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ConeSolution:
+    """A point, multipliers of ``1/2 ||G u - g||^2``, and what it took."""
+
+    u: Vector
+    multipliers: Multipliers
+    status: str
+    build_seconds: float
+    solve_seconds: float
+
+
+def solve_least_norm(
+    problem: LeastNorm,
+    *,
+    tolerance: float = TOLERANCES[0],
+    within: Ball | None = None,
+    origin: Vector | None = None,
+) -> ConeSolution:
+    """Solve the problem once, with the given tolerance on gap and feasibility.
+
+    Variables are ``(t, v)`` with ``u = origin + v``, the objective is
+    ``t >= ||G v - (g - G origin)||``.  A ball keeps `u` from running away where the
+    objective is all but flat; its multiplier is left out.  An origin near the
+    optimum, instead of zero, leaves small numbers to the solver, whose tolerances then
+    mean more.
+
+    Raises
+    ------
+    SolverError
+        If the solver returns no finite point with multipliers.
+    """
+    G, g, domain = problem.G, problem.g, problem.domain
+    if origin is not None:
+        g, domain = g - G @ origin, domain.moved(origin)
+    # Far from the origin, absolute tolerances would ask for digits that are not there.
+    scale = max(1.0, float(np.linalg.norm(g)) / _FAR)
+    size = G.shape[1]
+    norm = np.zeros((1 + len(g), 1 + size))
+    norm[0, 0] = -1.0
+    norm[1:, 1:] = -G / scale
+    rows = set_rows(domain, others=1)
+    rows.append(ConeRows("second order", norm, np.append(0.0, -g / scale)))
+    besides = 1
+    if within is not None:
+        ball = within if origin is None else within.moved(origin)
+        rows.append(ball.rows(others=1))
+        besides = 2
+    point = solve_cones(np.eye(1 + size)[0], rows, tolerance=tolerance)
+    v = point.x[1:]
+    u = problem.domain.snapped(v if origin is None else origin + v)
+    # Duals of the scaled norm, turned into those of half the square of the unscaled.
+    duals = set_multipliers(domain, point.duals[:-besides])
+    multipliers = duals.times(scale * float(np.linalg.norm(G @ v - g)))
+    return ConeSolution(
+        u, multipliers, point.status, point.build_seconds, point.solve_seconds
+    )

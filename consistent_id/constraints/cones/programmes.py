@@ -1,0 +1,252 @@
+"""Linear programmes over products of cones, handed to Clarabel in its own form.
+
+``minimise c.x  subject to  b_i - A_i x in K_i``
+
+with ``K_i`` the zero cone, the non-negative orthant, a second-order cone, or symmetric
+positive semidefinite matrices.  The matrices are small and built anew for each solve,
+which costs a tenth of the solving itself.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from time import perf_counter
+from typing import Any, Literal
+
+import numpy as np
+
+from consistent_id._support.arrays import Array, IntArray, Matrix, Vector
+from consistent_id.constraints.cones.sets import ConicSet
+from consistent_id.errors import SolverError
+
+ConeKind = Literal["zero", "nonnegative", "second order", "semidefinite"]
+
+_ITERATIONS = 200
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ConeRows:
+    """Rows ``b - A x`` that lie in one cone; a semidefinite one's are its `svec`."""
+
+    kind: ConeKind
+    A: Matrix
+    b: Vector
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Multipliers:
+    """Dual values of a set's constraints.
+
+    Signs: at the minimum of ``f`` over the set,
+    ``grad f + A_eq^T equal + A_in^T at_most - sum F*(blocks) = 0``.
+    """
+
+    equal: Vector
+    at_most: Vector
+    blocks: tuple[Matrix, ...]
+
+    def times(self, size: float) -> "Multipliers":
+        """Return the multipliers of ``size f``."""
+        blocks = tuple(size * Z for Z in self.blocks)
+        return Multipliers(size * self.equal, size * self.at_most, blocks)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ball:
+    """``||x - centre|| <= radius``."""
+
+    centre: Vector
+    radius: float
+
+    def moved(self, origin: Vector) -> "Ball":
+        """Rewrite the ball for ``x - origin``."""
+        return Ball(self.centre - origin, self.radius)
+
+    def rows(self, others: int = 0) -> ConeRows:
+        """Return its rows, for variables ``(others, x)``."""
+        size = len(self.centre)
+        A = np.zeros((1 + size, others + size))
+        A[1:, others:] = -np.eye(size) / self.radius
+        return ConeRows("second order", A, np.append(1.0, -self.centre / self.radius))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ConePoint:
+    """What Clarabel returned: a point, a dual vector for each of the rows, a word."""
+
+    x: Vector
+    duals: tuple[Vector, ...]
+    status: str
+    build_seconds: float
+    solve_seconds: float
+
+
+def solve_cones(
+    cost: Vector, rows: Sequence[ConeRows], *, tolerance: float = 1e-8
+) -> ConePoint:
+    """Solve the programme once, with the given tolerance on gap and feasibility.
+
+    Raises
+    ------
+    SolverError
+        If Clarabel fails, or returns no finite point with multipliers.  A doubtful
+        point is returned: certificates judge, not the solver.
+    """
+    import clarabel
+    from scipy.sparse import csc_matrix
+
+    started = perf_counter()
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.max_iter = _ITERATIONS
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
+    size = len(cost)
+    A = csc_matrix(np.vstack([block.A for block in rows]))
+    b = np.concatenate([block.b for block in rows])
+    # Clarabel calls a programme with an infinite entry solved.
+    if not (np.isfinite(A.data).all() and np.isfinite(b).all()):
+        raise SolverError("the programme has entries that are not finite numbers")
+    cones = [_cone(clarabel, block) for block in rows]
+    try:
+        quadratic = csc_matrix((size, size))
+        solver = clarabel.DefaultSolver(quadratic, cost, A, b, cones, settings)
+        solved_from = perf_counter()
+        solution = solver.solve()
+    # Clarabel is written in Rust: its panics are not of class Exception.
+    except BaseException as cause:
+        if isinstance(cause, KeyboardInterrupt | SystemExit):
+            raise
+        raise SolverError(f"Clarabel failed: {cause}") from None
+    x, z = np.asarray(solution.x), np.asarray(solution.z)
+    status = str(solution.status)
+    # Of a programme said to be infeasible, x and z are a ray, no point.
+    ray = status.endswith("Infeasible")
+    if ray or not (np.isfinite(x).all() and np.isfinite(z).all()):
+        raise SolverError(f"Clarabel ended {status!r} without a point")
+    ends = np.cumsum([len(block.b) for block in rows])[:-1]
+    return ConePoint(
+        x,
+        tuple(np.split(z, ends)),
+        status,
+        solved_from - started,
+        perf_counter() - solved_from,
+    )
+
+
+def _cone(clarabel: Any, rows: ConeRows) -> Any:
+    size = len(rows.b)
+    if rows.kind == "semidefinite":
+        return clarabel.PSDTriangleConeT(_order(size))
+    cones = {
+        "zero": clarabel.ZeroConeT,
+        "nonnegative": clarabel.NonnegativeConeT,
+        "second order": clarabel.SecondOrderConeT,
+    }
+    return cones[rows.kind](size)
+
+
+def set_rows(
+    domain: ConicSet, *, depth: bool = False, others: int = 0
+) -> list[ConeRows]:
+    """Return the rows of ``u in domain``, for variables ``(others, u)``.
+
+    With `depth`, the first of the others is by how much inequalities and blocks hold:
+    ``b_in - A_in u >= t`` and ``F(u) >= t 1``.
+    """
+
+    def columns(A: Matrix, of_t: Vector) -> Matrix:
+        before = np.zeros((len(A), others))
+        if depth:
+            before[:, 0] = of_t
+        return np.hstack([before, A])
+
+    rows: list[ConeRows] = []
+    if len(domain.b_eq):
+        A = columns(domain.A_eq, np.zeros(len(domain.b_eq)))
+        rows.append(ConeRows("zero", A, domain.b_eq))
+    if len(domain.b_in):
+        A = columns(domain.A_in, np.ones(len(domain.b_in)))
+        rows.append(ConeRows("nonnegative", A, domain.b_in))
+    for block in domain.blocks:
+        A = columns(-svec(block.coefficients).T, svec(np.eye(len(block.scale))))
+        rows.append(ConeRows("semidefinite", A, svec(block.constant)))
+    return rows
+
+
+def set_multipliers(domain: ConicSet, duals: Sequence[Vector]) -> Multipliers:
+    """Return the duals of `set_rows`, made feasible: rounding may leave the cones."""
+    remaining = list(duals)
+    equal = remaining.pop(0) if len(domain.b_eq) else np.zeros(0)
+    at_most = remaining.pop(0) if len(domain.b_in) else np.zeros(0)
+    blocks = tuple(positive_part(smat(z)) for z in remaining)
+    return Multipliers(equal, np.maximum(at_most, 0.0), blocks)
+
+
+def svec(F: Array) -> Array:
+    """Stack a symmetric matrix, shape (..., k, k), so that inner products are kept.
+
+    Upper triangle, column by column, off-diagonals times sqrt(2); (..., k (k + 1) / 2).
+    """
+    i, j, weight = _triangle(F.shape[-1])
+    return np.asarray(F[..., i, j] * weight)
+
+
+def smat(v: Vector) -> Matrix:
+    """Return the symmetric matrix that `svec` has stacked."""
+    k = _order(len(v))
+    i, j, weight = _triangle(k)
+    F = np.zeros((k, k))
+    F[i, j] = F[j, i] = v / weight
+    return F
+
+
+def positive_part(Z: Matrix) -> Matrix:
+    """Return the nearest positive semidefinite matrix."""
+    values, vectors = np.linalg.eigh((Z + Z.T) / 2)
+    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
+
+
+def _order(size: int) -> int:
+    """Return ``k`` of ``size = k (k + 1) / 2``."""
+    return int((np.sqrt(8 * size + 1) - 1) / 2)
+
+
+@lru_cache(maxsize=32)
+def _triangle(k: int) -> tuple[IntArray, IntArray, Vector]:
+    # Rows of the lower triangle are columns of the upper one.
+    j, i = np.tril_indices(k)
+    return i, j, np.where(i == j, 1.0, np.sqrt(2.0))
+
+
+def lower_bound(
+    cost: Vector, rows: Sequence[ConeRows], duals: Sequence[Vector], within: Ball
+) -> float:
+    """Return a bound on ``cost.x`` from below, whatever the solver did.
+
+    For multipliers ``z_i`` in the dual cones and any feasible ``x``,
+    ``cost.x >= r.x - sum b_i.z_i`` with ``r = cost + sum A_i^T z_i``, of which the
+    first term is bounded in a ball.
+    """
+    rest, value = cost.copy(), 0.0
+    equal = [block for block in rows if block.kind == "zero"]
+    for block, dual in zip(rows, duals, strict=True):
+        if block.kind == "zero":
+            continue
+        z = _in_dual_cone(block, dual)
+        rest = rest + block.A.T @ z
+        value -= float(block.b @ z)
+    for block in equal:  # free multipliers take up what they can
+        z = np.asarray(np.linalg.lstsq(block.A.T, -rest, rcond=None)[0])
+        rest = rest + block.A.T @ z
+        value -= float(block.b @ z)
+    ends = float(rest @ within.centre) - float(np.linalg.norm(rest)) * within.radius
+    return value + ends
+
+
+def _in_dual_cone(rows: ConeRows, z: Vector) -> Vector:
+    """Return the dual vector, moved into its cone where rounding has left it."""
+    if rows.kind == "nonnegative":
+        return np.maximum(z, 0.0)
+    if rows.kind == "semidefinite":
+        return svec(positive_part(smat(z)))
+    return np.append(max(z[0], float(np.linalg.norm(z[1:]))), z[1:])

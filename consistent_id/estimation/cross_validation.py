@@ -1,0 +1,183 @@
+"""The weight of a prior, chosen from the training data by cross-validation.
+
+Each fold is a run of consecutive segments that is left out of the fit and predicted.
+The error over all folds, as a function of the weight, is the regularisation path.
+"""
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from consistent_id._support.arrays import Array, Matrix, Vector, frozen
+from consistent_id._support.threads import single_threaded
+from consistent_id.constraints import Constraint
+from consistent_id.constraints.distances import NominalDistance, nominal_distance
+from consistent_id.constraints.priors import Distance, Penalty
+from consistent_id.errors import ProblemError
+from consistent_id.estimation.constrained import DEFAULT_CONSTRAINTS
+from consistent_id.estimation.penalised import PenalisedFit, penalised_fit
+from consistent_id.estimation.scaled_fit import ScaledFit, base_factor, scaled_fit
+from consistent_id.regression.base import BaseParameters, base_parameters
+from consistent_id.regression.regression import Regression, triangle
+from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.segments import merged
+
+WEIGHTS = 10.0 ** np.arange(2.0, -8.5, -0.5)
+"""Weights tried, from the strongest on; of the entropic distance as far as 1e-6."""
+
+_LEAST_ENTROPIC = 1e-6  # below, Newton's method takes dozens of steps
+
+_WORKERS = 2  # Clarabel frees the interpreter's lock
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RegularisationPath:
+    """Penalised estimates for a series of weights, and how they predict.
+
+    Parameters
+    ----------
+    distance : {"pullback", "euclidean", "entropic"}
+    weights : array_like, shape (weights,)
+        Decreasing.
+    errors : array_like, shape (weights, folds)
+        Root-mean-square torque error on each fold when it was left out, divided by the
+        joints' `sigma`.
+    misfits : array_like, shape (weights,)
+        The same on all data, with all of them fitted.
+    distances : array_like, shape (weights,)
+        Distance to nominal, with all data fitted.
+    parameters : array_like, shape (weights, parameters)
+        With all data fitted.
+    certified : tuple of bool
+        Whether these fits are.
+    """
+
+    distance: Distance
+    weights: Vector
+    errors: Matrix
+    misfits: Vector
+    distances: Vector
+    parameters: Matrix
+    certified: tuple[bool, ...]
+
+    def __post_init__(self) -> None:
+        n = len(self.weights)
+        for name, shape in (
+            ("weights", (n,)),
+            ("errors", (n, None)),
+            ("misfits", (n,)),
+            ("distances", (n,)),
+            ("parameters", (n, None)),
+        ):
+            object.__setattr__(self, name, frozen(getattr(self, name), shape, name))
+
+    @property
+    def error(self) -> Vector:
+        """Root-mean-square error over all folds, which count alike, for each weight."""
+        return np.asarray(np.sqrt(np.mean(self.errors**2, axis=1)))
+
+    @property
+    def best(self) -> int:
+        """Index of the weight with the least error."""
+        return int(np.argmin(self.error))
+
+    @property
+    def penalty(self) -> Penalty:
+        """The prior with the weight that predicts best."""
+        return Penalty(float(self.weights[self.best]), self.distance)
+
+
+@single_threaded
+def cross_validated(
+    model: TorqueModel,
+    segments: Sequence[Regression],
+    *,
+    constraints: Sequence[Constraint] = DEFAULT_CONSTRAINTS,
+    distance: Distance = "pullback",
+    weights: ArrayLike | None = None,
+    folds: int = 6,
+    base: BaseParameters | None = None,
+) -> RegularisationPath:
+    """Fit with a series of weights, leaving out one fold after another.
+
+    Parameters
+    ----------
+    model : TorqueModel
+    segments : sequence of Regression
+        See `segment_regressions`; their `sigma` are the weights of joints.
+    constraints : sequence of Constraint
+    distance : {"pullback", "euclidean", "entropic"}
+    weights : array_like, shape (weights,)
+        In any order; see `Penalty`.  Folds are given the same ones, in units of the
+        residual of all data.
+    folds : int
+        Of consecutive segments; at most as many as there are segments.
+    base : BaseParameters, optional
+
+    Returns
+    -------
+    RegularisationPath
+        Its `penalty` has the weight that predicts best.
+
+    Raises
+    ------
+    ProblemError
+        If there are fewer than two folds or no positive weights.
+    InfeasibleError, NotExcitedError, SolverError
+        See `constrained_least_squares`.
+    """
+    folds = min(folds, len(segments))
+    if folds < 2:
+        raise ProblemError(f"{folds} folds of {len(segments)} segments, expected 2")
+    if weights is None:
+        entropic = distance == "entropic"
+        weights = WEIGHTS[WEIGHTS >= _LEAST_ENTROPIC] if entropic else WEIGHTS
+    weights = np.sort(frozen(weights, (None,), "weights"))[::-1]
+    if len(weights) == 0 or weights[-1] <= 0.0:
+        raise ProblemError("weights are to be positive numbers, one or more")
+    base = base_parameters(model) if base is None else base
+    scaled = scaled_fit(model, merged(segments), base, constraints)
+    to_nominal = nominal_distance(model, distance, scaled.unit)
+    factors = [base_factor(segment, base) for segment in segments]
+    counts = np.array([sum(segment.counts) for segment in segments])
+    parts = np.array_split(np.arange(len(segments)), folds)
+
+    def held_out(part: Array) -> Vector:
+        others = [F for i, F in enumerate(factors) if i not in set(part.tolist())]
+        tested = scaled.with_factor(_joined([factors[i] for i in part]))
+        found = _along(scaled.with_factor(_joined(others)), to_nominal, weights)
+        squared = [tested.excess(f.solution.u) + tested.residual**2 for f in found]
+        rms = np.sqrt(np.array(squared) / counts[part].sum()) * scaled.size
+        return np.asarray(rms)
+
+    with ThreadPoolExecutor(_WORKERS) as pool:
+        errors = np.column_stack(list(pool.map(held_out, parts)))
+    whole = _along(scaled, to_nominal, weights)
+    total = np.array([f.excess + scaled.residual**2 for f in whole])
+    return RegularisationPath(
+        distance=distance,
+        weights=weights,
+        errors=errors,
+        misfits=np.sqrt(total / counts.sum()) * scaled.size,
+        distances=np.sqrt([f.squared_distance for f in whole]),
+        parameters=np.array([f.solution.u * scaled.unit for f in whole]),
+        certified=tuple(f.optimality.verdict == "certified" for f in whole),
+    )
+
+
+def _along(
+    fit: ScaledFit, distance: NominalDistance, weights: Vector
+) -> list[PenalisedFit]:
+    """Fit for one weight after another, each from where the last one ended."""
+    found: list[PenalisedFit] = []
+    for weight in weights:
+        start = found[-1].solution.u if found else None
+        found.append(penalised_fit(fit, distance, float(weight), start=start))
+    return found
+
+
+def _joined(factors: Sequence[Matrix]) -> Matrix:
+    return triangle(np.asfortranarray(np.vstack(factors)))

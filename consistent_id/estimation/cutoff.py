@@ -1,0 +1,232 @@
+"""The cut-off of motion and torque, chosen by the torque that is predicted with it.
+
+A low cut-off takes away what the robot did, a high one leaves noise, which the double
+differentiation of the position makes large.  Which is best for a robot and a logger
+shows in torque that was left out of the fit.  Three precautions make that a fair test:
+
+- The raw recording is cut before anything is filtered, so that no filter carries torque
+  from what is tested into what is learned from.  What was assumed beyond the ends of a
+  part, a period of the lowest cut-off, is dropped for all candidates alike.
+- All candidates predict the same torque, filtered once and lightly.  If each were
+  judged on torque filtered as it asks, low cut-offs would win: smoother torque is
+  easier to fit.  Here a cut-off of the motion that misses real torque is punished.
+- The prediction uses motion filtered as the candidate asks, not a common one: with the
+  same noisy motion for all, parameters shrunk by noise would predict that noise best.
+
+What is chosen is the best recipe of filter and parameters together.  Noise of the
+torque is the same for all and does not shift the choice, unless it comes of the encoder
+through the controller: a cut-off that lets it through then looks better than it is.
+"""
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from consistent_id._support.arrays import Array, Matrix, Vector, frozen
+from consistent_id._support.threads import single_threaded
+from consistent_id.errors import ProblemError, RecordingError
+from consistent_id.estimation.estimate import Estimate
+from consistent_id.estimation.least_squares import weighted_least_squares
+from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.signals import differentiated, low_passed, trimmed
+from consistent_id.regression.base import base_parameters
+from consistent_id.regression.regression import Regression, build_regression
+from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.segments import merged
+
+_SHARE = 0.25  # of a part that may be dropped at each end
+
+Estimator = Callable[[TorqueModel, Regression], Estimate]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CutoffChoice:
+    """Cut-offs tried, and how well torque is predicted with each.
+
+    Parameters
+    ----------
+    motion, torque : array_like, shape (candidates,), [Hz]
+    target : float, [Hz]
+        Cut-off of the torque that all of them predict.
+    errors : array_like, shape (candidates, folds)
+        On each part when it was left out: the joints' root-mean-square torque errors
+        over the root-mean-square of their torque, averaged likewise over joints.
+    """
+
+    motion: Vector
+    torque: Vector
+    target: float
+    errors: Matrix
+
+    def __post_init__(self) -> None:
+        n = len(self.motion)
+        for name, shape in (("motion", (n,)), ("torque", (n,)), ("errors", (n, None))):
+            object.__setattr__(self, name, frozen(getattr(self, name), shape, name))
+
+    @property
+    def error(self) -> Vector:
+        """Root-mean-square error over all folds, for each candidate."""
+        return np.asarray(np.sqrt(np.mean(self.errors**2, axis=1)))
+
+    @property
+    def best(self) -> int:
+        """Index of the candidate with the least error."""
+        return int(np.argmin(self.error))
+
+    @property
+    def motion_cutoff(self) -> float:
+        """Of the best candidate, [Hz]."""
+        return float(self.motion[self.best])
+
+    @property
+    def torque_cutoff(self) -> float:
+        """Of the best candidate, [Hz]."""
+        return float(self.torque[self.best])
+
+    @property
+    def doubt(self) -> Vector:
+        """Standard error of each candidate's squared error less that of the best.
+
+        From the folds, in units of the best squared error; zero for the best.
+        """
+        squared = self.errors**2
+        more = squared - squared[self.best]
+        spread = np.std(more, axis=1, ddof=1) / np.sqrt(squared.shape[1])
+        return np.asarray(spread / max(squared[self.best].mean(), 1e-300))
+
+
+@single_threaded
+def best_cutoff(
+    model: TorqueModel,
+    recordings: Recording | Sequence[Recording],
+    candidates: Sequence[float | tuple[float, float]],
+    *,
+    folds: int = 6,
+    target: float | None = None,
+    estimator: Estimator | None = None,
+) -> CutoffChoice:
+    """Choose the cut-off of motion and torque by held-out torque error.
+
+    Parameters
+    ----------
+    model : TorqueModel
+    recordings : Recording or sequence of Recording
+        Training data as recorded: uniformly sampled, not filtered.  A measured velocity
+        is filtered and differentiated once.
+    candidates : sequence of float or (float, float), [Hz]
+        Cut-offs of motion and torque alike, or of motion and of torque.
+    folds : int
+        Runs of consecutive samples left out in turn; each recording is at least one.
+    target : float, optional, [Hz]
+        Cut-off of the torque that is predicted, at least the highest candidate's for
+        motion; by default the highest of all.
+    estimator : callable, optional
+        ``(model, regression) -> Estimate``; by default weighted least squares.
+
+    Raises
+    ------
+    ProblemError
+        If there are no two candidates or folds, or the target is too low.
+    RecordingError
+        If parts are too short for the lowest candidate.
+    NotExcitedError
+        See `least_squares`.
+    """
+    recordings = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    pairs = [c if isinstance(c, tuple) else (c, c) for c in candidates]
+    if len(pairs) < 2 or not min(min(p) for p in pairs) > 0.0:
+        raise ProblemError(
+            f"candidates are {list(candidates)}, expected two positive cut-offs or more"
+        )
+    highest = max(motion for motion, _ in pairs)
+    target = max(max(p) for p in pairs) if target is None else target
+    if not target >= highest:
+        raise ProblemError(
+            f"target is {target} Hz, expected at least the highest candidate's "
+            f"{highest:g} Hz: what is predicted must not reward smoothness"
+        )
+    margin = 1.0 / min(min(p) for p in pairs)
+    parts = _parts(recordings, folds, margin)
+    if estimator is None:
+        base = base_parameters(model)
+
+        def estimator(model: TorqueModel, regression: Regression) -> Estimate:
+            return weighted_least_squares(model, regression, base=base)
+
+    errors = []
+    for pair in pairs:
+        sides = _sides(model, parts, pair, target, margin)
+        errors.append(_held_out(model, sides, estimator))
+    motion, torque = np.array(pairs).T
+    return CutoffChoice(motion, torque, float(target), np.array(errors))
+
+
+class _Sides(NamedTuple):
+    """Regressions of each part, to learn from and to be tested on."""
+
+    learned: list[Regression]
+    tested: list[Regression]
+
+
+def _parts(
+    recordings: Sequence[Recording], folds: int, margin: float
+) -> list[Recording]:
+    """Return raw recordings cut into about `folds` consecutive parts."""
+    if folds < 2:
+        raise ProblemError(f"folds is {folds}, expected 2 or more")
+    total = sum(recording.duration for recording in recordings)
+    parts = []
+    for recording in recordings:
+        number = max(round(folds * recording.duration / total), 1)
+        ends = np.linspace(0, len(recording), number + 1).round().astype(int).tolist()
+        parts += [recording.samples(slice(a, b)) for a, b in pairwise(ends)]
+    if len(parts) < 2:
+        raise ProblemError(f"{len(parts)} fold, expected 2 or more")
+    shortest = min(parts, key=lambda part: part.duration)
+    if _SHARE * shortest.duration < margin:
+        raise RecordingError(
+            f"{shortest.name}: a part of {shortest.duration:.4g} s, of which "
+            f"{margin:.4g} s at each end are lost to the lowest cut-off. Use fewer "
+            "folds, or leave the lowest candidates out"
+        )
+    return parts
+
+
+def _sides(
+    model: TorqueModel,
+    parts: Sequence[Recording],
+    pair: tuple[float, float],
+    target: float,
+    margin: float,
+) -> _Sides:
+    def both(part: Recording) -> tuple[Regression, Regression]:
+        motion, torque = pair
+        learn = differentiated(
+            low_passed(part, motion_cutoff=motion, torque_cutoff=torque)
+        )
+        light = low_passed(part, torque_cutoff=target).torque
+        start, stop = part.time[0] + margin, part.time[-1] - margin
+        return (
+            build_regression(model, trimmed(learn, start, stop)),
+            build_regression(model, trimmed(replace(learn, torque=light), start, stop)),
+        )
+
+    with ThreadPoolExecutor(2) as pool:
+        learned, tested = zip(*pool.map(both, parts), strict=True)
+    return _Sides(list(learned), list(tested))
+
+
+def _held_out(model: TorqueModel, sides: _Sides, estimator: Estimator) -> Array:
+    """Return the error on each part, fitted to all others."""
+    whole = merged(sides.tested).torque_rms
+    errors = []
+    for k, tested in enumerate(sides.tested):
+        others = [side for i, side in enumerate(sides.learned) if i != k]
+        x = estimator(model, merged(others)).parameters
+        relative = tested.residual_rms(x) / whole
+        errors.append(np.sqrt(np.mean(relative**2)))
+    return np.array(errors)

@@ -1,0 +1,320 @@
+"""An estimate with its pedigree: how it came about and how far it can be trusted."""
+
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self, get_args
+
+import numpy as np
+
+from consistent_id._support.arrays import Array, Matrix, Vector, frozen
+from consistent_id._support.extras import pandas
+from consistent_id._support.files import write_atomically
+from consistent_id._support.tables import Table
+from consistent_id.constraints.cones.certificate import Verdict
+from consistent_id.errors import ProblemError
+from consistent_id.recordings.recording import Recording
+from consistent_id.regression.base import BaseParameters
+from consistent_id.regression.regressor import TorqueModel
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+_FORMAT = "consistent_id estimate 1"
+
+
+@dataclass(frozen=True, slots=True)
+class Certificate:
+    """Verdict on an estimate, and the recomputed figures behind it.
+
+    Parameters
+    ----------
+    verdict : {"certified", "uncertified", "refused"}
+    reason : str
+        In words: what was checked, or what failed.
+    figures : dict of str to float
+        Residuals, gaps, eigenvalues, by name.
+    """
+
+    verdict: Verdict
+    reason: str
+    figures: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Estimate:
+    """Parameters of a torque model, estimated from data.
+
+    Parameters
+    ----------
+    method : str
+    model : TorqueModel
+    base : BaseParameters
+    parameters : array_like, shape (parameters,)
+        Standard parameters; only their base parameters are determined by data.
+    base_covariance : array_like, shape (base, base), optional
+        Of the base parameters, for white noise; None where it has no simple form.
+    origins : tuple of str
+        What each parameter rests on: ``"data"``, ``"combination"`` (data fix only sums
+        it is part of), ``"constraint"``, ``"prior"``, or ``"convention"`` (the smallest
+        vector); see `parameter_origins`.
+    undetermined : tuple of str
+        Combinations of base parameters that the data leave open, as readable sums.
+    sigma : array_like, shape (torque joints,), [N m or N]
+        Residual standard deviation of each joint whose torque is known.
+    certificate : Certificate
+    notes : tuple of str
+        What a reader must know before using the numbers.
+    seconds : float
+        Wall time of the estimation.
+    """
+
+    method: str
+    model: TorqueModel
+    base: BaseParameters
+    parameters: Vector
+    base_covariance: Matrix | None
+    origins: tuple[str, ...]
+    undetermined: tuple[str, ...]
+    sigma: Vector
+    certificate: Certificate
+    notes: tuple[str, ...] = ()
+    seconds: float = 0.0
+
+    def __post_init__(self) -> None:
+        p, b, n = len(self.model.layout), len(self.base), len(self.model.torque_joints)
+        x = frozen(self.parameters, (p,), f"{self.method}: parameters")
+        object.__setattr__(self, "parameters", x)
+        sigma = frozen(self.sigma, (n,), f"{self.method}: sigma")
+        object.__setattr__(self, "sigma", sigma)
+        if self.base_covariance is not None:
+            cov = frozen(
+                self.base_covariance, (b, b), f"{self.method}: covariance", finite=False
+            )
+            object.__setattr__(self, "base_covariance", cov)
+
+    def __getitem__(self, name: str) -> float:
+        return float(self.parameters[self.model.layout.index(name)])
+
+    def __repr__(self) -> str:
+        return (
+            f"Estimate({self.method!r}, {len(self.base)} base parameters of "
+            f"{len(self.parameters)}, {self.certificate.verdict})"
+        )
+
+    def __str__(self) -> str:
+        return self.table().text()
+
+    def _repr_html_(self) -> str:
+        return self.table().html()
+
+    @property
+    def base_values(self) -> Vector:
+        """Base parameters, shape (base,)."""
+        return self.base.projection @ self.parameters
+
+    @property
+    def standard_errors(self) -> Vector | None:
+        """Standard errors of the base parameters; infinite where undetermined."""
+        if self.base_covariance is None:
+            return None
+        return np.sqrt(np.diag(self.base_covariance))
+
+    @property
+    def links(self) -> Array:
+        """Inertial parameters, shape (links, 10)."""
+        return self.parameters[: self.model.layout.inertial_size].reshape(-1, 10)
+
+    def predict(self, recording: Recording) -> Array:
+        """Return the torques that the estimate predicts along a recorded motion.
+
+        Returns
+        -------
+        ndarray, shape (samples, torque joints), [N m or N]
+            In the order of the model's torque joints.
+
+        Raises
+        ------
+        ProblemError
+            If the recording has no velocity or acceleration.
+        """
+        recording = recording.of(self.model.robot.joint_names)
+        if recording.velocity is None or recording.acceleration is None:
+            raise ProblemError(
+                f"{recording.name}: torques need velocity and acceleration; call "
+                "signals.differentiated(recording) first"
+            )
+        return self.model.predict(
+            self.parameters,
+            recording.position,
+            recording.velocity,
+            recording.acceleration,
+        )
+
+    def table(self) -> Table:
+        """Return the verdict and the parameters, for people.
+
+        Of what has standard errors the base parameters, which alone are determined by
+        the data; else the standard parameters, with what each rests on.
+        """
+        title = f"{self.method}: {self.certificate.verdict}"
+        notes = (self.certificate.reason, *self.notes)
+        units, errors = self.model.layout.units, self.standard_errors
+        if errors is None:
+            return Table(
+                title,
+                ("parameter", "value", "unit", "rests on"),
+                tuple(
+                    (name, f"{value:.6g}", unit, origin)
+                    for name, value, unit, origin in zip(
+                        self.model.layout.names,
+                        self.parameters,
+                        units,
+                        self.origins,
+                        strict=True,
+                    )
+                ),
+                notes,
+            )
+        return Table(
+            title,
+            ("base parameter, led by", "value", "standard error", "unit"),
+            tuple(
+                (name, f"{value:.6g}", f"{error:.2g}", units[i])
+                for name, value, error, i in zip(
+                    self.base.names,
+                    self.base_values,
+                    errors,
+                    self.base.independent,
+                    strict=True,
+                )
+            ),
+            (*notes, *(f"left open by the data: {text}" for text in self.undetermined)),
+        )
+
+    def to_frame(self) -> "DataFrame":
+        """Return the standard parameters as a pandas data frame.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Indexed by ``parameter``, with columns ``value``, ``unit`` and
+            ``rests_on``; the method and the verdict are in its ``attrs``.
+
+        Raises
+        ------
+        ProblemError
+            If pandas is not installed.
+        """
+        layout = self.model.layout
+        frame = pandas().DataFrame(
+            {
+                "value": self.parameters,
+                "unit": list(layout.units),
+                "rests_on": list(self.origins),
+            },
+            index=pandas().Index(layout.names, name="parameter"),
+        )
+        frame.attrs = {"method": self.method, "verdict": self.certificate.verdict}
+        return frame
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return everything but the model as plain numbers and text."""
+        errors = self.standard_errors
+        layout = self.model.layout
+        return {
+            "format": _FORMAT,
+            "robot": self.model.robot.name,
+            "method": self.method,
+            "certificate": {
+                "verdict": self.certificate.verdict,
+                "reason": self.certificate.reason,
+                "figures": self.certificate.figures,
+            },
+            "parameters": {
+                name: {"value": float(value), "unit": unit, "origin": origin}
+                for name, value, unit, origin in zip(
+                    layout.names,
+                    self.parameters,
+                    layout.units,
+                    self.origins,
+                    strict=True,
+                )
+            },
+            "base_parameters": [
+                {
+                    "name": name,
+                    "value": float(value),
+                    "standard_error": None if errors is None else _finite(errors[i]),
+                    "grouping": grouping,
+                }
+                for i, (name, value, grouping) in enumerate(
+                    zip(
+                        self.base.names,
+                        self.base_values,
+                        self.base.groupings,
+                        strict=True,
+                    )
+                )
+            ],
+            "undetermined": list(self.undetermined),
+            "sigma": dict(
+                zip(self.model.torque_joints, self.sigma.tolist(), strict=True)
+            ),
+            "notes": list(self.notes),
+            "seconds": self.seconds,
+        }
+
+    def save(self, path: str | Path) -> Path:
+        """Write `to_dict` as JSON; the file is whole or not there."""
+        return write_atomically(path, json.dumps(self.to_dict(), indent=1) + "\n")
+
+    @classmethod
+    def load(cls, path: str | Path, model: TorqueModel, base: BaseParameters) -> Self:
+        """Read what `save` wrote, for the same torque model.
+
+        Covariances are not kept in the file.
+
+        Raises
+        ------
+        ProblemError
+            If the file is not an estimate of this model.
+        """
+        record = _read(Path(path))
+        try:
+            named, verdict = record["parameters"], record["certificate"]["verdict"]
+            if record["format"] != _FORMAT or verdict not in get_args(Verdict):
+                raise ProblemError(f"{path}: not an estimate in the form {_FORMAT!r}")
+            if tuple(named) != model.layout.names:
+                raise ProblemError(
+                    f"{path}: its parameters are not those of robot "
+                    f"{model.robot.name!r} with these drive terms"
+                )
+            return cls(
+                method=record["method"],
+                model=model,
+                base=base,
+                parameters=np.array([entry["value"] for entry in named.values()]),
+                base_covariance=None,
+                origins=tuple(entry["origin"] for entry in named.values()),
+                undetermined=tuple(record["undetermined"]),
+                sigma=np.array([record["sigma"][j] for j in model.torque_joints]),
+                certificate=Certificate(**record["certificate"]),
+                notes=tuple(record["notes"]),
+                seconds=record["seconds"],
+            )
+        except (KeyError, TypeError, AttributeError) as cause:
+            raise ProblemError(f"{path}: not an estimate: {cause!r}") from None
+
+
+def _read(path: Path) -> Any:
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except OSError as cause:
+        raise ProblemError(f"{path}: cannot be read ({cause.strerror})") from None
+    except ValueError as cause:
+        raise ProblemError(f"{path}: not JSON: {cause}") from None
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

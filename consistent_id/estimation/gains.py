@@ -1,0 +1,258 @@
+"""Drive gains, from motor currents and something of known size.
+
+The torque is ``tau_j = k_j i_j``, so that ``Y x - K i = 0`` holds for any multiple of
+parameters ``x`` and gains ``k``: the motion of a robot alone tells ratios.  A load of
+known mass fixes the scale [Gautier2014]_.
+
+Noise is on the current, and the gains multiply it.  Least squares on ``Y x - K i``
+therefore finds gains that are too small, the smaller the more noise: it is the start
+only.  What is minimised is the misfit in amperes,
+
+``sum_j || Y_j x / k_j - i_j ||^2 / s_j^2``,
+
+with ``x`` eliminated and each joint's noise ``s_j`` found on the way: the most likely
+gains for white noise.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from time import perf_counter
+
+import numpy as np
+
+from consistent_id._support.arrays import Matrix, Vector, frozen
+from consistent_id._support.threads import single_threaded
+from consistent_id.errors import RecordingError
+from consistent_id.estimation.gain_search import (
+    Currents,
+    linear_gains,
+    most_likely_gains,
+)
+from consistent_id.estimation.load.loaded_robot import (
+    LoadedRobot,
+    likely_body,
+    loaded_robot,
+)
+from consistent_id.recordings.recording import Recording, several
+from consistent_id.regression.base import independent_columns
+from consistent_id.regression.correlation import correlation_length
+from consistent_id.regression.regression import Regression
+from consistent_id.regression.regressor import TorqueModel
+from consistent_id.robot.model import Link
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DriveGains:
+    """Drive gains, and whether the runs tell them.
+
+    Parameters
+    ----------
+    joints : tuple of str
+    gains : array_like, shape (torque joints,), [N m/A or N/A]
+        Ratios only where `identifiable` is not.
+    standard_errors : array_like, shape (torque joints,), [N m/A or N/A]
+        For noise as correlated as the residuals are; infinite where open.
+    parameters : array_like, shape (parameters,)
+        Of robot and load, to go with the gains; what is open is zero.
+    linear : array_like, shape (torque joints,)
+        Gains of least squares on ``Y x - K i``, which noise makes too small.
+    current_noise : array_like, shape (torque joints,), [A]
+        Residual standard deviation of each joint.
+    correlation : float
+        Samples that tell as much as one independent one would.
+    accuracy : float
+        Relative standard error that counts as identified.
+    scale_open : bool
+        Whether nothing in the runs fixes the absolute scale.
+    robot : LoadedRobot
+    seconds : float
+    """
+
+    joints: tuple[str, ...]
+    gains: Vector
+    standard_errors: Vector
+    parameters: Vector
+    linear: Vector
+    current_noise: Vector
+    correlation: float
+    accuracy: float
+    scale_open: bool
+    robot: LoadedRobot
+    seconds: float
+
+    def __post_init__(self) -> None:
+        shape = (len(self.joints),)
+        for name in ("gains", "standard_errors", "linear", "current_noise"):
+            values = frozen(getattr(self, name), shape, name, finite=False)
+            object.__setattr__(self, name, values)
+
+    @property
+    def identified(self) -> tuple[bool, ...]:
+        """Whether each gain is known to within the accuracy asked for."""
+        relative = self.standard_errors / self.gains
+        return tuple((relative < self.accuracy).tolist())
+
+    @property
+    def identifiable(self) -> bool:
+        """Whether all gains are."""
+        return all(self.identified)
+
+    @property
+    def verdict(self) -> str:
+        """What the runs tell, and what is missing."""
+        if self.scale_open:
+            return (
+                "the absolute scale is open: gains and parameters may all be "
+                "multiplied by the same number. Runs with a load of known mass and "
+                "without it are missing, or exchanged"
+            )
+        poor = [
+            f"{joint} ({error / gain:.0%})"
+            for joint, gain, error, good in zip(
+                self.joints,
+                self.gains,
+                self.standard_errors,
+                self.identified,
+                strict=True,
+            )
+            if not good
+        ]
+        if not poor:
+            return f"all gains are known to {self.accuracy:.0%} or better"
+        return (
+            f"not known to {self.accuracy:.0%}: {', '.join(poor)}. The known load is "
+            "hardly felt there: a heavier one, or motions in which it moves these "
+            "joints' torques, are missing"
+        )
+
+
+@single_threaded
+def identify_gains(
+    model: TorqueModel,
+    loaded: Recording | Sequence[Recording],
+    unloaded: Recording | Sequence[Recording],
+    *,
+    known: Mapping[str, float],
+    load: Link | None = None,
+    carrier: str | None = None,
+    accuracy: float = 0.05,
+) -> DriveGains:
+    """Estimate drive gains and parameters together.
+
+    Parameters
+    ----------
+    model : TorqueModel
+        Of the robot without the load.
+    loaded, unloaded : Recording or sequence of Recording
+        With velocity, acceleration, and currents [A] in place of torques.
+    known : mapping of str to float
+        What is known of robot and load, by name, such as ``{"load.m": 2.8}``.
+    load : Link, optional
+        The load's name; by default ``"load"``.
+    carrier : str, optional
+        Link that carries the load; by default the last one of a chain.
+    accuracy : float
+        Relative standard error that counts as identified.
+
+    Raises
+    ------
+    NotExcitedError, RecordingError, ProblemError
+        If runs are missing or do not fit the model.
+    SolverError
+        If the search does not end.
+    """
+    started = perf_counter()
+    load = Link("load") if load is None else load
+    robot = loaded_robot(model, load, carrier=carrier)
+    runs = (several(unloaded), several(loaded))
+    found = _once(robot, runs, known, accuracy)
+    load_found = likely_body(found.parameters[robot.load_slice])
+    in_need = model.load_reference is not None and load.nominal is None
+    if in_need and load_found is not None and not found.scale_open:
+        # Gears feel the load, from now on.
+        found = _once(robot.with_nominal(load_found), runs, known, accuracy)
+    return replace(found, seconds=perf_counter() - started)
+
+
+def _once(
+    robot: LoadedRobot,
+    runs: tuple[Sequence[Recording], Sequence[Recording]],
+    known: Mapping[str, float],
+    accuracy: float,
+) -> DriveGains:
+    """Estimate gains for a load that the gears feel as its nominal one."""
+    regression = robot.regression(*runs)
+    rms = dict(zip(regression.joints, regression.torque_rms, strict=True))
+    if dead := [joint for joint, size in rms.items() if size == 0.0]:
+        raise RecordingError(f"the current is zero throughout for {', '.join(dead)}")
+    rows, unknown, values = _rows(robot, regression, known)
+    linear = linear_gains(rows, len(regression.joints))
+    found = most_likely_gains(rows, regression, linear)
+    x = values.copy()
+    x[unknown] = found.fit.x
+    gains, noise = np.exp(found.log_gains), found.noise
+    correlation = correlation_length(_residuals(robot, runs, x, gains), noise)
+    errors = np.full(len(gains), np.inf)
+    if not found.scale_open:
+        errors = gains * _spread(found.fit.jacobian) * np.sqrt(correlation)
+    return DriveGains(
+        joints=regression.joints,
+        gains=gains,
+        standard_errors=errors,
+        parameters=x,
+        linear=linear,
+        current_noise=noise,
+        correlation=correlation,
+        accuracy=accuracy,
+        scale_open=found.scale_open,
+        robot=robot,
+        seconds=0.0,
+    )
+
+
+def _spread(J: Matrix) -> Vector:
+    """Return the roots of the diagonal of ``(J^T J)^-1``, infinite where singular."""
+    R = np.linalg.qr(J, mode="r")
+    size = abs(np.diag(R))
+    if size.min() <= np.finfo(float).eps * size.max():
+        return np.full(len(R), np.inf)
+    return np.asarray(np.linalg.norm(np.linalg.inv(R), axis=1))
+
+
+def _rows(
+    robot: LoadedRobot, regression: Regression, known: Mapping[str, float]
+) -> tuple[Currents, list[int], Vector]:
+    """Return compressed rows, which parameters are unknown, and the known ones."""
+    layout = robot.model.layout
+    values = np.zeros(len(layout))
+    places = {layout.index(name): float(value) for name, value in known.items()}
+    values[list(places)] = list(places.values())
+    others = [i for i in range(len(layout)) if i not in places]
+    stacked = np.vstack(regression.factors)
+    independent, _, _ = independent_columns(stacked[:, others])
+    unknown = [others[i] for i in independent]
+    joint = np.repeat(
+        np.arange(len(regression.factors)), [len(f) for f in regression.factors]
+    )
+    rows = Currents(
+        stacked[:, unknown],
+        stacked[:, :-1] @ values,
+        stacked[:, -1],
+        joint,
+    )
+    return rows, unknown, values
+
+
+def _residuals(
+    robot: LoadedRobot,
+    runs: tuple[Sequence[Recording], Sequence[Recording]],
+    x: Vector,
+    gains: Vector,
+) -> list[Vector]:
+    """Return each joint's misfit in amperes, sample by sample."""
+    parts = []
+    for k, logs in enumerate(runs):
+        for log in logs:
+            current = np.asarray(log.of(robot.bare.torque_joints).torque)
+            parts.append(robot.predict(x, log, loaded=k == 1) / gains - current)
+    return list(np.vstack(parts).T)

@@ -1,0 +1,1 @@
+"""A robot and the load that it carries."""

@@ -1,0 +1,234 @@
+"""What a robot carries: a load's ten parameters from runs with it and without."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from time import perf_counter
+from typing import NamedTuple
+
+import numpy as np
+
+from consistent_id._support.arrays import Array, Vector, frozen
+from consistent_id._support.threads import single_threaded
+from consistent_id.constraints import (
+    CentreOfMassBoxes,
+    Constraint,
+    FixedCentresOfMass,
+    FixedMasses,
+    MassBounds,
+    PhysicalConsistency,
+)
+from consistent_id.constraints.priors import Prior
+from consistent_id.errors import RecordingError
+from consistent_id.estimation.constrained import (
+    DEFAULT_CONSTRAINTS,
+    constrained_least_squares,
+)
+from consistent_id.estimation.estimate import Estimate
+from consistent_id.estimation.least_squares import joint_noise, least_squares
+from consistent_id.estimation.load.loaded_constraints import OfBareRobot, OfLoad
+from consistent_id.estimation.load.loaded_robot import (
+    LoadedRobot,
+    likely_body,
+    loaded_robot,
+)
+from consistent_id.recordings.recording import Recording, several
+from consistent_id.regression.correlation import correlation_length
+from consistent_id.regression.regression import Regression
+from consistent_id.regression.regressor import TorqueModel
+from consistent_id.robot.inertia import INERTIAL_NAMES, InertialParameters
+from consistent_id.robot.model import Datasheet, Link
+
+_CERTAIN = 5.0  # standard errors
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Payload:
+    """A load, in the frame of the link that carries it.
+
+    Parameters
+    ----------
+    body : InertialParameters
+        The constrained estimate: a body.
+    free : InertialParameters
+        Least squares' estimate, which need not be one.
+    standard_errors : array_like, shape (10,)
+        Of `free`, for noise as correlated as the residuals are; infinite where the
+        motion does not tell.
+    correlation : float
+        Samples that tell as much as one independent one would.
+    robot : LoadedRobot
+    estimate, least_squares : Estimate
+        Of robot and load together.
+    seconds : float
+    """
+
+    body: InertialParameters
+    free: InertialParameters
+    standard_errors: Vector
+    correlation: float
+    robot: LoadedRobot
+    estimate: Estimate
+    least_squares: Estimate
+    seconds: float
+
+    def __post_init__(self) -> None:
+        errors = frozen(self.standard_errors, (10,), "standard errors", finite=False)
+        object.__setattr__(self, "standard_errors", errors)
+
+    @property
+    def open(self) -> tuple[str, ...]:
+        """Names of the load's parameters that least squares leaves open."""
+        return tuple(
+            f"{self.robot.load}.{name}"
+            for name, error in zip(INERTIAL_NAMES, self.standard_errors, strict=True)
+            if not np.isfinite(error)
+        )
+
+    def predict(self, recording: Recording, *, loaded: bool = True) -> Array:
+        """Return torques along a motion with or without the load.
+
+        Shape (samples, torque joints), [N m or N].
+        """
+        return self.robot.predict(self.estimate.parameters, recording, loaded=loaded)
+
+
+@single_threaded
+def identify_payload(
+    model: TorqueModel,
+    loaded: Recording | Sequence[Recording],
+    unloaded: Recording | Sequence[Recording],
+    *,
+    load: Link | None = None,
+    carrier: str | None = None,
+    constraints: Sequence[Constraint] = DEFAULT_CONSTRAINTS,
+    load_constraints: Sequence[Constraint] = (),
+    prior: Prior | None = None,
+    weighted: bool = True,
+) -> Payload:
+    """Estimate a load and the robot that carries it, from runs with it and without.
+
+    Both are estimated at once: what the runs say of the robot they say together, and
+    the load is what only one of them feels.  Where friction depends on the load, that
+    of the loaded run does on this one too, as least squares finds it.
+
+    Parameters
+    ----------
+    model : TorqueModel
+        Of the robot without the load.
+    loaded, unloaded : Recording or sequence of Recording
+        With velocity, acceleration and torque.
+    load : Link, optional
+        Its name, and what its datasheet says: a mass, bounds, a centre of mass, all in
+        the frame of the link that carries it.  By default nothing.
+    carrier : str, optional
+        Link that carries the load; by default the last one of a chain.
+    constraints : sequence of Constraint
+        On the robot without its load.
+    load_constraints : sequence of Constraint
+        On the load, by its name, besides its being a body and its datasheet.
+    prior : PointToSet or Penalty, optional
+        Settles what the data leave open.  Of a load without nominal parameters the
+        nominal is what least squares says, made a body.
+    weighted : bool
+        Whether joints are weighted by their noise.
+
+    Raises
+    ------
+    RecordingError
+        If the load would weigh less than nothing: the runs are exchanged.
+    InfeasibleError, NotExcitedError, SolverError
+        See `constrained_least_squares`.
+    """
+    started = perf_counter()
+    load = Link("load") if load is None else load
+    robot = loaded_robot(model, load, carrier=carrier)
+    runs = (several(unloaded), several(loaded))
+    fitted = _fitted(robot, runs, weighted)
+    likely = likely_body(fitted.free.parameters[robot.load_slice])
+    if load.nominal is None and likely is not None:
+        robot = robot.with_nominal(likely)
+        fitted = _fitted(robot, runs, weighted)  # gears feel the load, from now on
+    regression, free = fitted
+    correlation = correlation_length(
+        list(robot.residuals(free.parameters, *runs)), regression.sigma
+    )
+    errors = _standard_errors(robot, free) * np.sqrt(correlation)
+    _require_weight(InertialParameters(free.parameters[robot.load_slice]), errors)
+    estimate = constrained_least_squares(
+        robot.model,
+        regression,
+        constraints=[
+            *(OfBareRobot(constraint, robot) for constraint in constraints),
+            *_known_of(load),
+            *load_constraints,
+        ],
+        prior=prior,
+        base=robot.base,
+        method="payload",
+    )
+    return Payload(
+        body=InertialParameters(estimate.parameters[robot.load_slice]),
+        free=InertialParameters(free.parameters[robot.load_slice]),
+        standard_errors=errors,
+        correlation=correlation,
+        robot=robot,
+        estimate=estimate,
+        least_squares=free,
+        seconds=perf_counter() - started,
+    )
+
+
+class _Fitted(NamedTuple):
+    regression: Regression
+    free: Estimate
+
+
+def _fitted(
+    robot: LoadedRobot,
+    runs: tuple[Sequence[Recording], Sequence[Recording]],
+    weighted: bool,
+) -> _Fitted:
+    """Return the regression of both runs, and least squares."""
+    regression = robot.regression(*runs)
+    if weighted:
+        sigma = joint_noise(robot.model, regression, base=robot.base)
+        regression = regression.weighted(sigma)
+    return _Fitted(regression, least_squares(robot.model, regression, base=robot.base))
+
+
+def _known_of(load: Link) -> list[Constraint]:
+    """Return what holds of a load: that it is a body, and its datasheet."""
+    sheet: Datasheet = load.datasheet
+    known: list[Constraint] = [OfLoad(PhysicalConsistency(), load.name)]
+    if sheet.mass is not None:
+        known.append(FixedMasses({load.name: sheet.mass}))
+    if sheet.mass_bounds is not None:
+        known.append(MassBounds({load.name: sheet.mass_bounds}))
+    if sheet.com is not None:
+        known.append(FixedCentresOfMass({load.name: sheet.com.tolist()}))
+    if sheet.com_box is not None:
+        low, high = sheet.com_box.tolist()
+        known.append(CentreOfMassBoxes({load.name: (low, high)}))
+    return known
+
+
+def _require_weight(free: InertialParameters, errors: Vector) -> None:
+    """Refuse a load of negative mass, beyond what noise explains."""
+    if free.mass < -_CERTAIN * errors[0]:
+        raise RecordingError(
+            f"the load would weigh {free.mass:.3g} +- {errors[0]:.2g} kg. Are the runs "
+            "with the load and without it exchanged, or is the torque's sign reversed?"
+        )
+
+
+def _standard_errors(robot: LoadedRobot, free: Estimate) -> Vector:
+    """Return those of the load's parameters, infinite where data do not tell."""
+    errors = np.full(10, np.inf)
+    found = free.standard_errors
+    independent = list(robot.base.independent)
+    for i, column in enumerate(range(len(free.parameters))[robot.load_slice]):
+        if found is not None and column in independent:
+            place = independent.index(column)
+            alone = not robot.base.regrouping[place].any()
+            errors[i] = found[place] if alone else np.inf
+    return errors

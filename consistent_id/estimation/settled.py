@@ -1,0 +1,139 @@
+"""Both stages of a constrained estimate: the best fit, then what the prior settles."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from consistent_id._support.arrays import Vector
+from consistent_id.constraints import Constraint
+from consistent_id.constraints.distances import NominalDistance, nominal_distance
+from consistent_id.constraints.priors import Penalty, PointToSet, Prior
+from consistent_id.errors import InfeasibleError
+from consistent_id.estimation.best_fit import BestFit, best_fit
+from consistent_id.estimation.contradiction import contradiction
+from consistent_id.estimation.nearest import DISTANCE_GAP, nearest_within
+from consistent_id.estimation.penalised import PenalisedFit, penalised_fit
+from consistent_id.estimation.scaled_fit import REFERENCE
+from consistent_id.regression.base import BaseParameters
+from consistent_id.regression.regression import Regression
+from consistent_id.regression.regressor import TorqueModel
+
+SLACK_GAP = 0.01
+"""Share of the slack by which the least misfit may be unknown."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Settled:
+    """What both stages found.
+
+    Parameters
+    ----------
+    best : BestFit
+    distance : NominalDistance
+    fit : PenalisedFit
+        The final point.
+    slack : float
+        Relative misfit given up for the prior, at the most.
+    share : float
+        Bound on the relative excess of the squared distance, under `PointToSet`.
+    unsure : float
+        What is not known of the least squared misfit, relative to what the slack
+        allows beyond it; none under `Penalty`, which does not ask for it.
+    words : str
+        How the prior was used.
+    """
+
+    best: BestFit
+    distance: NominalDistance
+    fit: PenalisedFit
+    slack: float
+    share: float
+    unsure: float
+    words: str
+
+    @property
+    def parameters(self) -> Vector:
+        """The final parameters, in original units."""
+        return self.fit.solution.u * self.best.scaled.unit
+
+    @property
+    def certified(self) -> bool:
+        """Whether the final optimum is, within a slack that is known well enough."""
+        final = self.fit.optimality.verdict == "certified"
+        return final and self.share <= DISTANCE_GAP and self.unsure <= SLACK_GAP
+
+    @property
+    def proven(self) -> str:
+        """What was proven, in words."""
+        fit, final = self.best.optimality, self.fit.optimality
+        violation = max(fit.violation, final.violation)
+        if not self.certified:
+            return (
+                f"relative gap of the best fit {fit.gap:.1e} and of the final estimate "
+                f"{final.gap:.1e}, of the squared distance {self.share:.1e}, of the "
+                f"slack {self.unsure:.1e}, violation {violation:.1e}"
+            )
+        second = (
+            "a compromise with the prior"
+            if self.share == 0.0
+            else f"squared distance to nominal to {self.share:.1e}"
+        )
+        size = 1.0 + float(np.linalg.norm(self.distance.nominal))
+        reach = min(fit.radius, final.radius) / size
+        return (
+            f"best fit proven to a relative {fit.gap:.1e}, final estimate to "
+            f"{final.gap:.1e}, {second}, constraints "
+            f"violated by at most {violation:.1e}, among robots up to {reach:.0f} "
+            "times the nominal"
+        )
+
+
+def settle(
+    model: TorqueModel,
+    regression: Regression,
+    constraints: Sequence[Constraint],
+    prior: Prior | None,
+    base: BaseParameters,
+) -> Settled:
+    """Fit under constraints, then let the prior settle what the data leave open.
+
+    Raises
+    ------
+    InfeasibleError, NotExcitedError, SolverError
+        See `constrained_least_squares`.
+    """
+    prior = PointToSet() if prior is None else prior
+    try:
+        best = best_fit(model, regression, constraints, base=base)
+    except InfeasibleError:
+        found = contradiction(model, regression, constraints, base=base)
+        if found is None:
+            raise
+        raise InfeasibleError(found.sentence) from None
+    distance = nominal_distance(model, prior.distance, best.scaled.unit)
+    if isinstance(prior, Penalty):
+        return _compromise(best, distance, prior)
+    slack = prior.relative_slack(len(base), sum(regression.counts))
+    near = nearest_within(best, distance, slack)
+    words = (
+        f"nearest to nominal ({prior.distance} distance) among estimates whose misfit "
+        f"is within {slack:.2%} of the best constrained fit"
+    )
+    optimality = best.optimality
+    gap = 2.0 * optimality.gap * max(optimality.objective, REFERENCE)
+    unsure = 0.0 if optimality.verdict == "certified" else gap / near.allowed
+    return Settled(best, distance, near.fit, slack, near.share, unsure, words)
+
+
+def _compromise(best: BestFit, distance: NominalDistance, prior: Penalty) -> Settled:
+    fit = penalised_fit(best.scaled, distance, prior.weight)
+    least = best.scaled.excess(best.solution.u) + best.scaled.residual**2
+    total = fit.excess + best.scaled.residual**2
+    # Misfits below one, a millionth of the torque, count as none: see `ScaledFit`.
+    given = max(float(np.sqrt(max(total, 1.0) / max(least, 1.0))) - 1.0, 0.0)
+    words = (
+        f"compromise of misfit and {prior.distance} distance to nominal, weight "
+        f"{prior.weight:.3g}; its misfit is {given:.2%} above the best constrained fit"
+    )
+    return Settled(best, distance, fit, given, 0.0, 0.0, words)

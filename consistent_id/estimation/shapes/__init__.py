@@ -1,0 +1,1 @@
+"""Parameters of friction in which the torque is not linear."""

@@ -1,0 +1,109 @@
+"""What was wrong with a file's links, and what was done about it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from consistent_id._support.files import write_atomically
+from consistent_id.errors import ModelError
+
+Status = Literal["consistent", "repaired", "refused"]
+
+
+@dataclass(frozen=True, slots=True)
+class LinkRepair:
+    """What was wrong with a link, and what was done about it.
+
+    Parameters
+    ----------
+    link : str
+    line : int
+        Of its ``<inertial>``.
+    status : {"consistent", "repaired", "refused"}
+        Refused is what cannot be repaired without being made up.
+    fault : str
+        Empty if there is none.
+    remedy : str
+        What was done, what the user must state, or what simulators may still refuse.
+    mass : float or None, [kg]
+        Afterwards.
+    before, after : tuple of float, [kg m^2]
+        Principal moments of inertia, empty where there is none to be read.
+    change : float
+        Relative change of the second moments of mass; see `nearest_inertia`.
+    """
+
+    link: str
+    line: int
+    status: Status
+    fault: str = ""
+    remedy: str = ""
+    mass: float | None = None
+    before: tuple[float, ...] = ()
+    after: tuple[float, ...] = ()
+    change: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Repair:
+    """A repaired file, and an account of each of its links.
+
+    Parameters
+    ----------
+    source : Path
+    original, content : bytes
+        The same ones, if nothing was to be repaired.
+    links : tuple of LinkRepair
+        All that have an ``<inertial>``, in the file's order.
+    """
+
+    source: Path
+    original: bytes
+    content: bytes
+    links: tuple[LinkRepair, ...]
+
+    @property
+    def repaired(self) -> tuple[LinkRepair, ...]:
+        """Links that were changed."""
+        return tuple(link for link in self.links if link.status == "repaired")
+
+    @property
+    def refused(self) -> tuple[LinkRepair, ...]:
+        """Links that cannot be repaired without making something up."""
+        return tuple(link for link in self.links if link.status == "refused")
+
+    def save(self, path: str | Path) -> Path:
+        """Write the repaired file.
+
+        Raises
+        ------
+        ModelError
+            If some link could not be repaired.
+        """
+        if self.refused:
+            link = self.refused[0]
+            raise ModelError(
+                f"{self.source}, line {link.line}: link {link.link!r}: {link.fault}; "
+                f"{link.remedy}"
+            )
+        return write_atomically(path, self.content)
+
+
+@dataclass(frozen=True, slots=True)
+class Stated:
+    """What a user states beside the file.
+
+    Parameters
+    ----------
+    masses : mapping of str to float, [kg]
+        By link, in place of the file's.
+    density : float, optional, [kg/m^3]
+        Of a ball that stands for an inertia which is missing or unreadable.
+    thickness : float, [m]
+        Standard deviation of mass along each axis that every body is to have.
+    """
+
+    masses: Mapping[str, float]
+    density: float | None = None
+    thickness: float = 0.0

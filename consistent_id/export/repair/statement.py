@@ -1,0 +1,75 @@
+"""What a URDF's link states of its inertial, readable or not."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from consistent_id._support.arrays import Matrix
+from consistent_id.robot.loaders.urdf_inertial import inertia_matrix
+from consistent_id.robot.loaders.urdf_lint import readable_numbers
+from consistent_id.robot.loaders.urdf_parts import INERTIA_ENTRIES
+from consistent_id.robot.loaders.xml import Element
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Statement:
+    """A link's mass and inertia as stated; None where they cannot be read.
+
+    `unreadable` says what stands in their place, `displaced` what stands in that of a
+    readable origin.
+    """
+
+    mass: float | None
+    inertia: Matrix | None
+    unreadable: tuple[str, ...]
+    displaced: str = ""
+
+
+def statement(inertial: Element) -> Statement:
+    """Read an inertial; numbers that are none do not stop the rest."""
+    found: dict[str, float] = {}
+    unreadable = []
+    for tag, names in (("mass", ("value",)), ("inertia", INERTIA_ENTRIES)):
+        element = inertial.child(tag)
+        if element is None:
+            unreadable.append(f"<{tag}> is missing")
+            continue
+        values = _numbers(element.attributes, names)
+        for name, value in values.items():
+            if value is None:
+                stated = element.attributes.get(name)
+                seen = "is missing" if stated is None else f"is {stated!r}"
+                unreadable.append(f"<{tag} {name}> {seen}")
+            else:
+                found[name] = value
+    whole = all(entry in found for entry in INERTIA_ENTRIES)
+    inertia = inertia_matrix([found[e] for e in INERTIA_ENTRIES]) if whole else None
+    displaced = _displaced(inertial.child("origin"))
+    return Statement(found.get("value"), inertia, tuple(unreadable), displaced)
+
+
+def _displaced(origin: Element | None) -> str:
+    for name in ("xyz", "rpy"):
+        stated = "0 0 0" if origin is None else origin.attributes.get(name, "0 0 0")
+        if not readable_numbers(stated, 3):
+            return f"<origin {name}> is {stated!r}"
+    return ""
+
+
+def _numbers(
+    attributes: Mapping[str, str], names: tuple[str, ...]
+) -> dict[str, float | None]:
+    return {
+        name: (
+            float(attributes[name])
+            if name in attributes and readable_numbers(attributes[name], 1)
+            else None
+        )
+        for name in names
+    }
+
+
+def moments_in_words(inertia: Matrix) -> str:
+    """Return the principal moments of inertia, for people."""
+    return ", ".join(f"{moment:.4g}" for moment in np.linalg.eigvalsh(inertia))

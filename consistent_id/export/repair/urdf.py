@@ -1,0 +1,94 @@
+"""A URDF whose inertials no body could have, repaired in place."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from consistent_id.errors import ModelError
+from consistent_id.export.repair.account import Repair, Stated
+from consistent_id.export.repair.link import repaired_link
+from consistent_id.robot.loaders.splice import Document
+from consistent_id.robot.loaders.urdf_lint import read_bytes, unexpanded
+from consistent_id.robot.loaders.xml import Element, XmlFault
+from consistent_id.robot.parameters import did_you_mean
+
+
+def repair_urdf(
+    source: str | Path,
+    *,
+    masses: Mapping[str, float] | None = None,
+    density: float | None = None,
+    thickness: float = 0.0,
+) -> Repair:
+    """Make the inertials of a URDF those of bodies, with the least change.
+
+    Mass, centre of mass and axes of a link stay; moments of inertia move to the nearest
+    ones that a body of this mass has (`nearest_inertia`).  A link stated to have no
+    mass gets no inertia.  Nothing else in the file changes by a byte, and a file in
+    which nothing is wrong does not change at all.
+
+    What would have to be made up is refused, unless it is stated: a mass that is
+    missing, not a number or negative, by `masses`; an inertia that is missing or not
+    numbers, by `density`.
+
+    Parameters
+    ----------
+    source : str or Path
+    masses : mapping of str to float, optional, [kg]
+        Masses of links by name, in place of the file's.
+    density : float, optional, [kg/m^3]
+        A solid ball of the link's mass and this density stands for an inertia that
+        cannot be read.
+    thickness : float, [m]
+        Standard deviation of mass along each axis that every body with mass is to have;
+        makes point masses and plates, which are bodies at the edge of what can be, into
+        ones that simulators take.
+
+    Returns
+    -------
+    Repair
+
+    Raises
+    ------
+    ModelError
+        If the file cannot be read, is an unexpanded xacro, or has no link of a name in
+        `masses`.
+    """
+    path = Path(source)
+    data = read_bytes(path)
+    try:
+        document = Document.of(data)
+    except XmlFault as fault:
+        raise ModelError(f"{path}, {fault}") from None
+    except ModelError as fault:
+        raise ModelError(f"{path}: {fault}") from None
+    stated = Stated(dict(masses or {}), density, thickness)
+    _check(path, document.root, stated)
+    found = [
+        repaired_link(document, link, inertial, stated)
+        for link in document.root.all("link")
+        if (inertial := link.child("inertial")) is not None
+    ]
+    edits = [edit for _, of_link in found for edit in of_link]
+    return Repair(path, data, document.spliced(edits), tuple(r for r, _ in found))
+
+
+def _check(path: Path, root: Element, stated: Stated) -> None:
+    if root.tag != "robot":
+        raise ModelError(
+            f"{path}, line {root.line}: root element is <{root.tag}>, expected <robot>"
+        )
+    for finding in unexpanded(root):
+        raise ModelError(f"{path}, {finding}")
+    names = [link.name for link in root.all("link") if link.child("inertial")]
+    for name, mass in stated.masses.items():
+        if name not in names:
+            near = did_you_mean(name, names)
+            raise ModelError(f"{path}: no link {name!r} with an <inertial>; {near}")
+        if not 0.0 <= mass < np.inf:
+            raise ModelError(f"mass of {name!r} is {mass} kg, expected 0 or more")
+    if stated.density is not None and not 0.0 < stated.density < np.inf:
+        raise ModelError(f"density is {stated.density}, expected a positive number")
+    if not 0.0 <= stated.thickness < np.inf:
+        raise ModelError(f"thickness is {stated.thickness} m, expected 0 or more")

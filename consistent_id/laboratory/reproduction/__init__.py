@@ -1,0 +1,34 @@
+"""A paper's study done again: experiments, tables, explanations, verification."""
+
+from consistent_id.laboratory.reproduction.budget import ErrorBudget, error_budget
+from consistent_id.laboratory.reproduction.experiments import (
+    IdentifiedExperiment,
+    ParameterTable,
+    Reproduction,
+    identify_experiment,
+    perform_experiments,
+    reproduce_experiments,
+)
+from consistent_id.laboratory.reproduction.study import (
+    FULL,
+    QUICK,
+    Extent,
+    PaperStudy,
+    reproduce,
+)
+
+__all__ = [
+    "FULL",
+    "QUICK",
+    "ErrorBudget",
+    "Extent",
+    "IdentifiedExperiment",
+    "PaperStudy",
+    "ParameterTable",
+    "Reproduction",
+    "error_budget",
+    "identify_experiment",
+    "perform_experiments",
+    "reproduce",
+    "reproduce_experiments",
+]

@@ -1,0 +1,162 @@
+"""What of an explanation survives when the assumptions behind it are drawn anew.
+
+Where a paper does not say where, how large and how fast its tasks were, nor what
+friction its robot had, a problem's tasks and laboratory are one guess of many.  Here
+they are varied, and the account of the errors is repeated for each guess.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from consistent_id._support.arrays import Array, Matrix
+from consistent_id.errors import PathError
+from consistent_id.laboratory import Laboratory
+from consistent_id.laboratory.from_problem import task_path
+from consistent_id.laboratory.reproduction.budget import ErrorBudget, error_budget
+from consistent_id.problems.laboratory_tables import PointsTable, TaskTable
+from consistent_id.problems.problem import Problem
+from consistent_id.recordings.recording import Recording
+
+PLACE = 0.05  # m, by which a task is moved along each axis, at most
+SIZE = 1.25  # factor by which its sizes grow or shrink, at most
+TIME = 1.25  # the same of its duration
+FRICTION = 2.0  # the same of each joint's viscous and Coulomb friction
+_RATE = 200.0  # Hz; the account of a smooth motion needs no more
+_TRIES = 50  # at drawing a task that the robot can write
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DrawnAnew:
+    """Scatter over the experiments, for many guesses at what a paper does not say.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Of the paper's combinations.
+    friction : ndarray, shape (draws, combinations)
+        With the file's tasks and friction drawn.
+    both : ndarray, shape (draws, combinations)
+        With tasks and friction drawn.
+    tasks : ndarray, shape (task draws, combinations)
+        With tasks drawn and the file's friction.
+    noise : ndarray, shape (task draws, combinations)
+        Of the sensors' noise alone, with tasks drawn.
+    refused : int
+        Tasks drawn that the robot cannot write; others were drawn in their place.
+    """
+
+    names: tuple[str, ...]
+    friction: Matrix
+    both: Matrix
+    tasks: Matrix
+    noise: Matrix
+    refused: int
+
+
+def drawn_anew(
+    problem: Problem,
+    laboratory: Laboratory,
+    planned: ErrorBudget,
+    *,
+    cell_rate: float,
+    draws: int = 12,
+    frictions: int = 50,
+    seed: int = 0,
+) -> DrawnAnew:
+    """Repeat the account of errors for tasks and friction drawn at random.
+
+    Places move by up to `PLACE`; sizes, durations and friction are multiplied by
+    factors whose logarithms are uniform, up to `SIZE`, `TIME` and `FRICTION`.
+
+    Parameters
+    ----------
+    problem : Problem
+    laboratory : Laboratory
+    planned : ErrorBudget
+        Of the file's own tasks, whose experiments are drawn.
+    cell_rate : float, [Hz]
+    draws, frictions : int
+        Of the tasks, and of friction for each of them.
+    seed : int
+    """
+    rng = np.random.default_rng(seed)
+    budgets, refused = [], 0
+    for _ in range(draws):
+        motions = {}
+        for name in planned.experiments:
+            motions[name], tries = _writable(problem, name, rng)
+            refused += tries
+        budgets.append(error_budget(problem, laboratory, motions, cell_rate=cell_rate))
+    rest = [rubbed(budget, frictions, rng) for budget in budgets]
+    empty = np.zeros((0, len(planned.names)))
+    return DrawnAnew(
+        names=planned.names,
+        friction=rubbed(planned, frictions * max(draws, 1), rng),
+        both=np.vstack([empty, *rest]),
+        tasks=np.vstack([empty, *(budget.scatter() for budget in budgets)]),
+        noise=np.vstack([empty, *(budget.noise_scatter for budget in budgets)]),
+        refused=refused,
+    )
+
+
+def rubbed(budget: ErrorBudget, count: int, rng: np.random.Generator) -> Array:
+    """Return the scatter for friction drawn joint by joint; offsets stay.
+
+    Generators of one seed draw one friction, whatever the motions.
+
+    Returns
+    -------
+    ndarray, shape (count, combinations)
+    """
+    shape = (count, len(budget.causes), len(budget.joints))
+    factors = FRICTION ** rng.uniform(-1.0, 1.0, shape)
+    factors[:, budget.causes.index("offset")] = 1.0
+    errors = np.einsum("ncj,ecja->nea", factors, budget.parts, optimize=True)
+    return np.asarray(errors.std(axis=1, ddof=1))
+
+
+def _writable(
+    problem: Problem, name: str, rng: np.random.Generator
+) -> tuple[Recording, int]:
+    """Return a task drawn anew, sampled, and how many had to be refused before."""
+    for tries in range(_TRIES):
+        table = _varied(problem.table.tasks[name], rng)
+        tasks = {**problem.table.tasks, name: table}
+        varied = replace(
+            problem, table=msgspec.structs.replace(problem.table, tasks=tasks)
+        )
+        try:
+            return task_path(varied, name).recording(_RATE, name), tries
+        except PathError:
+            continue
+    return task_path(problem, name).recording(_RATE, name), _TRIES
+
+
+def _varied(table: TaskTable, rng: np.random.Generator) -> TaskTable:
+    """Return a task elsewhere, of another size and another speed."""
+    shift = rng.uniform(-PLACE, PLACE, 3)
+    size = SIZE ** rng.uniform(-1.0, 1.0)
+    changed: dict[str, Any] = {"duration": table.duration * _factor(TIME, rng)}
+    if isinstance(table, PointsTable):
+        points = np.array(table.points)
+        middle = points.mean(axis=0)
+        changed["points"] = (middle + shift + size * (points - middle)).tolist()
+    else:
+        changed["centre"] = (np.array(table.centre) + shift).tolist()
+        for field in ("radius", "height", "semi_axes"):
+            if hasattr(table, field):
+                changed[field] = _scaled(getattr(table, field), size)
+    return msgspec.structs.replace(table, **changed)
+
+
+def _factor(most: float, rng: np.random.Generator) -> float:
+    return float(most ** rng.uniform(-1.0, 1.0))
+
+
+def _scaled(sizes: float | list[float], factor: float) -> float | list[float]:
+    if isinstance(sizes, list):
+        return [factor * size for size in sizes]
+    return factor * sizes

@@ -1,0 +1,333 @@
+"""A paper's experiments done again in the laboratory: each identified, and their mean.
+
+Every writing task of ``[laboratory]`` is an experiment of its own, from the controller
+to two clocks made one.  Each is identified as the paper did, and with constraints; mean
+and standard deviation over the experiments are what papers print.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from consistent_id._support.arrays import Matrix, Vector, frozen
+from consistent_id.errors import ProblemError
+from consistent_id.estimation.constrained import constrained_least_squares
+from consistent_id.estimation.estimate import Estimate
+from consistent_id.estimation.least_squares import solve_linear
+from consistent_id.laboratory import ExperimentLog, OneClock, on_one_clock, perform
+from consistent_id.laboratory.from_problem import (
+    laboratory_of,
+    laboratory_table,
+    task_motion,
+)
+from consistent_id.problems.parametrisation import Parametrisation
+from consistent_id.problems.problem import Problem
+from consistent_id.problems.published import parametrisation_of, published_table
+from consistent_id.problems.published_estimate import published_least_squares
+from consistent_id.recordings.recording import Recording
+from consistent_id.regression.base import base_parameters, linear_combination
+from consistent_id.regression.friction import DriveTerms
+from consistent_id.regression.regression import build_regression
+from consistent_id.regression.regressor import TorqueModel
+
+METHODS = 4  # by which each experiment is identified
+_PART = 0.2  # of the largest part of a combination; less is not told
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Excited:
+    """How well one experiment excites a paper's free parameters.
+
+    Parameters
+    ----------
+    rank : int
+    condition : float
+        Largest singular value over the smallest that counts, of the free columns with
+        unit length.
+    open_directions : ndarray, shape (combinations, directions)
+        Orthonormal; along them no torque of the experiment changes.
+    left_open : tuple of str
+        The same, in readable form.
+    weakest : str
+        The combination told least of those that count, in units of the columns' norms;
+        its largest parts.
+    """
+
+    rank: int
+    condition: float
+    open_directions: Matrix
+    left_open: tuple[str, ...]
+    weakest: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class IdentifiedExperiment:
+    """One experiment, identified by several methods.
+
+    Parameters
+    ----------
+    name : str
+    log : ExperimentLog
+    one_clock : OneClock
+        What was identified from.
+    excited : Excited
+    estimates : tuple of Estimate
+    vectors : ndarray, shape (estimates, combinations)
+        In the paper's combinations.
+    """
+
+    name: str
+    log: ExperimentLog
+    one_clock: OneClock
+    excited: Excited
+    estimates: tuple[Estimate, ...]
+    vectors: Matrix
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ParameterTable:
+    """A method's vectors over the experiments, with mean and standard deviation.
+
+    Parameters
+    ----------
+    method : str
+    names : tuple of str
+        Of the combinations.
+    experiments : tuple of str
+    vectors : ndarray, shape (experiments, combinations)
+    """
+
+    method: str
+    names: tuple[str, ...]
+    experiments: tuple[str, ...]
+    vectors: Matrix
+
+    @property
+    def mean(self) -> Vector:
+        """Over the experiments, shape (combinations,)."""
+        return np.asarray(self.vectors.mean(axis=0))
+
+    @property
+    def standard_deviation(self) -> Vector:
+        """Of the sample (one less than the experiments), shape (combinations,)."""
+        return np.asarray(self.vectors.std(axis=0, ddof=1))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reproduction:
+    """All experiments of a laboratory, and the vector that was true.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Of the paper's combinations.
+    truth : ndarray, shape (combinations,)
+    experiments : tuple of IdentifiedExperiment
+    """
+
+    names: tuple[str, ...]
+    truth: Vector
+    experiments: tuple[IdentifiedExperiment, ...]
+
+    @property
+    def tables(self) -> tuple[ParameterTable, ...]:
+        """One for each method, in the order of the estimates."""
+        first = self.experiments[0].estimates
+        return tuple(
+            ParameterTable(
+                estimate.method,
+                self.names,
+                tuple(done.name for done in self.experiments),
+                np.array([done.vectors[i] for done in self.experiments]),
+            )
+            for i, estimate in enumerate(first)
+        )
+
+    def scatter(self, table: ParameterTable) -> Vector:
+        """Return the sample's standard deviation of `errors`, shape (combinations,)."""
+        return np.asarray(self.errors(table).std(axis=0, ddof=1))
+
+    def errors(self, table: ParameterTable) -> Matrix:
+        """Return vectors less the truth, shape (experiments, combinations).
+
+        Without their parts along directions in which no torque of the experiment
+        changes: there every value is as true as any other.
+        """
+        rows = []
+        for done, vector in zip(self.experiments, table.vectors, strict=True):
+            N, error = done.excited.open_directions, vector - self.truth
+            rows.append(error - N @ (N.T @ error))
+        return np.array(rows)
+
+
+def reproduce_experiments(
+    problem: Problem,
+    inertial: ArrayLike,
+    *,
+    friction: bool = True,
+    experiments: Sequence[str] | None = None,
+) -> Reproduction:
+    """Perform and identify the experiments of a problem's laboratory.
+
+    Parameters
+    ----------
+    problem : Problem
+        With ``[published]``, ``[tasks]`` and ``[laboratory]``.
+    inertial : array_like, shape (10 links,)
+        Of the robot in the laboratory, such as the body nearest to a published vector.
+    friction : bool
+        Whether its friction is switched on.
+    experiments : sequence of str, optional
+        Tasks, by default all of the laboratory's.
+
+    Returns
+    -------
+    Reproduction
+        See `perform_experiments`.
+    """
+    names = (
+        laboratory_table(problem).experiments if experiments is None else experiments
+    )
+    known = laboratory_table(problem).experiments
+    for name in names:
+        if name not in known:
+            raise ProblemError(
+                f"{name!r} is not among the laboratory's experiments: "
+                f"{', '.join(known)}"
+            )
+    return perform_experiments(
+        problem,
+        inertial,
+        {name: task_motion(problem, name) for name in names},
+        places=[known.index(name) for name in names],
+        friction=friction,
+    )
+
+
+def perform_experiments(
+    problem: Problem,
+    inertial: ArrayLike,
+    motions: Mapping[str, Recording],
+    *,
+    places: Sequence[int] | None = None,
+    friction: bool = True,
+    seed: int | None = None,
+) -> Reproduction:
+    """Perform and identify experiments along any motions, in a problem's laboratory.
+
+    Parameters
+    ----------
+    problem : Problem
+        With ``[published]`` and ``[laboratory]``.
+    inertial : array_like, shape (10 links,)
+        Of the robot in the laboratory.
+    motions : mapping of str to Recording
+        Uniformly sampled, with velocity and acceleration.
+    places : sequence of int, optional
+        Which stream of noise each experiment draws from; by default in their order.
+    friction : bool
+        Whether the robot's friction is switched on.
+    seed : int, optional
+        By default the laboratory's.
+
+    Returns
+    -------
+    Reproduction
+        By four methods: least squares as published, which knows no friction; the
+        constrained estimate of the same model; both again with friction and a torque
+        offset in the model.
+    """
+    if not motions:
+        raise ProblemError("no experiments to reproduce; name one task or more")
+    mine = parametrisation_of(problem)
+    known = frozen(inertial, (problem.model.layout.inertial_size,), "inertial")
+    laboratory = laboratory_of(problem, known)
+    if not friction:
+        laboratory = laboratory.without_friction()
+    places = list(range(len(motions))) if places is None else places
+    seed = laboratory_table(problem).seed if seed is None else seed
+    # A stream for each place: leaving some experiments out changes no other.
+    streams = np.random.default_rng(seed).spawn(max(places) + 1)
+    done = tuple(
+        identify_experiment(problem, name, perform(laboratory, motion, streams[place]))
+        for (name, motion), place in zip(motions.items(), places, strict=True)
+    )
+    return Reproduction(mine.names, mine.matrix[:, : len(known)] @ known, done)
+
+
+def identify_experiment(
+    problem: Problem, name: str, log: ExperimentLog
+) -> IdentifiedExperiment:
+    """Identify one experiment, by each method of `perform_experiments`."""
+    table, mine = laboratory_table(problem), parametrisation_of(problem)
+    together = on_one_clock(log, cutoff=table.cutoff, trim=table.trim)
+    recording = together.recording
+    drive = DriveTerms(
+        viscous=True,
+        coulomb="tanh",
+        velocity_scale=table.friction.velocity_scale,
+        offset=True,
+    )
+    rubbing = TorqueModel(problem.model.robot, drive)
+    estimates = (
+        published_least_squares(problem, recording),
+        _constrained(problem, problem.model, recording, "constrained"),
+        published_least_squares(problem, recording, drive=drive),
+        _constrained(problem, rubbing, recording, "constrained, with friction"),
+    )
+    size = problem.model.layout.inertial_size
+    C = mine.matrix[:, :size]
+    return IdentifiedExperiment(
+        name=name,
+        log=log,
+        one_clock=together,
+        excited=_excited(mine, published_table(problem).fixed, recording),
+        estimates=estimates,
+        vectors=np.array([C @ estimate.parameters[:size] for estimate in estimates]),
+    )
+
+
+def _constrained(
+    problem: Problem, model: TorqueModel, recording: Recording, method: str
+) -> Estimate:
+    return constrained_least_squares(
+        model,
+        build_regression(model, recording),
+        constraints=problem.constraints,
+        prior=problem.prior,
+        base=base_parameters(model),
+        method=method,
+    )
+
+
+def _excited(
+    mine: Parametrisation, fixed: Sequence[str], recording: Recording
+) -> Excited:
+    free = [i for i in range(len(mine)) if i not in mine.places(fixed)]
+    names = tuple(mine.names[i] for i in free)
+    R = mine.factor(recording)[:, free]
+    solution = solve_linear(R, np.zeros(len(R)))
+    s, rank = solution.singular_values, solution.rank
+    directions = np.zeros((len(mine), len(free) - rank))
+    directions[free] = solution.null_space
+    if directions.size:
+        directions = np.linalg.qr(directions)[0]
+    return Excited(
+        rank=rank,
+        condition=float(s[0] / s[rank - 1]),
+        open_directions=directions,
+        left_open=tuple(
+            linear_combination(direction, names) for direction in solution.null_space.T
+        ),
+        weakest=_weakest(R, rank, names),
+    )
+
+
+def _weakest(R: Matrix, rank: int, names: tuple[str, ...]) -> str:
+    norms = np.linalg.norm(R, axis=0)
+    _, _, Vt = np.linalg.svd(R / np.where(norms > 0.0, norms, 1.0))
+    direction = Vt[rank - 1] / Vt[rank - 1][abs(Vt[rank - 1]).argmax()]
+    large = np.where(abs(direction) > _PART, direction, 0.0)
+    return linear_combination(large, names, digits=2)

@@ -1,0 +1,220 @@
+"""A reproduced study in sections: text, tables and figures, in the order of reading."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from consistent_id._support.tables import Table
+from consistent_id.laboratory.reproduction import figures
+from consistent_id.laboratory.reproduction import section_tables as part
+from consistent_id.laboratory.reproduction.study import PaperStudy
+from consistent_id.laboratory.reproduction.tables import (
+    deviations_table,
+    experiments_table,
+)
+from consistent_id.problems.published import published_table
+
+Drawing = Callable[[PaperStudy], Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """A part of a study.
+
+    Parameters
+    ----------
+    name : str
+        For links.
+    title : str
+    text : tuple of str
+        Paragraphs.
+    tables : tuple of Table
+    figures : tuple of (str, str, callable)
+        Name, caption, and what draws it from the study.
+    """
+
+    name: str
+    title: str
+    text: tuple[str, ...]
+    tables: tuple[Table, ...] = ()
+    figures: tuple[tuple[str, str, Drawing], ...] = ()
+
+
+def sections_of(study: PaperStudy) -> tuple[Section, ...]:
+    """Return all sections of a study."""
+    return (
+        _printed(study),
+        _experiments(study),
+        _inertia(study),
+        _causes(study),
+        _assumptions(study),
+        _exciting(study),
+        _verification(study),
+    )
+
+
+def _printed(study: PaperStudy) -> Section:
+    table = published_table(study.problem)
+    loud = study.tasks.names[study.place.loudest]
+    deviation = part.printed_deviation(study)[study.place.loudest]
+    mean = study.report.mean[study.place.loudest]
+    return Section(
+        "printed",
+        "What the paper printed",
+        (
+            f"Of its parameters {loud} scatters most: {mean:.4f} with a standard "
+            f"deviation of {deviation:.4f} over {len(table.experiments)} experiments.",
+            *table.notes,
+        ),
+        (part.spread_table(study),),
+    )
+
+
+def _experiments(study: PaperStudy) -> Section:
+    done = study.tasks
+    laboratory = study.problem.table.laboratory
+    seed = "" if laboratory is None else f" Seed {laboratory.seed}."
+    return Section(
+        "experiments",
+        "The experiments done again",
+        (
+            "A robot whose inertia is that of the body nearest to the printed mean "
+            "follows the tasks of the problem file in a simulated laboratory, with "
+            "friction; each experiment is identified from its logs alone." + seed,
+        ),
+        (
+            part.excitation_table(study),
+            *(experiments_table(table) for table in done.tables),
+            deviations_table(done),
+        ),
+        (
+            (
+                "vectors",
+                "The parameter that scatters most, experiment by experiment.",
+                figures.vectors_figure,
+            ),
+        ),
+    )
+
+
+def _inertia(study: PaperStudy) -> Section:
+    return Section(
+        "inertia",
+        "Inertias with their uncertainty",
+        ("What the paper's table of inertias lacks: how sure each entry is.",),
+        tuple(part.inertia_table(study, table) for table in study.inertia),
+    )
+
+
+def _causes(study: PaperStudy) -> Section:
+    budget, place = study.accounts.budget, study.place.loudest
+    loud, planned = study.tasks.names[place], study.accounts.planned
+    found = study.tasks.scatter(study.tasks.tables[0])[place]
+    causes = ", ".join(f"{c} {budget.scatter(c)[place]:.4f}" for c in budget.causes)
+    return Section(
+        "causes",
+        "Where the scatter comes from",
+        (
+            "Least squares is linear in torque: torque that its model lacks moves the "
+            "estimate by the pseudo-inverse times that torque.",
+            f"{loud}: found {found:.4f}, all causes together "
+            f"{budget.scatter()[place]:.4f}, foretold from the planned motions before "
+            f"anything is performed {planned.scatter()[place]:.4f}; by cause: "
+            f"{causes}; noise alone lets expect {budget.noise_scatter[place]:.4f}.",
+        ),
+        (part.cause_table(study),),
+        (
+            (
+                "scatter",
+                "Scatter of each parameter: printed, found, and by noise alone.",
+                figures.scatter_figure,
+            ),
+            (
+                "budget",
+                "The error in each experiment, by cause and joint.",
+                figures.budget_figure,
+            ),
+        ),
+    )
+
+
+def _assumptions(study: PaperStudy) -> Section:
+    seeds = study.other_noise[:, 0, study.place.loudest]
+    again = ", ".join(f"{value:.4f}" for value in seeds) or "none were drawn"
+    return Section(
+        "assumptions",
+        "What is assumed, and what of it matters",
+        (
+            "Assumed: friction, offsets, the controller's errors, the cameras' delay "
+            "and noise, and where, how large and how fast the tasks are. Below they "
+            "are drawn anew, and the same account is made for each draw.",
+            f"The experiments again with other noise: {again}.",
+        ),
+        (part.drawn_table(study), part.tempo_table(study)),
+        (
+            (
+                "tempo",
+                "The scatter over guesses, and over the tempo of the tasks.",
+                figures.assumptions_figure,
+            ),
+        ),
+    )
+
+
+def _exciting(study: PaperStudy) -> Section:
+    tables = [
+        part.shrinking_table(
+            study, 0, study.with_friction, "Exciting motions, friction not in the model"
+        ),
+        part.shrinking_table(
+            study, 2, study.with_friction, "Exciting motions, friction in the model"
+        ),
+        part.shrinking_table(
+            study, 0, study.without_friction, "Exciting motions, a robot without it"
+        ),
+        part.shrunk_table(study),
+        part.constraints_table(study),
+    ]
+    return Section(
+        "exciting",
+        "What exciting motions and constraints do",
+        (
+            "As many motions as experiments, each as long as the one whose place it "
+            "takes, from designs of different seeds; the laboratory and its noise are "
+            "the same. One motion repeated errs the same way each time: its scatter "
+            "is small and says nothing of its error.",
+        ),
+        tuple(tables),
+        (
+            (
+                "exciting",
+                "Scatter by what was moved along.",
+                figures.exciting_figure,
+            ),
+        ),
+    )
+
+
+def _verification(study: PaperStudy) -> Section:
+    return Section(
+        "verification",
+        "Verification",
+        ("Motions that nothing was identified from, performed and predicted.",),
+        (
+            part.verification_table(
+                study, study.verification, "Mean squared errors, a robot with friction"
+            ),
+            part.verification_table(
+                study, study.rubbing_off, "Mean squared errors, a robot without"
+            ),
+        ),
+        (
+            ("motion", "The verification motions.", figures.motions_figure),
+            (
+                "torque",
+                "Measured and predicted torque along the first of them, and what is "
+                "left.",
+                figures.prediction_figure,
+            ),
+        ),
+    )

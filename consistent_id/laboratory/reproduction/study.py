@@ -1,0 +1,297 @@
+"""A paper's study from end to end: what was printed, done again, and explained."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from consistent_id._support.arrays import Array, Vector
+from consistent_id.errors import ProblemError
+from consistent_id.excitation.asked import asked_of
+from consistent_id.laboratory import Laboratory
+from consistent_id.laboratory.from_problem import (
+    laboratory_of,
+    laboratory_table,
+    task_motion,
+)
+from consistent_id.laboratory.reproduction.accounts import Accounts, accounts_of
+from consistent_id.laboratory.reproduction.exciting import (
+    ExcitingSet,
+    exciting_set,
+    used_by,
+)
+from consistent_id.laboratory.reproduction.experiments import (
+    METHODS,
+    Reproduction,
+    perform_experiments,
+)
+from consistent_id.laboratory.reproduction.inertia import InertiaTable, inertia_tables
+from consistent_id.laboratory.reproduction.tempo import PrintedSpread, printed_spread
+from consistent_id.laboratory.reproduction.verification import (
+    Verification,
+    mean_predictors,
+    verification_motions,
+    verify,
+)
+from consistent_id.problems.laboratory_tables import LaboratoryTable
+from consistent_id.problems.problem import Problem
+from consistent_id.problems.published import (
+    PublishedReport,
+    check_published,
+    parametrisation_of,
+    published_table,
+)
+from consistent_id.recordings.recording import Recording
+
+TASKS = "the tasks"
+WITHIN_USED = "exciting, within what the tasks used"
+WITHIN_LIMITS = "exciting, within the robot's limits"
+REPEATED = "one exciting motion, repeated"
+
+
+@dataclass(frozen=True, slots=True)
+class Extent:
+    """How much of a study is done.
+
+    Parameters
+    ----------
+    experiments : int, optional
+        Of the laboratory, the first ones; by default all.
+    sets : tuple of str
+        Of exciting motions.
+    draws : int
+        Of tasks, for what is assumed.
+    seeds : int
+        Repetitions of the experiments with other noise.
+    verification : int, optional
+        Motions to verify with, the first ones; by default all.
+    """
+
+    experiments: int | None = None
+    sets: tuple[str, ...] = (WITHIN_USED, WITHIN_LIMITS, REPEATED)
+    draws: int = 12
+    seeds: int = 3
+    verification: int | None = None
+
+
+FULL = Extent()
+QUICK = Extent(2, sets=(WITHIN_LIMITS,), draws=1, seeds=0, verification=1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Place:
+    """The parameter to be explained, and the one that speaks against explanations.
+
+    Of those that the paper estimates: the one that its experiments scatter most, and
+    the one that they scatter least.
+    """
+
+    loudest: int
+    quietest: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PaperStudy:
+    """A paper's study done again.
+
+    Parameters
+    ----------
+    problem : Problem
+    extent : Extent
+    report : PublishedReport
+    inertial : ndarray, shape (10 links,)
+        Of the laboratory's robot: the body nearest to the paper's mean.
+    with_friction, without_friction : dict of str to Reproduction
+        By what was moved along; without friction the tasks and the last set alone.
+    other_noise : ndarray, shape (seeds, methods, combinations)
+        Scatter along the tasks with other seeds.
+    sets : tuple of ExcitingSet
+    accounts : Accounts
+        Of the errors along the tasks, with friction.
+    spread : PrintedSpread
+    inertia : tuple of InertiaTable
+        Of the tasks, with friction.
+    verification, rubbing_off : Verification
+        With and without friction.
+    place : Place
+    """
+
+    problem: Problem
+    extent: Extent
+    report: PublishedReport
+    inertial: Vector
+    with_friction: dict[str, Reproduction]
+    without_friction: dict[str, Reproduction]
+    other_noise: Array
+    sets: tuple[ExcitingSet, ...]
+    accounts: Accounts
+    spread: PrintedSpread
+    inertia: tuple[InertiaTable, ...]
+    verification: Verification
+    rubbing_off: Verification
+    place: Place
+
+    @property
+    def tasks(self) -> Reproduction:
+        """The experiments along the paper's tasks, with friction."""
+        return self.with_friction[TASKS]
+
+    @property
+    def certified(self) -> bool:
+        """Whether every constrained estimate is."""
+        return all(
+            estimate.certificate.verdict == "certified"
+            for reproductions in (self.with_friction, self.without_friction)
+            for done in reproductions.values()
+            for experiment in done.experiments
+            for estimate in experiment.estimates
+            if estimate.method.startswith("constrained")
+        )
+
+
+def reproduce(
+    problem: Problem,
+    extent: Extent = FULL,
+    *,
+    seed: int = 0,
+    tell: Callable[[str], None] = lambda step: None,
+) -> PaperStudy:
+    """Do a paper's study again.
+
+    Parameters
+    ----------
+    problem : Problem
+        With ``[published]``, ``[tasks]`` and ``[laboratory]``.
+    extent : Extent
+        `FULL`, `QUICK` or one of your own.
+    seed : int
+        Of designs and of what is drawn; the laboratory has its own.
+    tell : callable
+        Is told each step's name before it begins.
+
+    Raises
+    ------
+    ProblemError
+        If one of these tables is missing or does not fit.
+    """
+    table = _require(problem, extent, seed)
+    tell("the paper's tables")
+    report, place = check_published(problem), place_of(problem)
+    inertial = report.vectors[0].nearest.parameters
+    motions = {
+        name: task_motion(problem, name)
+        for name in table.experiments[: extent.experiments]
+    }
+    tell("exciting motions")
+    sets = exciting_sets(problem, motions, extent, seed=seed)
+    along = {TASKS: motions} | {one.name: one.motions(motions) for one in sets}
+    tell("experiments")
+    rubbing = {
+        name: perform_experiments(problem, inertial, own) for name, own in along.items()
+    }
+    last = [name for name in along if name != REPEATED][-1]
+    smooth = {
+        name: perform_experiments(problem, inertial, along[name], friction=False)
+        for name in dict.fromkeys((TASKS, last))
+    }
+    others = other_seeds(problem, inertial, motions, extent.seeds)
+    tell("where errors come from")
+    instead = {one.name: along[one.name] for one in sets if one.name != REPEATED}
+    accounts = accounts_of(
+        problem, inertial, rubbing[TASKS], instead, draws=extent.draws, seed=seed
+    )
+    tell("verification")
+    laboratory = laboratory_of(problem, inertial)
+    return PaperStudy(
+        problem=problem,
+        extent=extent,
+        report=report,
+        inertial=inertial,
+        with_friction=rubbing,
+        without_friction=smooth,
+        other_noise=others,
+        sets=sets,
+        accounts=accounts,
+        spread=printed_spread(problem, place.loudest),
+        inertia=inertia_tables(problem, inertial, rubbing[TASKS]),
+        verification=_verified(problem, laboratory, rubbing, extent),
+        rubbing_off=_verified(problem, laboratory.without_friction(), smooth, extent),
+        place=place,
+    )
+
+
+def _require(problem: Problem, extent: Extent, seed: int) -> LaboratoryTable:
+    """Refuse what cannot be done, before an hour's work for it."""
+    table = laboratory_table(problem)
+    if seed < 0:
+        raise ProblemError(f"seed is {seed}, expected 0 or more")
+    if len(table.experiments[: extent.experiments]) < 2:
+        raise ProblemError("[laboratory] experiments: one has no scatter; name two")
+    verification_motions(problem)
+    return table
+
+
+def _verified(
+    problem: Problem,
+    laboratory: Laboratory,
+    reproductions: Mapping[str, Reproduction],
+    extent: Extent,
+) -> Verification:
+    unseen = list(verification_motions(problem).items())[: extent.verification]
+    return verify(
+        problem,
+        laboratory,
+        dict(unseen),
+        [
+            p
+            for name, done in reproductions.items()
+            for p in mean_predictors(name, done)
+        ],
+        seed=laboratory_table(problem).seed + 1,
+    )
+
+
+def exciting_sets(
+    problem: Problem,
+    motions: Mapping[str, Recording],
+    extent: Extent,
+    *,
+    seed: int = 0,
+) -> tuple[ExcitingSet, ...]:
+    """Return the sets of exciting motions that an extent asks for."""
+    limits = asked_of(problem).limits
+    sets = []
+    if WITHIN_USED in extent.sets:
+        used = used_by(limits, motions)
+        sets.append(exciting_set(problem, WITHIN_USED, motions, used, seed=seed))
+    if WITHIN_LIMITS in extent.sets or REPEATED in extent.sets:
+        sets.append(exciting_set(problem, WITHIN_LIMITS, motions, limits, seed=seed))
+    if REPEATED in extent.sets:
+        first = next(iter(sets[-1].designs.values()))
+        same = dict.fromkeys(sets[-1].designs, first)
+        sets.append(replace(sets[-1], name=REPEATED, designs=same))
+    return tuple(sets)
+
+
+def other_seeds(
+    problem: Problem,
+    inertial: Array,
+    motions: Mapping[str, Recording],
+    count: int,
+) -> Array:
+    """Return the scatter of each method with other noise, (seeds, methods, names)."""
+    seed = laboratory_table(problem).seed
+    rows = []
+    for k in range(1, count + 1):
+        done = perform_experiments(problem, inertial, motions, seed=seed + 1000 * k)
+        rows.append([done.scatter(table) for table in done.tables])
+    shape = (count, METHODS, len(parametrisation_of(problem)))
+    return np.array(rows).reshape(shape)
+
+
+def place_of(problem: Problem) -> Place:
+    """Return which parameters a paper's experiments scatter most and least."""
+    published, mine = published_table(problem), parametrisation_of(problem)
+    free = [i for i in range(len(mine)) if i not in mine.places(published.fixed)]
+    scatter = np.array(published.experiments).std(axis=0, ddof=1)[free]
+    return Place(free[int(scatter.argmax())], free[int(scatter.argmin())])

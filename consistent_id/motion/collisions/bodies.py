@@ -1,0 +1,276 @@
+"""Convex shapes on links and in the world: what may not touch.
+
+A shape knows its farthest point in a direction.  That is all a separating plane needs:
+two shapes are at least ``min n.b - max n.a`` apart, whatever the unit vector ``n``.
+"""
+
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from consistent_id._support.arrays import Array, Matrix, Vector, frozen
+from consistent_id.errors import ProblemError
+
+_ORTHONORMAL = 1e-9  # entries of R^T R - 1
+_CHUNK = 4096  # directions at a time, so that their products stay in cache
+
+
+class Shape(Protocol):
+    """A convex set in its own frame, [m]."""
+
+    def farthest(self, directions: Array) -> Array:
+        """Return the farthest point in each direction, both (directions, 3)."""
+
+    @property
+    def ball(self) -> tuple[Vector, float]:
+        """Centre and radius of a ball around it."""
+
+    def __hash__(self) -> int:
+        """Shapes are values."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sphere:
+    """A ball about the origin of its frame; `radius` in m."""
+
+    radius: float
+
+    def __post_init__(self) -> None:
+        _positive("sphere", radius=self.radius)
+
+    def farthest(self, directions: Array) -> Array:
+        """Return the farthest point in each direction."""
+        length = np.linalg.norm(directions, axis=1, keepdims=True)
+        unit = directions / np.where(length > 0.0, length, 1.0)
+        return np.asarray(self.radius * unit)
+
+    @property
+    def ball(self) -> tuple[Vector, float]:
+        """Itself."""
+        return np.zeros(3), self.radius
+
+
+@dataclass(frozen=True, slots=True)
+class Box:
+    """A box about the origin of its frame; `size` along x, y and z in m."""
+
+    size: tuple[float, float, float]
+
+    def __post_init__(self) -> None:
+        size = tuple(frozen(self.size, (3,), "box size").tolist())
+        object.__setattr__(self, "size", size)
+        for name, value in zip("xyz", size, strict=True):
+            _positive("box", **{name: value})
+
+    def farthest(self, directions: Array) -> Array:
+        """Return the farthest point in each direction, one of the corners."""
+        return np.asarray(np.where(directions < 0.0, -0.5, 0.5) * np.array(self.size))
+
+    @property
+    def ball(self) -> tuple[Vector, float]:
+        """Ball through the corners."""
+        return np.zeros(3), float(np.linalg.norm(self.size)) / 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Capsule:
+    """Points within `radius` of a segment of `length` along z, centred; both in m."""
+
+    radius: float
+    length: float
+
+    def __post_init__(self) -> None:
+        _positive("capsule", radius=self.radius, length=self.length)
+
+    def farthest(self, directions: Array) -> Array:
+        """Return the farthest point in each direction."""
+        points = Sphere(self.radius).farthest(directions)
+        points[:, 2] += np.where(directions[:, 2] < 0.0, -0.5, 0.5) * self.length
+        return points
+
+    @property
+    def ball(self) -> tuple[Vector, float]:
+        """Ball around it."""
+        return np.zeros(3), self.radius + self.length / 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Cylinder:
+    """A cylinder about the z axis, centred, with flat ends; both in m."""
+
+    radius: float
+    length: float
+
+    def __post_init__(self) -> None:
+        _positive("cylinder", radius=self.radius, length=self.length)
+
+    def farthest(self, directions: Array) -> Array:
+        """Return the farthest point in each direction."""
+        points = Sphere(self.radius).farthest(directions * np.array([1.0, 1.0, 0.0]))
+        points[:, 2] = np.where(directions[:, 2] < 0.0, -0.5, 0.5) * self.length
+        return points
+
+    @property
+    def ball(self) -> tuple[Vector, float]:
+        """Ball through the rims."""
+        return np.zeros(3), float(np.hypot(self.radius, self.length / 2.0))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hull:
+    """The convex hull of points, such as a mesh's vertices.
+
+    Parameters
+    ----------
+    points : array_like, shape (points, 3), [m]
+        Only the corners of the hull are kept.
+    """
+
+    points: Matrix
+    facets: Any = field(init=False, repr=False)  # corners' places, outwards
+
+    def __post_init__(self) -> None:
+        from scipy.spatial import ConvexHull, QhullError
+
+        points = frozen(self.points, (None, 3), "hull points")
+        try:
+            hull = ConvexHull(points)
+        except (QhullError, ValueError):
+            raise ProblemError(
+                f"hull of {len(points)} points: they lie in a plane, expected four or "
+                "more that do not; use a thin box instead"
+            ) from None
+        place = np.zeros(len(points), dtype=np.intp)
+        place[hull.vertices] = np.arange(len(hull.vertices))
+        corners = frozen(points[hull.vertices], (None, 3), "corners")
+        facets = place[hull.simplices]
+        a, b, c = corners[facets].transpose(1, 0, 2)
+        inwards = (np.cross(b - a, c - a) * hull.equations[:, :3]).sum(axis=1) < 0.0
+        facets[inwards] = facets[inwards][:, ::-1]
+        facets.setflags(write=False)
+        object.__setattr__(self, "points", corners)
+        object.__setattr__(self, "facets", facets)
+
+    def farthest(self, directions: Array) -> Array:
+        """Return the farthest point in each direction, one of the corners."""
+        farthest = np.empty((len(directions), 3))
+        for first in range(0, len(directions), _CHUNK):
+            part = slice(first, first + _CHUNK)
+            heights = directions[part] @ self.points.T
+            farthest[part] = self.points[heights.argmax(axis=1)]
+        return farthest
+
+    @property
+    def ball(self) -> tuple[Vector, float]:
+        """Ball about the middle of the bounding box."""
+        centre = (self.points.min(axis=0) + self.points.max(axis=0)) / 2.0
+        return centre, float(np.linalg.norm(self.points - centre, axis=1).max())
+
+
+@dataclass(frozen=True, slots=True)
+class HalfSpace:
+    """All points with z at most 0 in its frame: the ground, a wall, a ceiling."""
+
+    def farthest(self, directions: Array) -> Array:
+        """Return the origin, which is as far as it goes along z, the only bound."""
+        return np.zeros((len(directions), 3))
+
+    @property
+    def ball(self) -> tuple[Vector, float]:
+        """No finite ball."""
+        return np.zeros(3), np.inf
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Body:
+    """A shape and the frame to which it is fixed.
+
+    Parameters
+    ----------
+    name : str
+    shape : Sphere, Box, Capsule, Cylinder, Hull or HalfSpace
+    frame : str, optional
+        A link of the robot, moving or fixed to another; without one, the body stands
+        in the world, where the robot's base is: an obstacle.
+    rotation : array_like, shape (3, 3), optional
+        Orientation of the shape in the frame.
+    translation : array_like, shape (3,), optional, [m]
+        Origin of the shape in the frame.
+    """
+
+    name: str
+    shape: Shape
+    frame: str | None = None
+    rotation: Matrix | None = None
+    translation: Vector | None = None
+
+    def __post_init__(self) -> None:
+        where = f"body {self.name!r}"
+        rotation = np.eye(3) if self.rotation is None else self.rotation
+        rotation = frozen(rotation, (3, 3), f"{where}: rotation")
+        far_off = abs(rotation.T @ rotation - np.eye(3)).max() > _ORTHONORMAL
+        if far_off or np.linalg.det(rotation) < 0.0:
+            raise ProblemError(f"{where}: rotation is none, got {rotation.tolist()}")
+        translation = np.zeros(3) if self.translation is None else self.translation
+        translation = frozen(translation, (3,), f"{where}: translation")
+        object.__setattr__(self, "rotation", rotation)
+        object.__setattr__(self, "translation", translation)
+        if self.frame is not None and isinstance(self.shape, HalfSpace):
+            raise ProblemError(f"{where}: a half-space cannot move with {self.frame!r}")
+
+
+def plane(
+    height: float = 0.0, normal: ArrayLike = (0.0, 0.0, 1.0), name: str = "ground"
+) -> Body:
+    """Return the obstacle ``{x : normal.x <= height}`` in the robot's base frame.
+
+    Parameters
+    ----------
+    height : float, [m]
+        Of its surface above the base's origin, along the normal.
+    normal : array_like, shape (3,)
+        Where free space is; made a unit vector.
+    name : str
+    """
+    up = frozen(normal, (3,), f"{name}: normal")
+    length = float(np.linalg.norm(up))
+    if length == 0.0:
+        raise ProblemError(f"{name}: normal is zero, expected a direction")
+    up = up / length
+    first = np.cross(up, np.eye(3)[abs(up).argmin()])
+    first /= np.linalg.norm(first)
+    rotation = np.column_stack([first, np.cross(up, first), up])
+    return Body(name, HalfSpace(), None, rotation, height * up)
+
+
+@lru_cache(maxsize=512)
+def coal_geometry(shape: Shape) -> Any:
+    """Return a shape as coal knows it."""
+    import coal
+
+    match shape:
+        case Sphere(radius):
+            return coal.Sphere(radius)
+        case Box(size):
+            return coal.Box(*size)
+        case Capsule(radius, length):
+            return coal.Capsule(radius, length)
+        case Cylinder(radius, length):
+            return coal.Cylinder(radius, length)
+        case Hull():
+            points, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
+            points.extend(list(shape.points))
+            triangles.extend([coal.Triangle(*t) for t in shape.facets.tolist()])
+            return coal.Convex(points, triangles)
+    raise ProblemError(
+        f"shape {shape!r}: expected Sphere, Box, Capsule, Cylinder, Hull or HalfSpace"
+    )
+
+
+def _positive(what: str, **sizes: float) -> None:
+    for name, size in sizes.items():
+        if not 0.0 < size < np.inf:
+            raise ProblemError(f"{what}: {name} is {size} m, expected more than 0")

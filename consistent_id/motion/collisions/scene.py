@@ -1,0 +1,134 @@
+"""What surrounds a robot, and which bodies must stay apart."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from consistent_id._support.arrays import Array
+from consistent_id.errors import ProblemError
+from consistent_id.motion.collisions.bodies import Body
+from consistent_id.robot.chains import Place
+from consistent_id.robot.kinematics import LinkPlaces, fixed_place
+from consistent_id.robot.model import RobotModel
+
+
+@dataclass(frozen=True, slots=True)
+class Pair:
+    """Two bodies of a scene, by their places in it, and how far apart they must be.
+
+    `wanted` in m: the bodies' distance may not be less at any time.
+    """
+
+    first: int
+    second: int
+    wanted: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class PairNote:
+    """Two bodies that are not watched, or not as was asked, and why."""
+
+    first: str
+    second: str
+    watched: bool
+    reason: str
+
+    def __str__(self) -> str:
+        how = "watched" if self.watched else "not watched"
+        return f"{self.first} and {self.second}, {how}: {self.reason}"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scene:
+    """A robot's bodies, what stands around it, and the pairs to be kept apart.
+
+    `build_scene` and `scene_from_urdf` choose the pairs.
+
+    Parameters
+    ----------
+    robot : RobotModel
+    bodies : tuple of Body
+    pairs : tuple of Pair
+    notes : tuple of PairNote
+        Pairs that are not watched, but for those on one link or adjacent ones.
+    dropped : tuple of str
+        Links of the file with a shape that the robot model does not have, because it
+        is a part of the file's; nothing is known of where they are.
+    """
+
+    robot: RobotModel
+    bodies: tuple[Body, ...]
+    pairs: tuple[Pair, ...]
+    notes: tuple[PairNote, ...] = ()
+    dropped: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for name in ("bodies", "pairs", "notes", "dropped"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
+        names = [body.name for body in self.bodies]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise ProblemError(f"scene: names of bodies repeat: {', '.join(twice)}")
+        for pair in self.pairs:
+            if not (0 <= pair.first < len(names) and 0 <= pair.second < len(names)):
+                raise ProblemError(f"scene: {pair} of {len(names)} bodies")
+            if not 0.0 <= pair.wanted < np.inf:
+                raise ProblemError(
+                    f"scene: {names[pair.first]!r} and {names[pair.second]!r} are to "
+                    f"be {pair.wanted} m apart, expected 0 or more"
+                )
+
+    def names(self, pair: Pair) -> tuple[str, str]:
+        """Return the names of a pair's bodies."""
+        return self.bodies[pair.first].name, self.bodies[pair.second].name
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BodyPlaces:
+    """Where the bodies of a scene are, at many poses.
+
+    Attributes
+    ----------
+    links : LinkPlaces
+    carriers : tuple of int
+        The link that carries each body; -1 for none.
+    rotation : ndarray, shape (samples, bodies, 3, 3)
+    translation : ndarray, shape (samples, bodies, 3), [m]
+    centre : ndarray, shape (samples, bodies, 3), [m]
+        Of a ball around each body.
+    radius : ndarray, shape (bodies,), [m]
+    """
+
+    links: LinkPlaces
+    carriers: tuple[int, ...]
+    rotation: Array
+    translation: Array
+    centre: Array
+    radius: Array
+
+
+def body_places(scene: Scene, links: LinkPlaces) -> BodyPlaces:
+    """Return where the bodies are when the links are where they are."""
+    n, bodies = len(links), len(scene.bodies)
+    rotation, translation = np.empty((n, bodies, 3, 3)), np.empty((n, bodies, 3))
+    places = [place_of(scene.robot, body) for body in scene.bodies]
+    for b, place in enumerate(places):
+        frame = links.of(place)
+        rotation[:, b], translation[:, b] = frame.rotation, frame.translation
+    balls = [body.shape.ball for body in scene.bodies]
+    middle = np.array([ball[0] for ball in balls]).reshape(bodies, 3)
+    return BodyPlaces(
+        links=links,
+        carriers=tuple(place.link for place in places),
+        rotation=rotation,
+        translation=translation,
+        centre=np.einsum("nbij,bj->nbi", rotation, middle) + translation,
+        radius=np.array([ball[1] for ball in balls]),
+    )
+
+
+def place_of(robot: RobotModel, body: Body) -> Place:
+    """Return a body's place on the link that carries it, or in the base frame."""
+    base = Place(-1, np.eye(3), np.zeros(3))
+    frame = base if body.frame is None else fixed_place(robot, body.frame)
+    return frame.beyond(np.asarray(body.rotation), np.asarray(body.translation))

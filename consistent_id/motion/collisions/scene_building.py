@@ -1,0 +1,162 @@
+"""Which bodies of a scene can touch, and are to be kept apart."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from consistent_id._support.arrays import Array
+from consistent_id.errors import ProblemError
+from consistent_id.motion.collisions.bodies import Body
+from consistent_id.motion.collisions.reach import joints_between
+from consistent_id.motion.collisions.scene import Pair, PairNote, Scene, place_of
+from consistent_id.motion.collisions.separation import nearest
+from consistent_id.robot.model import Joint, RobotModel
+from consistent_id.robot.parameters import did_you_mean
+
+_ALWAYS = 0.95  # share of random poses; a pair that touches in more is not watched
+_USUALLY = 0.5  # share of poses; nearer than wanted in more, only touching counts
+_ANYWHERE = 1.0  # [m]; how far a sliding joint without limits is moved either way
+
+
+def build_scene(
+    robot: RobotModel,
+    bodies: Iterable[Body],
+    *,
+    clearance: float = 0.0,
+    extra: Mapping[str, float] | None = None,
+    allowed: Sequence[tuple[str, str]] = (),
+    poses: int = 200,
+    seed: int = 0,
+) -> Scene:
+    """Return a scene that watches all pairs of bodies that can come together.
+
+    Not watched are bodies on the same link, on links that a single joint connects, and
+    bodies of the robot that touch at nearly all random poses; the last are told in
+    `Scene.notes`.  Where two bodies of the robot are nearer than is wanted at more than
+    half of these poses, it is only wanted that they do not touch.
+
+    Parameters
+    ----------
+    robot : RobotModel
+    bodies : iterable of Body
+        Of the robot, with a frame, and obstacles, without.
+    clearance : float, [m]
+        How far apart any two bodies must be.
+    extra : mapping of str to float, optional, [m]
+        How much farther from everything a body must be, or all bodies of a link: a
+        tool, for instance.
+    allowed : sequence of (str, str)
+        Pairs of bodies, or of links, that may touch.
+    poses : int
+        How many random poses within the joints' limits are looked at.
+    seed : int
+        Of these poses.
+
+    Raises
+    ------
+    ProblemError
+        If a name is unknown, or an obstacle touches the robot at every random pose.
+    """
+    bodies = tuple(bodies)
+    room = _room(bodies, clearance, extra or {})
+    free = {frozenset(names) for names in _expanded(bodies, allowed)}
+    pairs, notes = [], []
+    for i, j in _movable(robot, bodies):
+        names = bodies[i].name, bodies[j].name
+        if frozenset(names) in free:
+            notes.append(PairNote(*names, False, "may touch, by `allowed`"))
+        else:
+            pairs.append(Pair(i, j, clearance + room[i] + room[j]))
+    scene = Scene(robot, bodies, tuple(pairs), tuple(notes))
+    return _sifted(scene, random_poses(robot, poses, seed)) if pairs else scene
+
+
+def random_poses(robot: RobotModel, poses: int, seed: int) -> Array:
+    """Return poses within the joints' limits, shape (poses, joints), [rad or m]."""
+    low, high = np.array([_range(joint) for joint in robot.joints]).T
+    return np.random.default_rng(seed).uniform(low, high, (poses, len(robot)))
+
+
+def _range(joint: Joint) -> tuple[float, float]:
+    low, high = joint.limits.lower, joint.limits.upper
+    if np.isfinite([low, high]).all():
+        return low, high
+    reach = _ANYWHERE if joint.kind == "prismatic" else np.pi
+    return max(low, -reach), min(high, reach)
+
+
+def _movable(robot: RobotModel, bodies: tuple[Body, ...]) -> Iterable[tuple[int, int]]:
+    """Yield pairs that move against one another and are not adjacent."""
+    links = [place_of(robot, body).link for body in bodies]
+    for i, j in combinations(range(len(bodies)), 2):
+        between = joints_between(robot, links[i], links[j])
+        obstacle = bodies[i].frame is None or bodies[j].frame is None
+        if len(between) > 1 or (between and obstacle):
+            yield i, j
+
+
+def _sifted(scene: Scene, q: ArrayLike) -> Scene:
+    """Leave out pairs that nearly always touch, and ask less of those always near."""
+    largest = max(pair.wanted for pair in scene.pairs)
+    near = nearest(scene, q, within=largest)
+    pairs, notes = [], list(scene.notes)
+    for k, pair in enumerate(scene.pairs):
+        names, distance = scene.names(pair), near.distance[:, k]
+        touching = int(np.count_nonzero(distance <= 0.0))
+        obstacle = any(scene.bodies[b].frame is None for b in (pair.first, pair.second))
+        if touching > _ALWAYS * len(distance):
+            seen = f"they touch at {touching} of {len(distance)} random poses"
+            if obstacle and touching == len(distance):
+                raise ProblemError(
+                    f"scene: bodies {names[0]!r} and {names[1]!r}: {seen}; move the "
+                    "obstacle, or name the pair in `allowed`"
+                )
+            if not obstacle:
+                notes.append(PairNote(*names, False, seen))
+                continue
+        near_by = int(np.count_nonzero(distance < pair.wanted))
+        if not obstacle and near_by > _USUALLY * len(distance):
+            seen = (
+                f"nearer than {pair.wanted * 1e3:.1f} mm at {near_by} of "
+                f"{len(distance)} random poses"
+            )
+            notes.append(PairNote(*names, True, f"{seen}; only not to touch is wanted"))
+            pair = Pair(pair.first, pair.second, 0.0)
+        pairs.append(pair)
+    return Scene(scene.robot, scene.bodies, tuple(pairs), tuple(notes), scene.dropped)
+
+
+def _room(
+    bodies: tuple[Body, ...], clearance: float, extra: Mapping[str, float]
+) -> list[float]:
+    """Distance beyond the clearance that each body must keep."""
+    for name, value in {"clearance": clearance, **extra}.items():
+        if not 0.0 <= value < np.inf:
+            raise ProblemError(f"scene: {name} is {value} m, expected 0 or more")
+    more = {body.name: 0.0 for body in bodies}
+    for name, value in extra.items():
+        for body in _named(bodies, name):
+            more[body] += value
+    return [more[body.name] for body in bodies]
+
+
+def _expanded(
+    bodies: tuple[Body, ...], pairs: Sequence[tuple[str, str]]
+) -> Iterable[tuple[str, str]]:
+    for first, second in pairs:
+        for one in _named(bodies, first):
+            yield from ((one, other) for other in _named(bodies, second))
+
+
+def _named(bodies: tuple[Body, ...], name: str) -> list[str]:
+    """Names of the body, or of the bodies on the link, of a name."""
+    found = [body.name for body in bodies if name in (body.name, body.frame)]
+    if not found:
+        known = {body.name for body in bodies} | {b.frame for b in bodies if b.frame}
+        near = did_you_mean(name, sorted(known))
+        raise ProblemError(
+            f"scene: no body, and none on a link, named {name!r}; {near}"
+        )
+    return found

@@ -1,0 +1,274 @@
+"""Signed distances between bodies, each shown by a plane between them.
+
+coal (GJK, EPA) finds the direction ``n`` from one body to the other; the distance is
+then computed again as what that direction separates,
+
+    distance = min over b of n.b - max over a of n.a,
+
+which no unit vector can make more than the true signed distance (negative: how deep
+the bodies are in one another).  So a search that ended early errs to the safe side.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from consistent_id._support.arrays import Array, IntArray
+from consistent_id.motion.collisions.bodies import HalfSpace, coal_geometry
+from consistent_id.motion.collisions.scene import BodyPlaces, Pair, Scene, body_places
+from consistent_id.robot.kinematics import LinkPlaces, ancestors, link_places
+
+_UNIT = 1e-6  # a direction's length may be off by this much, or coal found none
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Separation:
+    """What keeps two bodies apart, for each of many poses (and pairs).
+
+    Attributes
+    ----------
+    distance : ndarray, shape (queries,), [m]
+        Negative where the bodies are in one another.
+    normal : ndarray, shape (queries, 3)
+        Unit vector from the first body to the second.
+    points : ndarray, shape (2, queries, 3), [m]
+        Nearest (or deepest) points on the first and the second body.
+    """
+
+    distance: Array
+    normal: Array
+    points: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Nearest:
+    """Distances of all pairs of a scene, and how they change with the joints.
+
+    Attributes
+    ----------
+    pairs : tuple of Pair
+    distance : ndarray, shape (samples, pairs), [m]
+        Negative where bodies are in one another.
+    gradient : ndarray, shape (samples, pairs, joints), [m/rad, or 1]
+    normal : ndarray, shape (samples, pairs, 3)
+        From the first body to the second.
+    points : ndarray, shape (samples, pairs, 2, 3), [m]
+        Nearest points of both, in the base frame.
+    """
+
+    pairs: tuple[Pair, ...]
+    distance: Array
+    gradient: Array
+    normal: Array
+    points: Array
+
+    @property
+    def slack(self) -> Array:
+        """Distance less what is wanted, shape (samples, pairs) [m]."""
+        wanted = np.array([pair.wanted for pair in self.pairs])
+        return np.asarray(self.distance - wanted)
+
+
+def nearest(
+    scene: Scene,
+    q: ArrayLike,
+    pairs: tuple[Pair, ...] | None = None,
+    *,
+    within: float = np.inf,
+) -> Nearest:
+    """Return how far apart the bodies of each pair are, and the gradient of it.
+
+    ``d distance / dq = n^T (J_b - J_a)`` with the Jacobians of the nearest points.
+
+    Parameters
+    ----------
+    scene : Scene
+    q : array_like, shape (samples, joints), [rad or m]
+    pairs : tuple of Pair, optional
+        Some of the scene's; all without.
+    within : float, [m]
+        Of bodies around which there are balls farther apart than this, which takes
+        less time to see, the distance is only bounded from below.
+
+    Examples
+    --------
+    >>> from consistent_id import Body, DHRow, Sphere, build_scene, from_modified_dh
+    >>> arm = from_modified_dh("arm", [DHRow(0, 0)])
+    >>> tip = Body("tip", Sphere(0.1), "link1", translation=[1.0, 0.0, 0.0])
+    >>> post = Body("post", Sphere(0.2), translation=[0.0, 2.0, 0.0])
+    >>> near = nearest(build_scene(arm, [tip, post]), [[np.pi / 2]])
+    >>> near.distance.round(9).tolist()
+    [[0.7]]
+    """
+    chosen = scene.pairs if pairs is None else tuple(pairs)
+    places = body_places(scene, link_places(scene.robot, q))
+    n, m = len(places.links), len(chosen)
+    sample, which = (index.ravel() for index in np.indices((n, m)))
+    found = separation(scene, places, chosen, sample, which, within)
+    gradient = separation_slopes(places, chosen, found, sample, which)
+    return Nearest(
+        chosen,
+        found.distance.reshape(n, m),
+        gradient.reshape(n, m, len(scene.robot)),
+        found.normal.reshape(n, m, 3),
+        found.points.transpose(1, 0, 2).reshape(n, m, 2, 3),
+    )
+
+
+def separation_slopes(
+    places: BodyPlaces,
+    pairs: tuple[Pair, ...],
+    found: Separation,
+    sample: IntArray,
+    which: IntArray,
+) -> Array:
+    """Return ``d distance / dq`` of what `separation` found, (queries, joints)."""
+    carriers = np.array(places.carriers, dtype=np.intp)
+    ends = np.array([(pair.first, pair.second) for pair in pairs], dtype=np.intp)
+    ends = ends.reshape(-1, 2)[which]
+    first, second = (
+        _along(
+            places.links,
+            sample,
+            carriers[ends[:, side]],
+            found.points[side],
+            found.normal,
+        )
+        for side in (0, 1)
+    )
+    return second - first
+
+
+def _along(
+    links: LinkPlaces, sample: IntArray, carrier: IntArray, points: Array, n: Array
+) -> Array:
+    """``n^T J`` of points of links, shape (queries, joints)."""
+    rates = np.zeros((len(sample), len(links.robot)))
+    moves = np.zeros((len(links.robot) + 1, len(links.robot)), dtype=bool)
+    for link in np.unique(carrier[carrier >= 0]).tolist():
+        moves[link, list(ancestors(links.robot, link))] = True
+    for j, joint in enumerate(links.robot.joints):
+        on = np.flatnonzero(moves[carrier, j])  # the last row is for no link at all
+        push, at = n[on], sample[on]
+        if joint.kind != "prismatic":
+            # n.(e x r) = e.(r x n)
+            push = np.cross(points[on] - links.translation[at, j], push)
+        rates[on, j] = np.einsum("ni,ni->n", links.axis[at, j], push)
+    return rates
+
+
+def separation(
+    scene: Scene,
+    places: BodyPlaces,
+    pairs: tuple[Pair, ...],
+    sample: IntArray,
+    which: IntArray,
+    within: float = np.inf,
+) -> Separation:
+    """Return what separates pair ``which[i]`` at pose ``sample[i]``, for each ``i``.
+
+    Beyond `within`, it is what the direction between the balls' centres separates.
+    """
+    first = np.array([pair.first for pair in pairs], dtype=np.intp)[which]
+    second = np.array([pair.second for pair in pairs], dtype=np.intp)[which]
+    normal, points = np.empty((len(which), 3)), np.empty((2, len(which), 3))
+    flat = np.array([isinstance(body.shape, HalfSpace) for body in scene.bodies])
+    upright = flat[first] | flat[second]
+    for side, sign in ((first, 1.0), (second, -1.0)):
+        on = flat[side]
+        normal[on] = sign * places.rotation[sample[on], side[on], :, 2]
+    gap, direction = balls_apart(places, sample, first, second)
+    beyond = (gap > within) & ~upright
+    normal[beyond] = direction[beyond]
+    ask = np.flatnonzero(~upright & ~beyond)
+    normal[ask], points[:, ask] = _directions(
+        scene, places, sample[ask], first[ask], second[ask]
+    )
+    far = np.stack(
+        [
+            _farthest(scene, places, sample, first, normal),
+            _farthest(scene, places, sample, second, -normal),
+        ]
+    )
+    distance = np.einsum("ni,ni->n", normal, far[1] - far[0])
+    points[:, upright] = _facing(far, normal, distance, flat[first])[:, upright]
+    points[:, beyond] = far[:, beyond]
+    return Separation(distance, normal, points)
+
+
+def balls_apart(
+    places: BodyPlaces, sample: IntArray, first: IntArray, second: IntArray
+) -> tuple[Array, Array]:
+    """Return how far apart balls around bodies are, and the way from one to the other.
+
+    The bodies are never nearer.  A half-space has no ball: minus infinity.
+    """
+    way = places.centre[sample, second] - places.centre[sample, first]
+    length = np.linalg.norm(way, axis=1)
+    apart = length - places.radius[first] - places.radius[second]
+    return apart, way / np.where(length > 0.0, length, 1.0)[:, None]
+
+
+def _facing(far: Array, normal: Array, distance: Array, first_is_flat: Array) -> Array:
+    """Return the point of a body nearest to a half-space, and its foot on it."""
+    step = distance[:, None] * normal
+    onto_first = np.stack([far[1] - step, far[1]])
+    onto_second = np.stack([far[0], far[0] + step])
+    return np.where(np.asarray(first_is_flat)[:, None], onto_first, onto_second)
+
+
+def _directions(
+    scene: Scene,
+    places: BodyPlaces,
+    sample: IntArray,
+    first: IntArray,
+    second: IntArray,
+) -> tuple[Array, Array]:
+    """Ask coal for unit vectors from first to second, and the nearest points."""
+    import coal
+
+    shapes: dict[int, Any] = {}
+    transforms: dict[tuple[int, int], Any] = {}
+
+    def at(i: int, body: int) -> tuple[Any, Any]:
+        if body not in shapes:
+            shapes[body] = coal_geometry(scene.bodies[body].shape)
+        key = (i, body)
+        if key not in transforms:
+            transforms[key] = coal.Transform3s(
+                places.rotation[key], places.translation[key]
+            )
+        return shapes[body], transforms[key]
+
+    request, result = coal.DistanceRequest(), coal.DistanceResult()
+    normal, points = np.empty((len(sample), 3)), np.empty((2, len(sample), 3))
+    triples = zip(sample.tolist(), first.tolist(), second.tolist(), strict=True)
+    for k, (i, a, b) in enumerate(triples):
+        result.clear()
+        coal.distance(*at(i, a), *at(i, b), request, result)
+        normal[k] = result.normal
+        points[0, k] = result.getNearestPoint1()
+        points[1, k] = result.getNearestPoint2()
+    lost = ~(abs(np.linalg.norm(normal, axis=1) - 1.0) < _UNIT)
+    if lost.any():  # spheres about one point, for one: any direction separates as well
+        normal[lost] = (0.0, 0.0, 1.0)
+        points[0, lost] = places.centre[sample[lost], first[lost]]
+        points[1, lost] = places.centre[sample[lost], second[lost]]
+    return normal / np.linalg.norm(normal, axis=1, keepdims=True), points
+
+
+def _farthest(
+    scene: Scene, places: BodyPlaces, sample: IntArray, body: IntArray, n: Array
+) -> Array:
+    """Points of bodies farthest along directions, all in the base frame."""
+    found = np.empty((len(sample), 3))
+    for b in np.unique(body):
+        on = np.flatnonzero(body == b)
+        rotation = places.rotation[sample[on], b]
+        inside = np.einsum("nij,ni->nj", rotation, n[on])
+        point = scene.bodies[b].shape.farthest(inside)
+        turned = np.einsum("nij,nj->ni", rotation, point)
+        found[on] = turned + places.translation[sample[on], b]
+    return found

@@ -1,0 +1,180 @@
+"""Bodies from a URDF: its collision shapes, or visual ones where it has no others."""
+
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from consistent_id._support.arrays import Matrix, Vector
+from consistent_id.errors import ModelError, ProblemError
+from consistent_id.motion.collisions.bodies import (
+    Body,
+    Box,
+    Capsule,
+    Cylinder,
+    Hull,
+    Shape,
+    Sphere,
+)
+from consistent_id.motion.collisions.pieces import convex_pieces
+from consistent_id.robot.loaders.urdf_lint import read_bytes
+from consistent_id.robot.loaders.xml import Element, XmlFault, parse
+from consistent_id.robot.solids import mesh_triangles
+
+Elements = Literal["collision", "visual"]
+
+
+def urdf_bodies(
+    path: Path,
+    package_dirs: Iterable[str | Path] = (),
+    elements: Elements = "collision",
+    pieces: int = 1,
+) -> tuple[Body, ...]:
+    """Return the shapes of a URDF's links; meshes as their convex hulls.
+
+    Of a link that has no shape of the kind wanted, those of the other kind are taken:
+    better a coarse or heavy shape than none.
+
+    Parameters
+    ----------
+    path : Path
+    package_dirs : iterable of str or Path
+        Folders in which ``package://name/...`` is looked for as ``name/...``.  So are
+        the folders above the file.
+    elements : {"collision", "visual"}
+    pieces : int
+        Into how many convex pieces a mesh may be cut.
+
+    Raises
+    ------
+    ModelError
+        If the file, or a mesh, cannot be read, or a shape is unknown; with the line.
+    """
+    if elements not in ("collision", "visual"):
+        raise ModelError(f"elements {elements!r}: expected 'collision' or 'visual'")
+    folders = [Path(folder) for folder in package_dirs] + list(path.absolute().parents)
+    try:
+        root = parse(read_bytes(path))
+    except XmlFault as fault:
+        raise ModelError(f"{path}, {fault}") from None
+    bodies: list[Body] = []
+    for link in root.all("link"):
+        other = "visual" if elements == "collision" else "collision"
+        found: list[tuple[Shape, Element]] = []
+        for element in list(link.all(elements)) or list(link.all(other)):
+            with _naming(f"{path}, line {element.line}: link {link.name!r}"):
+                shapes = _shapes(element, path, folders, pieces)
+                found += [(shape, element) for shape in shapes]
+        for k, (shape, element) in enumerate(found):
+            name = link.name if len(found) == 1 else f"{link.name}:{k + 1}"
+            with _naming(f"{path}, line {element.line}: link {link.name!r}"):
+                bodies.append(Body(name, shape, link.name, *_origin(element)))
+    return tuple(bodies)
+
+
+@contextmanager
+def _naming(where: str) -> Iterator[None]:
+    """Say where in the file something is wrong."""
+    try:
+        yield
+    except (ModelError, ProblemError) as cause:
+        raise ModelError(f"{where}: {cause}") from None
+
+
+def _shapes(
+    element: Element, path: Path, folders: list[Path], pieces: int
+) -> list[Shape]:
+    geometry = element.child("geometry")
+    if geometry is None or not geometry.children:
+        raise ModelError(f"<{element.tag}> has no shape")
+    shape = geometry.children[0]
+    if shape.tag == "mesh":
+        name = shape.attributes.get("filename", "")
+        scale = _numbers(shape, "scale", 3, "1 1 1")
+        triangles = mesh_triangles(_found(name, path, folders)) * scale
+        return [Hull(points) for points in convex_pieces(triangles, pieces)]
+    if shape.tag not in _PRIMITIVES:
+        known = ", ".join(("mesh", *_PRIMITIVES))
+        raise ModelError(f"shape <{shape.tag}>, expected one of {known}")
+    return [_PRIMITIVES[shape.tag](shape)]
+
+
+def _origin(element: Element) -> tuple[Matrix, Vector]:
+    origin = element.child("origin") or Element("origin", {}, element.line)
+    angles = _numbers(origin, "rpy", 3, "0 0 0")
+    return rpy(angles), _numbers(origin, "xyz", 3, "0 0 0")
+
+
+def _box(shape: Element) -> Shape:
+    x, y, z = _numbers(shape, "size", 3).tolist()
+    return Box((x, y, z))
+
+
+def _round(kind: Callable[[float, float], Shape]) -> Callable[[Element], Shape]:
+    def made(shape: Element) -> Shape:
+        radius, length = (
+            _numbers(shape, key, 1).item() for key in ("radius", "length")
+        )
+        return kind(radius, length)
+
+    return made
+
+
+_PRIMITIVES: dict[str, Callable[[Element], Shape]] = {
+    "box": _box,
+    "sphere": lambda shape: Sphere(_numbers(shape, "radius", 1).item()),
+    "cylinder": _round(Cylinder),
+    "capsule": _round(Capsule),
+}
+
+
+def _found(name: str, path: Path, folders: list[Path]) -> Path:
+    """Return the file of a mesh, whose name may begin with a scheme."""
+    scheme, separator, rest = name.rpartition("://")
+    if not separator or scheme == "file":
+        places = [path.parent / rest]
+    else:
+        package, _, inside = rest.partition("/")
+        places = [folder / rest for folder in folders]
+        places += [folder / inside for folder in folders if folder.name == package]
+    for place in places:
+        if place.is_file():
+            return place
+    looked = ", ".join(str(folder) for folder in folders) if separator else path.parent
+    raise ModelError(
+        f"mesh {name!r} is not there; looked in {looked}; give the folder that holds "
+        "its package in package_dirs"
+    )
+
+
+def rpy(angles: Vector) -> Matrix:
+    """Return the rotation by roll, pitch and yaw: about x, then y, then z, all fixed.
+
+    Parameters
+    ----------
+    angles : array_like, shape (3,), [rad]
+    """
+    (sr, sp, sy), (cr, cp, cy) = np.sin(angles), np.cos(angles)
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
+def _numbers(
+    element: Element, name: str, count: int, default: str | None = None
+) -> Vector:
+    text = element.attributes.get(name, default)
+    try:
+        values = np.array([float(word) for word in (text or "").split()])
+    except ValueError:
+        values = np.empty(0)
+    if len(values) != count or not np.isfinite(values).all():
+        numbers = "a number" if count == 1 else f"{count} numbers"
+        raise ModelError(f"<{element.tag}> has {name} {text!r}, expected {numbers}")
+    return values

@@ -1,0 +1,217 @@
+"""Exact trajectories as a document of plain values, in JSON or NPZ.
+
+    format   "consistent_id trajectory 1"
+    kind     "fourier", "polynomial" or "move"
+    pieces   one, or those of a move in the order of time
+
+A piece of kind "fourier" has the keys of `FourierTrajectory.to_dict`, one of kind
+"polynomial" joints, control, duration_s and start_s.  NPZ has an array ``piece0_sine``
+for ``pieces[0].sine``.
+"""
+
+import io
+import json
+import zipfile
+from pathlib import Path
+from typing import Any, Literal
+
+import msgspec
+import numpy as np
+
+from consistent_id._support.arrays import Matrix
+from consistent_id.errors import ProblemError
+from consistent_id.motion.files.content import require_size
+from consistent_id.motion.move import Move
+from consistent_id.motion.polynomial_path import PolynomialPath
+from consistent_id.recordings.readers.arrays import Arrays
+from consistent_id.recordings.readers.npz import read_npz
+from consistent_id.recordings.trajectory import FourierTrajectory
+
+FORMAT = "consistent_id trajectory 1"
+
+ExactPath = FourierTrajectory | PolynomialPath | Move
+_Piece = FourierTrajectory | PolynomialPath
+
+
+class _Table(msgspec.Struct, forbid_unknown_fields=True, tag_field="kind"):
+    """What pieces of both kinds have."""
+
+    joints: list[str]
+    duration_s: float
+    start_s: float
+
+
+class _Fourier(_Table, tag="fourier"):
+    frequencies_hz: list[float]
+    offset: list[float]
+    sine: list[list[float]]
+    cosine: list[list[float]]
+
+    def path(self) -> FourierTrajectory:
+        n = len(self.joints)
+        return FourierTrajectory(
+            tuple(self.joints),
+            self.frequencies_hz,  # type: ignore[arg-type]
+            self.offset,  # type: ignore[arg-type]
+            _rows(self.sine, n),
+            _rows(self.cosine, n),
+            self.duration_s,
+            self.start_s,
+        )
+
+
+class _Polynomial(_Table, tag="polynomial"):
+    control: list[list[float]]
+
+    def path(self) -> PolynomialPath:
+        control = _rows(self.control, len(self.joints))
+        return PolynomialPath(
+            tuple(self.joints), control, self.duration_s, self.start_s
+        )
+
+
+class _Header(msgspec.Struct):
+    format: str
+
+
+class _Document(msgspec.Struct, forbid_unknown_fields=True):
+    format: str
+    kind: Literal["fourier", "polynomial", "move"]
+    pieces: list[_Fourier | _Polynomial]
+
+
+def json_of(path: ExactPath) -> str:
+    """Return a trajectory as JSON; numbers come back to the last bit."""
+    return json.dumps(_record(path), indent=1, allow_nan=False) + "\n"
+
+
+def path_of_json(content: bytes, where: Path) -> ExactPath:
+    """Return the trajectory that JSON holds.
+
+    Raises
+    ------
+    ProblemError
+        With the key of the first fault.
+    """
+    try:
+        _check_format(msgspec.json.decode(content, type=_Header).format, where)
+        document = msgspec.json.decode(content, type=_Document)
+    except msgspec.ValidationError as cause:
+        raise ProblemError(f"{where}: {cause} ($ is the file)") from None
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as cause:
+        raise ProblemError(f"{where}: not JSON: {cause}") from None
+    return _path(document, where)
+
+
+def npz_of(path: ExactPath, samples: Arrays) -> bytes:
+    """Return a trajectory and samples of it as the content of an NPZ file."""
+    record = _record(path)
+    arrays: dict[str, Any] = {"format": record["format"], "kind": record["kind"]}
+    for number, piece in enumerate(record["pieces"]):
+        arrays |= {f"piece{number}_{key}": value for key, value in piece.items()}
+    file = io.BytesIO()
+    np.savez(file, **(arrays | dict(samples)))
+    return file.getvalue()
+
+
+def path_of_npz(where: Path) -> ExactPath:
+    """Return the trajectory that an NPZ file holds; nothing is unpickled.
+
+    Raises
+    ------
+    ProblemError
+        With the key of the first fault.
+    RecordingError
+        If the file, or an array in it, cannot be read.
+    """
+    names = [name for name in _members(where) if name.startswith("piece")]
+    arrays = read_npz(where, ["format", "kind", *names])
+    _check_format(str(arrays["format"]), where)
+    pieces: dict[int, dict[str, Any]] = {}
+    for name in names:
+        number, _, key = name.removeprefix("piece").partition("_")
+        if not (number.isascii() and number.isdigit() and len(number) < 4):
+            raise ProblemError(f"{where}: an array {name!r}, expected pieceN_...")
+        pieces.setdefault(int(number), {})[key] = arrays[name].tolist()
+    record = {
+        "format": arrays["format"].tolist(),
+        "kind": arrays["kind"].tolist(),
+        "pieces": [pieces[number] for number in sorted(pieces)],
+    }
+    try:
+        document = msgspec.convert(record, type=_Document)
+    except msgspec.ValidationError as cause:
+        raise ProblemError(f"{where}: {cause} ($ is the file)") from None
+    return _path(document, where)
+
+
+def _check_format(seen: str, where: Path) -> None:
+    if seen != FORMAT:
+        raise ProblemError(
+            f"{where}: format is {seen!r}, expected {FORMAT!r}; if another version of "
+            "consistent_id wrote it, read it with that"
+        )
+
+
+def _members(where: Path) -> list[str]:
+    """Return the names of the arrays, none of which swells beyond all sizes."""
+    try:
+        with zipfile.ZipFile(where) as file:
+            members = file.infolist()
+    except (zipfile.BadZipFile, OSError, ValueError) as cause:
+        raise ProblemError(f"{where}: not readable as NPZ: {cause}") from None
+    require_size(where, sum(member.file_size for member in members))
+    return [member.filename.removesuffix(".npy") for member in members]
+
+
+def _record(path: ExactPath) -> dict[str, Any]:
+    pieces = path.pieces if isinstance(path, Move) else (path,)
+    return {
+        "format": FORMAT,
+        "kind": "move" if isinstance(path, Move) else _piece(path)["kind"],
+        "pieces": [_piece(piece) for piece in pieces],
+    }
+
+
+def _piece(piece: _Piece) -> dict[str, Any]:
+    if isinstance(piece, FourierTrajectory):
+        record = {"kind": "fourier"} | piece.to_dict()
+    else:
+        record = {
+            "kind": "polynomial",
+            "joints": list(piece.joints),
+            "control": piece.control.tolist(),
+            "duration_s": piece.duration,
+            "start_s": piece.start,
+        }
+    # A duration may have come as any number.
+    times = {key: float(record[key]) for key in ("duration_s", "start_s")}
+    return record | times
+
+
+def _path(document: _Document, where: Path) -> ExactPath:
+    kinds = [piece.__struct_config__.tag for piece in document.pieces]
+    of_move = document.kind == "move" and kinds.count("fourier") == 1
+    if not of_move and kinds != [document.kind]:
+        raise ProblemError(
+            f"{where}: kind {document.kind!r} with pieces {kinds}, expected one of its "
+            "own kind or, of a move, one 'fourier' between 'polynomial' ones"
+        )
+    try:
+        return _assembled(document)
+    except ProblemError as cause:
+        raise ProblemError(f"{where}: {cause}") from None
+
+
+def _rows(rows: list[list[float]], width: int) -> Matrix:
+    """Return rows as they are; of none, a matrix of the right width."""
+    return rows if rows else np.zeros((0, width))  # type: ignore[return-value]
+
+
+def _assembled(document: _Document) -> ExactPath:
+    paths = [piece.path() for piece in document.pieces]
+    if document.kind != "move":
+        return paths[0]
+    at = [isinstance(piece, _Fourier) for piece in document.pieces].index(True)
+    run_in, run_out = tuple(paths[:at]), tuple(paths[at + 1 :])
+    return Move(run_in, paths[at], run_out)  # type: ignore[arg-type]

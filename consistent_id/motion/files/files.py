@@ -1,0 +1,175 @@
+"""Trajectories to files and back; the ending says which form."""
+
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+
+from consistent_id._support.files import write_atomically
+from consistent_id.errors import ProblemError
+from consistent_id.motion.files.content import (
+    content_of,
+    require_names,
+    require_rest,
+)
+from consistent_id.motion.files.document import (
+    ExactPath,
+    json_of,
+    npz_of,
+    path_of_json,
+    path_of_npz,
+)
+from consistent_id.motion.files.ros import message_of, samples_of_message
+from consistent_id.motion.files.tables import (
+    columns_of,
+    csv_of,
+    parquet_of,
+    samples_of_table,
+)
+from consistent_id.motion.files.urscript import urscript_of
+from consistent_id.recordings.paths import sampled
+from consistent_id.recordings.recording import Recording
+
+Format = Literal["json", "npz", "csv", "parquet", "ros", "urscript"]
+FORMAT_OF_ENDING: dict[str, Format] = {
+    ".json": "json",
+    ".npz": "npz",
+    ".csv": "csv",
+    ".parquet": "parquet",
+    ".yaml": "ros",
+    ".yml": "ros",
+    ".script": "urscript",
+    ".urscript": "urscript",
+}
+"""Which form an ending says."""
+
+
+class _Probe(msgspec.Struct):
+    """What tells one kind of JSON from another."""
+
+    format: str | None = None
+    joint_names: list[str] | None = None
+
+
+def write_trajectory(
+    path: ExactPath,
+    file: str | Path,
+    *,
+    rate: float | None = None,
+    format: Format | None = None,
+) -> Path:
+    """Write a trajectory, whole or not at all; return the file.
+
+    Parameters
+    ----------
+    path : FourierTrajectory, PolynomialPath or Move
+    file : str or Path
+    rate : float, [Hz]
+        Of the samples; only ``json`` does without.
+    format : str, optional
+        By default as the file's ending says:
+
+        - ``json`` (``.json``): exact coefficients;
+        - ``npz`` (``.npz``): exact coefficients, and samples;
+        - ``csv``, ``parquet``: samples; see `TRAJECTORY_COLUMNS`;
+        - ``ros`` (``.yaml``, ``.yml``): a ``trajectory_msgs/JointTrajectory``, in YAML
+          that is JSON too;
+        - ``urscript`` (``.script``, ``.urscript``): a program for a Universal Robot, at
+          125 or 500 Hz.
+
+    Raises
+    ------
+    ProblemError
+        If the ending is unknown, the rate is missing or wrong, or the file cannot be
+        written.  A robot begins and ends at rest: ``ros`` and ``urscript`` refuse what
+        does not.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> from consistent_id import FourierTrajectory
+    >>> path = FourierTrajectory(("elbow",), [0.5], [0.1], [[0.2]], [[0.0]], 2.0)
+    >>> with TemporaryDirectory() as folder:
+    ...     file = write_trajectory(path, f"{folder}/path.json")
+    ...     again = read_trajectory(file)
+    >>> again.sine.tolist()
+    [[0.2]]
+    """
+    file = Path(file)
+    chosen = format or _format_of(file)
+    if chosen not in FORMAT_OF_ENDING.values():
+        known = ", ".join(dict.fromkeys(FORMAT_OF_ENDING.values()))
+        raise ProblemError(f"{file}: format {chosen!r}, expected one of {known}")
+    require_names(path.joints, file)
+    if chosen == "json":
+        return write_atomically(file, json_of(path))
+    if rate is None:
+        raise ProblemError(f"{file}: samples of a trajectory; give their rate [Hz]")
+    return write_atomically(file, _content(path, file, rate, chosen))
+
+
+def _content(path: ExactPath, file: Path, rate: float, chosen: Format) -> str | bytes:
+    if chosen in ("ros", "urscript"):
+        require_rest(path, file)
+    if chosen == "urscript":
+        return urscript_of(path, rate, file)
+    samples = sampled(path, rate)
+    if chosen == "npz":
+        return npz_of(path, columns_of(samples))
+    if chosen == "csv":
+        return csv_of(samples)
+    return parquet_of(samples, file) if chosen == "parquet" else message_of(samples)
+
+
+def read_trajectory(file: str | Path) -> ExactPath | Recording:
+    """Read what `write_trajectory` wrote, or a ROS trajectory of anyone's.
+
+    Parameters
+    ----------
+    file : str or Path
+        ``.json``, ``.npz``, ``.csv``, ``.parquet``, ``.yaml`` or ``.yml``.
+
+    Returns
+    -------
+    FourierTrajectory, PolynomialPath or Move
+        Equal to the last bit, of files with coefficients.
+    Recording
+        Of files with samples only.
+
+    Raises
+    ------
+    ProblemError, RecordingError
+        If the file cannot be read; with the key, or the row and column, of the fault.
+        Nothing in it is run or unpickled.
+    """
+    file = Path(file)
+    chosen = _format_of(file)
+    if chosen == "urscript":
+        raise ProblemError(
+            f"{file}: a program is not read back; write the trajectory as .json besides"
+        )
+    if chosen == "npz":
+        return path_of_npz(file)
+    if chosen in ("csv", "parquet"):
+        return samples_of_table(file)
+    content = content_of(file)
+    if chosen == "ros" or _is_message(content):
+        return samples_of_message(content, file)
+    return path_of_json(content, file)
+
+
+def _is_message(content: bytes) -> bool:
+    try:
+        probe = msgspec.json.decode(content, type=_Probe)
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
+        return False
+    return probe.format is None and probe.joint_names is not None
+
+
+def _format_of(file: Path) -> Format:
+    if file.suffix.lower() not in FORMAT_OF_ENDING:
+        raise ProblemError(
+            f"{file}: {file.suffix or 'no ending'}, expected one of "
+            f"{', '.join(FORMAT_OF_ENDING)}"
+        )
+    return FORMAT_OF_ENDING[file.suffix.lower()]

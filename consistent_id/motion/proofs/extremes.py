@@ -1,0 +1,150 @@
+"""How far a joint's path, and each of its derivatives, goes: proven for all time.
+
+Over a stretch of time with middle ``m`` and half width ``r``, Taylor's theorem says
+
+    f(m + s) <= f(m) + |f'(m)| r + B r^2 / 2,    |f''| <= B.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from consistent_id._support.arrays import Array, IntArray, Vector
+from consistent_id.errors import ProblemError
+from consistent_id.motion.proofs.interval import Interval
+from consistent_id.motion.proofs.peaks import Enclosed, peaks
+from consistent_id.motion.proofs.seams import merged, smooth_pieces
+from consistent_id.recordings.paths import JointPath
+
+_FINEST = 1e-3  # least scale of the tolerance, relative to the bound over all time
+_COARSE = 0.1  # of the scale: what the first stretches leave open
+_FEWEST, _MOST_CELLS = 16, 4096
+_EVALUATION = 64.0 * np.finfo(float).eps  # rounding of a path, see `path_rounding`
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Extremes:
+    """Lowest and highest values of one derivative of each joint's path.
+
+    Parameters
+    ----------
+    joints : tuple of str
+    order : int
+        0 for position, 1 for velocity, and so on.
+    lowest, highest : ndarray, shape (joints,)
+        Proven: never below, never above.
+    least, most : ndarray, shape (joints,)
+        Values that are reached, at `least_time` and `most_time` [s].
+    """
+
+    joints: tuple[str, ...]
+    order: int
+    lowest: Vector
+    highest: Vector
+    least: Vector
+    most: Vector
+    least_time: Vector
+    most_time: Vector
+
+    @property
+    def size(self) -> Vector:
+        """Proven bound of the absolute value."""
+        return np.maximum(-self.lowest, self.highest)
+
+
+def extremes(path: JointPath, order: int, *, tolerance: float = 1e-6) -> Extremes:
+    """Enclose the extremes of a path's derivative over its whole duration.
+
+    Parameters
+    ----------
+    path : JointPath
+        With two continuous derivatives more than `order`, which is not checked; or
+        with `pieces` that have, as those of a `Move`: each is proven by itself.
+    order : int
+    tolerance : float
+        What bound and value may differ by, relative to the range of the values.
+
+    Examples
+    --------
+    >>> from consistent_id.recordings.trajectory import FourierTrajectory
+    >>> path = FourierTrajectory(("elbow",), [0.5], [0.1], [[0.2]], [[0.0]], 2.0)
+    >>> position = extremes(path, 0)
+    >>> position.highest.round(5).tolist(), position.most_time.round(3).tolist()
+    ([0.3], [0.5])
+    """
+    if order < 0 or not 0.0 < tolerance < 1.0:
+        raise ProblemError(
+            f"extremes of derivative {order} with tolerance {tolerance}; expected 0 or "
+            "more, and a tolerance between 0 and 1"
+        )
+    found = [_of_piece(piece, order, tolerance) for piece in smooth_pieces(path)]
+    return Extremes(path.joints, order, *merged(found))
+
+
+def _of_piece(path: JointPath, order: int, tolerance: float) -> Extremes:
+    curvature = path.derivative_bound(order + 2)
+    slack = path_rounding(path, order)
+    scale = _scale(path, order)
+
+    def enclose(middle: Vector, radius: float, cell: IntArray) -> Enclosed:
+        value, slope = path.evaluate(middle, order + 1)[order:]
+        away = abs(slope) * radius + curvature * radius**2 / 2.0 + slack
+        both = np.hstack([value, -value])
+        return Enclosed(both, both + np.hstack([away, away]))
+
+    found = peaks(
+        enclose,
+        path.start,
+        path.duration,
+        _cells(path, curvature, scale),
+        np.tile(tolerance * scale + 2.0 * slack, 2),
+    )
+    most, least = np.split(found.reached, 2)
+    most_time, least_time = np.split(found.at, 2)
+    highest, lowest = np.split(found.bound, 2)
+    return Extremes(
+        path.joints, order, -lowest, highest, -least, most, least_time, most_time
+    )
+
+
+def path_rounding(path: JointPath, order: int) -> Vector:
+    """Return what rounding may add to a derivative's values, shape (joints,).
+
+    A sum is rounded relative to its terms; a phase, or a time, relative to itself,
+    which is like a shift in time by some units in the last place of the latest time.
+    """
+    latest = abs(path.start) + path.duration
+    size, rate = path.derivative_bound(order), path.derivative_bound(order + 1)
+    return np.asarray(_EVALUATION * (size + latest * rate))
+
+
+def path_interval(
+    path: JointPath, middle: Vector, radius: float, orders: int
+) -> list[Interval]:
+    """Enclose a path's derivatives of order 0 to `orders` over stretches of time.
+
+    Each has arrays of shape (stretches, joints).
+    """
+    values = path.evaluate(middle, orders + 1)
+    return [_around(path, values, radius, order) for order in range(orders + 1)]
+
+
+def _around(path: JointPath, values: Array, radius: float, order: int) -> Interval:
+    away = abs(values[order + 1]) * radius + path_rounding(path, order)
+    away = away + path.derivative_bound(order + 2) * radius**2 / 2.0
+    return Interval(values[order] - away, values[order] + away)
+
+
+def _scale(path: JointPath, order: int) -> Vector:
+    """Return the range of the values, as some samples show it."""
+    time = path.start + path.duration * np.linspace(0.0, 1.0, 64)
+    values = path.evaluate(time, order)[order]
+    least = _FINEST * path.derivative_bound(order)
+    return np.asarray(np.maximum(np.ptp(values, axis=0), least))
+
+
+def _cells(path: JointPath, curvature: Vector, scale: Vector) -> int:
+    """Return into how many stretches time is divided at first."""
+    rate = np.sqrt(curvature / np.where(scale > 0.0, scale, np.inf)).max()
+    cells = path.duration * rate / (2.0 * np.sqrt(_COARSE))
+    return int(np.clip(np.ceil(cells), _FEWEST, _MOST_CELLS))

@@ -1,0 +1,135 @@
+"""Friction that depends on the direction of motion, over stretches of time.
+
+It jumps, or nearly, where a joint turns back: there is no use in its derivative.  Its
+columns are asked for with intervals instead of numbers, for motion forwards, backwards
+and standing still apart, so that all that has one sign keeps one.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from consistent_id._support.arrays import Array, Matrix, Vector
+from consistent_id.motion.proofs.extremes import path_interval
+from consistent_id.motion.proofs.interval import Interval
+from consistent_id.recordings.paths import JointPath
+from consistent_id.regression.regressor import TorqueModel, drive_entries
+from consistent_id.regression.shapes import SHAPED_TERMS
+
+_COLUMN = 64.0 * np.finfo(float).eps  # rounding of a column, relative to its size
+_LEAST = float(np.finfo(float).tiny)  # a rate that has a direction
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DirectedFriction:
+    """The columns of a model that depend on directions, and their coefficients.
+
+    Parameters
+    ----------
+    model : TorqueModel
+    own : TorqueModel
+        The same without couplings: each joint's friction depends on its own rate.
+    parameters : ndarray, shape (robots, parameters)
+    """
+
+    model: TorqueModel
+    own: TorqueModel
+    parameters: Matrix
+
+    @property
+    def needed(self) -> bool:
+        """Tell whether there is any such friction."""
+        return any(term in SHAPED_TERMS for _, term in self.model.layout.drive)
+
+    def enclosed(
+        self, path: JointPath, middle: Vector, radius: float, load: Interval
+    ) -> Interval:
+        """Enclose the friction over stretches of time.
+
+        Parameters
+        ----------
+        path : JointPath
+        middle : ndarray, shape (stretches,), [s]
+        radius : float, [s]
+            May be zero; then a joint at rest has friction both ways.
+        load : Interval, shape (stretches, joints), [N m or N]
+            Torque that the joints transmit.
+
+        Returns
+        -------
+        Interval, shape (stretches, robots, joints), [N m or N]
+        """
+        q, dq, ddq = (x.columns() for x in path_interval(path, middle, radius, 2))
+        loads = load.columns()
+        # at rest exactly, a joint may be about to move either way
+        dq = [Interval(x.low - 2.0 * _LEAST, x.high + 2.0 * _LEAST) for x in dq]
+        parts = [
+            self._sum(self.own, [q, rates, ddq], loads, 0)
+            for rates in zip(*(_directions(rate) for rate in dq), strict=True)
+        ]
+        both = self._sum(self.model, [q, dq, ddq], loads, len(self.own.layout))
+        shape = (len(self.parameters), len(middle))
+        ends = []
+        for j, shared in enumerate(both):
+            first, *others = (_interval(part[j], shape) for part in parts)
+            for other in others:
+                first = first.union(other)
+            ends.append(first + _interval(shared, shape))
+        low = np.stack([x.low.T for x in ends], axis=-1)
+        return Interval(low, np.stack([x.high.T for x in ends], axis=-1))
+
+    def rounding(self, load: Interval) -> Array:
+        """Bound what rounding does to `enclosed`, shape (1, robots, 1).
+
+        A column is no larger than one, or than the load.
+        """
+        terms = self.model.layout.drive
+        shaped = [term in SHAPED_TERMS for _, term in terms]
+        directed = self.parameters[:, self.model.layout.inertial_size :][:, shaped]
+        size = 1.0 + float(load.size.max(initial=0.0))
+        total = abs(directed).sum(axis=1)[None, :, None]
+        return np.asarray(_COLUMN * size * total)
+
+    def _sum(
+        self, model: TorqueModel, motion: Sequence[Any], loads: list[Any], start: int
+    ) -> list[Any]:
+        """Add up the columns from `start` on, joint by joint."""
+        total: list[Any] = [0.0] * len(model.robot)
+        terms, skip = self.model.layout.drive, self.model.layout.inertial_size
+        needed = {
+            j: loads[j] for j, terms in enumerate(model.terms) if terms.load_friction
+        }
+        q, dq, ddq = motion
+        for j, column, values in drive_entries(model, q, dq, ddq, needed):
+            if column >= start and terms[column - skip][1] in SHAPED_TERMS:
+                total[j] = values * self.parameters[:, column, None] + total[j]
+        return total
+
+
+def directed_friction(model: TorqueModel, parameters: Matrix) -> DirectedFriction:
+    """Return the friction of a model that depends on the direction of motion."""
+    return DirectedFriction(model, replace(model, couplings=()), parameters)
+
+
+def _directions(rate: Interval) -> list[Interval]:
+    """Return the rates forwards, backwards and at rest; all, where there are none.
+
+    Zero rounded up to the least number with a direction changes a continuous term by
+    nothing that can be seen.
+    """
+    forwards = Interval(np.maximum(rate.low, _LEAST), rate.high)
+    backwards = Interval(rate.low, np.minimum(rate.high, -_LEAST))
+    at_rest = Interval(np.zeros_like(rate.low), np.zeros_like(rate.low))
+    there = (rate.high >= _LEAST, rate.low <= -_LEAST, abs(rate).low == 0.0)
+    return [
+        Interval(np.where(x, r.low, rate.low), np.where(x, r.high, rate.high))
+        for x, r in zip(there, (forwards, backwards, at_rest), strict=True)
+    ]
+
+
+def _interval(x: Any, shape: tuple[int, int]) -> Interval:
+    if not isinstance(x, Interval):
+        return Interval(np.full(shape, x), np.full(shape, x))
+    return Interval(np.broadcast_to(x.low, shape), np.broadcast_to(x.high, shape))

@@ -1,0 +1,204 @@
+"""Proof that a path asks no joint for more torque than it may give, at any time.
+
+The smooth part is bounded as a path is, by Taylor's theorem: torque and its rate at the
+middle of a stretch of time, and a bound of its second derivative.  That bound comes of
+one pass of the recursion on intervals over stretches that are not divided further:
+where time is divided, the torque is computed at instants alone.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from consistent_id._support.arrays import Array, IntArray, Matrix, Vector, checked
+from consistent_id.errors import ProblemError
+from consistent_id.motion.proofs.friction_bounds import (
+    DirectedFriction,
+    directed_friction,
+)
+from consistent_id.motion.proofs.interval import Interval
+from consistent_id.motion.proofs.peaks import Enclosed, Enclosure, peaks
+from consistent_id.motion.proofs.seams import merged, smooth_pieces
+from consistent_id.motion.proofs.torque_motion import SmoothTorque, smooth_torque
+from consistent_id.recordings.paths import JointPath
+from consistent_id.regression.regressor import TorqueModel
+
+_TURN = 0.025  # no joint turns further in half a stretch at first [rad or m]
+_FEWEST, _MOST_CELLS = 32, 4096
+_ROUNDED_UP = 1.0 + 1e-9  # a bound's own rounding, of sums of far fewer terms
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TorqueBounds:
+    """Proven bounds of the torque along a path; arrays of shape (joints,), [N m or N].
+
+    Parameters
+    ----------
+    joints : tuple of str
+        Those that the model has a torque for.
+    lowest, highest : ndarray
+        Proven: never below, never above, for any of the robots.
+    least, most : ndarray
+        Values that are reached, at `least_time` and `most_time` [s].
+    """
+
+    joints: tuple[str, ...]
+    lowest: Vector
+    highest: Vector
+    least: Vector
+    most: Vector
+    least_time: Vector
+    most_time: Vector
+
+    @property
+    def size(self) -> Vector:
+        """Proven bound of the absolute value."""
+        return np.maximum(-self.lowest, self.highest)
+
+
+def torque_bounds(
+    path: JointPath,
+    model: TorqueModel,
+    parameters: ArrayLike,
+    *,
+    effort: ArrayLike | None = None,
+    tolerance: float = 1e-3,
+) -> TorqueBounds:
+    """Enclose the torques that a path asks for, over its whole duration.
+
+    Parameters
+    ----------
+    path : JointPath
+        With four continuous derivatives, which is not checked, or with `pieces` that
+        have, as those of a `Move`; and all joints of the model's robot in order.
+    model : TorqueModel
+    parameters : array_like, shape (parameters,) or (robots, parameters)
+        One robot's, or several: the torque is linear in them, so what holds for all
+        holds for every mixture of them.
+    effort : array_like, shape (torque joints,), optional, [N m or N]
+        What the tolerance is relative to; by default, the largest torque.
+    tolerance : float
+        What bound and reached value may differ by.
+
+    Notes
+    -----
+    Friction with a sign has, at standstill, any value between its levels: a joint that
+    rests is taken to need either.
+
+    Raises
+    ------
+    ProblemError
+        If path and model have other joints, or a shape is wrong.
+    """
+    x = _robots(parameters, model)
+    if path.joints != model.robot.joint_names:
+        raise ProblemError(
+            f"the path moves {', '.join(path.joints)}; the robot's joints are "
+            f"{', '.join(model.robot.joint_names)}; expected the same, in order"
+        )
+    if not 0.0 < tolerance < 1.0:
+        raise ProblemError(f"tolerance is {tolerance}, expected between 0 and 1")
+    names = model.robot.joint_names
+    smooth, friction = smooth_torque(model, x), directed_friction(model, x)
+    rows = [names.index(name) for name in model.torque_joints]
+    wanted = None
+    if effort is not None:
+        wanted = checked(effort, (len(rows),), "effort", finite=False)
+    found = [
+        _of_piece(_Torque(piece, smooth, friction, rows), wanted, tolerance, model)
+        for piece in smooth_pieces(path)
+    ]
+    return TorqueBounds(model.torque_joints, *merged(found))
+
+
+def _of_piece(
+    torque: "_Torque", effort: Vector | None, tolerance: float, model: TorqueModel
+) -> TorqueBounds:
+    path = torque.path
+    cells = _cells(path)
+    scale = torque.reach(cells)
+    if effort is not None:
+        scale = np.where(np.isfinite(effort), effort, scale)
+    found = peaks(
+        torque.enclosure(cells),
+        path.start,
+        path.duration,
+        cells,
+        np.tile(tolerance * scale, 2),
+    )
+    most, least = np.split(found.reached, 2)
+    most_time, least_time = np.split(found.at, 2)
+    highest, lowest = np.split(found.bound, 2)
+    return TorqueBounds(
+        model.torque_joints, -lowest, highest, -least, most, least_time, most_time
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Torque:
+    """Smooth torque and friction of several robots along a path."""
+
+    path: JointPath
+    smooth: SmoothTorque
+    friction: DirectedFriction
+    rows: list[int]
+
+    def reach(self, samples: int) -> Vector:
+        """Return the largest torques at some instants."""
+        time = self.path.start + self.path.duration * np.linspace(0.0, 1.0, samples)
+        value = self.smooth.derivatives(self.path, time)[0]
+        over = self._with_friction(time, 0.0, Interval(value, value))
+        return np.asarray(over.size.max(axis=(0, 1)))
+
+    def enclosure(self, cells: int) -> Enclosure:
+        """Return the function that encloses the torques, both ways."""
+        path = self.path
+        radius = path.duration / (2 * cells)
+        middles = path.start + radius * np.arange(1, 2 * cells, 2, dtype=float)
+        wider = _ROUNDED_UP * radius
+        curvature = _ROUNDED_UP * self.smooth.curvature(path, middles, wider)
+        slack = self.smooth.rounding(path)
+
+        def enclose(middle: Vector, radius: float, cell: IntArray) -> Enclosed:
+            value, rate = self.smooth.derivatives(path, middle)
+            away = abs(rate) * radius + curvature[cell] * radius**2 / 2.0 + slack
+            at = self._with_friction(middle, 0.0, Interval(value, value))
+            over = Interval(value - away, value + away)
+            return Enclosed(
+                _both_ways(at), _both_ways(self._with_friction(middle, radius, over))
+            )
+
+        return enclose
+
+    def _with_friction(
+        self, middle: Vector, radius: float, torque: Interval
+    ) -> Interval:
+        """Add friction; shape (stretches, robots, torque joints)."""
+        robots, friction = len(self.friction.parameters), self.friction
+        total = Interval(torque.low[:, :robots], torque.high[:, :robots])
+        if friction.needed:
+            load = Interval(torque.low[:, -1], torque.high[:, -1])
+            rubbing = friction.enclosed(self.path, middle, radius, load)
+            doubt = friction.rounding(load)
+            total = total + rubbing + Interval(-doubt, doubt)
+        return Interval(total.low[:, :, self.rows], total.high[:, :, self.rows])
+
+
+def _both_ways(torque: Interval) -> Array:
+    """Return the largest torques of any robot, and the least with reversed sign."""
+    return np.hstack([torque.high.max(axis=1), -torque.low.min(axis=1)])
+
+
+def _robots(parameters: ArrayLike, model: TorqueModel) -> Matrix:
+    x = np.asarray(parameters, dtype=float)
+    return checked(
+        x[None] if x.ndim == 1 else x, (None, len(model.layout)), "parameters"
+    )
+
+
+def _cells(path: JointPath) -> int:
+    """Return into how many stretches time is divided at first."""
+    fastest = path.derivative_bound(1).max()
+    cells = np.ceil(path.duration * fastest / (2.0 * _TURN))
+    return int(np.clip(cells, _FEWEST, _MOST_CELLS))

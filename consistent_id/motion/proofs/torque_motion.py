@@ -1,0 +1,178 @@
+"""Torque along a path and its derivatives in time, at instants and over stretches.
+
+What is smooth: rigid bodies, viscous friction, rotor inertia, springs, offsets.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from consistent_id._support.arrays import Array, Matrix, Vector
+from consistent_id.motion.proofs.extremes import path_interval
+from consistent_id.motion.proofs.interval import Interval
+from consistent_id.motion.proofs.jets import Jet, jet, sine_and_cosine
+from consistent_id.recordings.paths import JointPath
+from consistent_id.regression.friction import DriveTerms, GearCoupling
+from consistent_id.regression.joint_geometry import floats, joint_geometry
+from consistent_id.regression.newton_euler import JointMotion, torque_parts
+from consistent_id.regression.regressor import TorqueModel, drive_entries
+
+_PIECE = 20_000  # samples times robots at once
+_DEPTH = 100.0  # roundings that one link adds, one after another, at most
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SmoothTorque:
+    """The part of a model's torque that is smooth in time, for several robots at once.
+
+    Parameters
+    ----------
+    model : TorqueModel
+        Without friction that depends on a direction.
+    parameters : ndarray, shape (robots, parameters)
+        Of that model.
+    """
+
+    model: TorqueModel
+    parameters: Matrix
+
+    def derivatives(self, path: JointPath, time: Vector) -> Array:
+        """Return torque and its rate, shape (2, samples, robots, joints)."""
+        pieces = []
+        for part in self._parts(time):
+            values = path.evaluate(part, 3).transpose(0, 2, 1)
+            torques = self._jets(_motion(values, 1))
+            shape = (len(self.parameters), len(part))
+            pieces.append(np.stack([_stacked(torques, k, shape) for k in range(2)]))
+        return np.concatenate(pieces, axis=1)
+
+    def curvature(self, path: JointPath, middle: Vector, radius: float) -> Array:
+        """Bound the torque's second derivative, shape (stretches, robots, joints)."""
+        pieces = []
+        for part in self._parts(middle):
+            values = [x.columns() for x in path_interval(path, part, radius, 4)]
+            torques = self._jets(_motion(values, 2))
+            shape = (len(self.parameters), len(part))
+            pieces.append(2.0 * _stacked(torques, 2, shape))
+        return np.concatenate(pieces)
+
+    def rounding(self, path: JointPath) -> Matrix:
+        """Bound what rounding does to `derivatives`, shape (robots, joints).
+
+        With every number replaced by plus or minus its size, the recursion yields the
+        size of all that is added up; its rate, what a rounded time or phase can do.
+        """
+        sizes = [path.derivative_bound(order) for order in range(4)]
+        values = [[_within(np.atleast_1d(s)) for s in size] for size in sizes]
+        motion = [
+            moves._replace(sin=turned, cos=turned)
+            for moves in _motion(values, 1)
+            for turned in [_turned(moves.q)]
+        ]
+        torques = self._jets(motion)
+        shape = (len(self.parameters), 1)
+        size, rate = (_stacked(torques, k, shape)[0] for k in range(2))
+        unit = float(np.finfo(float).eps)
+        latest = abs(path.start) + path.duration
+        depth = _DEPTH * (len(self.model.robot) + 1)
+        slack = depth * (size + path.duration * rate) + 64.0 * latest * rate
+        return np.asarray(unit * slack)
+
+    def _parts(self, time: Vector) -> list[Vector]:
+        """Return times piece by piece, so that arrays stay of moderate size."""
+        return np.array_split(time, 1 + len(time) * len(self.parameters) // _PIECE)
+
+    def _jets(self, motion: list[JointMotion]) -> list[Any]:
+        """Return each joint's torque as a jet, or a number where nothing moves it."""
+        model, x = self.model, self.parameters
+        geometry, gravity = joint_geometry(model.robot), floats(model.robot.gravity)
+        total: list[Any] = [0.0] * len(model.robot)
+        bodies = [_body(x, model.layout.link_slice(k)) for k in range(len(total))]
+        for j, _, part in torque_parts(geometry, gravity, motion, bodies):
+            total[j] = part + total[j]
+        q, dq, ddq = ([m[i] for m in motion] for i in (0, 3, 4))
+        for j, column, values in drive_entries(model, q, dq, ddq, {}):
+            total[j] = values * x[:, column, None] + total[j]
+        return total
+
+
+def smooth_torque(model: TorqueModel, parameters: Matrix) -> SmoothTorque:
+    """Return a model's torque without friction that depends on a direction.
+
+    If friction depends on the load, its reference is one more robot, the last.
+    """
+    plain = replace(
+        model,
+        drive=tuple(_plain(terms) for terms in model.terms),
+        couplings=tuple(p for c in model.couplings for p in _plain_coupling(c)),
+        load_reference=None,
+    )
+    columns = [model.layout.index(name) for name in plain.layout.names]
+    x = parameters[:, columns]
+    if model.load_reference is not None:
+        last = np.zeros((1, x.shape[1]))
+        last[0, : len(model.load_reference)] = model.load_reference
+        x = np.vstack([x, last])
+    return SmoothTorque(plain, x)
+
+
+def _plain(terms: DriveTerms) -> DriveTerms:
+    return replace(
+        terms,
+        coulomb="none",
+        velocity_scale=None,
+        asymmetric=False,
+        stribeck_velocity=None,
+        load_friction=False,
+    )
+
+
+def _plain_coupling(coupling: GearCoupling) -> list[GearCoupling]:
+    if not (coupling.viscous or coupling.rotor_inertia):
+        return []
+    return [replace(coupling, coulomb="none", velocity_scale=None)]
+
+
+def _motion(derivatives: Any, order: int) -> list[JointMotion]:
+    """Return the joints' motion as jets, from derivatives[order][joint]."""
+    motion = []
+    for j in range(len(derivatives[0])):
+        q, dq, ddq = (
+            jet([derivatives[n + k][j] for k in range(order + 1)]) for n in range(3)
+        )
+        sine, cosine = sine_and_cosine(q)
+        motion.append(JointMotion(q, sine, cosine, dq, ddq))
+    return motion
+
+
+def _turned(q: Jet) -> Jet:
+    """Return the sizes of sine and cosine, and of their rates."""
+    return Jet((_within(np.ones(1)), q.coefficients[1]))
+
+
+def _within(size: Array) -> Interval:
+    return Interval(-size, size)
+
+
+def _body(x: Matrix, link: slice) -> list[Any]:
+    """Return a link's parameters: numbers for one robot, columns for several."""
+    if len(x) == 1:
+        return list(x[0, link].tolist())
+    return list(x.T[link, :, None])
+
+
+def _stacked(torques: list[Any], order: int, shape: tuple[int, int]) -> Array:
+    """Return a coefficient of all joints, shape (samples, robots, joints).
+
+    Of intervals, the size.
+    """
+    parts = []
+    for torque in torques:
+        if isinstance(torque, Jet):
+            value = torque.coefficients[order]
+            value = value.size if isinstance(value, Interval) else value
+        else:
+            value = torque if order == 0 else 0.0
+        parts.append(np.broadcast_to(value, shape).T)
+    return np.stack(parts, axis=-1)

@@ -1,0 +1,128 @@
+"""The ``[constraints]`` table of a problem file, turned into constraints."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from consistent_id.constraints import (
+    CentreOfMassBoxes,
+    CentreOfMassIn,
+    Constraint,
+    DensityOn,
+    Ellipsoid,
+    EqualLinks,
+    FixedCentresOfMass,
+    FixedMasses,
+    FixedParameters,
+    LinearRelation,
+    MassBounds,
+    Motor,
+    NonNegativeDrive,
+    ParameterBounds,
+    PhysicalConsistency,
+    Polytope,
+    RotorInertias,
+    SharedMotors,
+    SymmetricLink,
+    TotalMass,
+    mesh_vertices,
+)
+from consistent_id.errors import ProblemError
+from consistent_id.problems.file import (
+    ConstraintsTable,
+    JointTable,
+    RelationTable,
+    ShapeTable,
+)
+
+
+def constraints_of(
+    table: ConstraintsTable, folder: Path, joints: Mapping[str, JointTable]
+) -> tuple[Constraint, ...]:
+    """Return the constraints that a table asks for; meshes are files in a folder.
+
+    The tables of joints say what their motors are.
+
+    Raises
+    ------
+    ProblemError
+        If a relation or a shape makes no sense.
+    """
+    chosen: list[Constraint] = [PhysicalConsistency(table.margin)]
+    if table.masses == "datasheet":
+        chosen.append(FixedMasses())
+    elif table.masses == "bounds":
+        chosen.append(MassBounds())
+    if table.centres_of_mass == "datasheet":
+        chosen.append(FixedCentresOfMass())
+    elif table.centres_of_mass == "box":
+        chosen.append(CentreOfMassBoxes())
+    if table.drive_signs:
+        chosen.append(NonNegativeDrive())
+    if table.shared_motors:
+        chosen.append(SharedMotors())
+    motors = _motors(joints)
+    if motors and table.rotor_inertias == "datasheet":
+        chosen.append(RotorInertias(motors, table.rotor_inertia_tolerance))
+    if table.fixed:
+        chosen.append(FixedParameters(table.fixed))
+    if table.bounds:
+        chosen.append(
+            ParameterBounds({k: (low, high) for k, (low, high) in table.bounds.items()})
+        )
+    if table.total_mass is not None:
+        total = table.total_mass
+        low, high = total if isinstance(total, list) else (total, total)
+        chosen.append(TotalMass(low, high))
+    chosen += [_relation(relation) for relation in table.relations]
+    chosen += [EqualLinks(e.first, e.second, e.mirror) for e in table.equal_links]
+    chosen += [SymmetricLink(link, planes) for link, planes in table.symmetric.items()]
+    chosen += [
+        CentreOfMassIn(s.link, _shape(s, folder)) for s in table.centre_of_mass_in
+    ]
+    chosen += [DensityOn(s.link, _shape(s, folder)) for s in table.density_on]
+    return tuple(chosen)
+
+
+def _motors(joints: Mapping[str, JointTable]) -> dict[str, Motor]:
+    """Return the motors that have an inertia, and a gear ratio beside."""
+    motors = {}
+    for name, joint in joints.items():
+        if joint.motor_inertia is None:
+            continue
+        if joint.gear_ratio is None:
+            raise ProblemError(
+                f"[joints.{name}]: motor_inertia without gear_ratio; the link feels "
+                "the motor through its gear: give both"
+            )
+        motors[name] = Motor(joint.motor_inertia, joint.gear_ratio)
+    return motors
+
+
+def _relation(table: RelationTable) -> LinearRelation:
+    low = -np.inf if table.lower is None else table.lower
+    high = np.inf if table.upper is None else table.upper
+    return LinearRelation(table.terms, low, high)
+
+
+def _shape(table: ShapeTable, folder: Path) -> Ellipsoid | Polytope:
+    shapes = (table.ellipsoid, table.box, table.hull, table.mesh)
+    given = [s for s in shapes if s is not None]
+    if len(given) != 1:
+        raise ProblemError(
+            f"shape of link {table.link!r}: {len(given)} shapes, expected one of "
+            "ellipsoid, box, hull and mesh"
+        )
+    if table.ellipsoid is not None:
+        return Ellipsoid(
+            np.array(table.ellipsoid.centre), np.array(table.ellipsoid.semi_axes)
+        )
+    if table.box is not None:
+        return Polytope.box(*table.box)
+    if table.mesh is None:
+        return Polytope.hull(np.array(table.hull))
+    vertices = mesh_vertices(folder / table.mesh, scale=table.mesh_scale)
+    if table.mesh_shape == "ellipsoid":
+        return Ellipsoid.around(vertices)
+    return Polytope.hull(vertices)

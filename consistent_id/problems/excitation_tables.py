@@ -1,0 +1,90 @@
+"""The ``[excitation]`` table of a problem file: what motion to design, within what."""
+
+from typing import Annotated, Literal
+
+from msgspec import Meta
+
+from consistent_id.problems.table_types import NonNegative, Pair, Positive, Table
+
+Three = tuple[float, float, float]
+PerJoint = Positive | list[Positive] | dict[str, Positive]
+
+
+class LimitsTable(Table, frozen=True, kw_only=True):
+    """Limits in place of the robot file's; one for all joints, or by name."""
+
+    position: dict[str, Pair] = {}
+    velocity: PerJoint | None = None
+    acceleration: PerJoint | None = None
+    jerk: PerJoint | None = None
+    effort: PerJoint | None = None
+    share: Annotated[float, Meta(gt=0.0, le=1.0)] = 1.0
+
+
+class SphereTable(Table, frozen=True, kw_only=True):
+    """A ball about the body's position; in m, as all that follow."""
+
+    radius: Positive
+
+
+class BoxTable(Table, frozen=True, kw_only=True):
+    """A box about the body's position."""
+
+    size: tuple[Positive, Positive, Positive]
+
+
+class RodTable(Table, frozen=True, kw_only=True):
+    """A capsule or cylinder: along z of the body, or between two points."""
+
+    radius: Positive
+    length: Positive | None = None
+    ends: tuple[Three, Three] | None = None
+
+
+class BodyTable(Table, frozen=True, kw_only=True):
+    """A body of the robot, on a link, or without one an obstacle: one of four shapes.
+
+    `position` [m] and `rpy_deg` [degrees] place it in the link's or the base's frame.
+    """
+
+    name: Annotated[str, Meta(min_length=1)]
+    link: str | None = None
+    position: Three = (0.0, 0.0, 0.0)
+    rpy_deg: Three = (0.0, 0.0, 0.0)
+    sphere: SphereTable | None = None
+    box: BoxTable | None = None
+    capsule: RodTable | None = None
+    cylinder: RodTable | None = None
+
+
+class SceneTable(Table, frozen=True, kw_only=True):
+    """What must not touch: the robot's own bodies, and what stands around it."""
+
+    robot: Literal["urdf", "bodies"] = "urdf"
+    elements: Literal["collision", "visual"] = "collision"
+    packages: list[str] = []
+    pieces: Annotated[int, Meta(ge=1)] = 4
+    ground: float | None = None
+    bodies: list[BodyTable] = []
+    clearance: NonNegative = 0.0
+    extra: dict[str, NonNegative] = {}
+    allowed: list[tuple[str, str]] = []
+
+
+class ExcitationTable(Table, frozen=True, kw_only=True):
+    """Form, aim and limits of an exciting trajectory."""
+
+    duration: Positive = 10.0
+    harmonics: Annotated[int, Meta(ge=1)] = 5
+    base_frequencies: Annotated[list[Positive], Meta(min_length=1)] | None = None
+    rest: bool = True
+    periods: Annotated[int, Meta(ge=1)] = 1
+    objective: Literal["condition", "D", "A", "E"] = "condition"
+    refine: Literal["D", "A", "E", "none"] = "D"
+    growth: Annotated[float, Meta(ge=1.0)] = 1.5
+    scaling: Literal["none", "unit columns"] = "none"
+    noise: PerJoint | None = None
+    rate: Positive = 100.0
+    start_pose: dict[str, float] = {}
+    limits: LimitsTable = LimitsTable()
+    scene: SceneTable | None = None

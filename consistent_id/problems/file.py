@@ -1,0 +1,337 @@
+"""The problem file: ``problem.toml`` decoded into typed values, nothing unknown kept.
+
+One struct per table of the file; `problem.load_problem` turns them into a problem.
+"""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import msgspec
+from msgspec import Meta
+
+from consistent_id.errors import ProblemError
+from consistent_id.problems.excitation_tables import ExcitationTable
+from consistent_id.problems.laboratory_tables import LaboratoryTable, TaskTable
+from consistent_id.problems.table_types import NonNegative, Pair, Positive, Table, Three
+
+_ROBOTS = (".urdf", ".xml", ".mjcf", ".xacro")
+
+
+class DHTable(Table, frozen=True, kw_only=True):
+    """One row of Denavit-Hartenberg parameters; angles in degrees."""
+
+    alpha_deg: float
+    a: float
+    d: float = 0.0
+    theta_deg: float = 0.0
+    kind: Literal["revolute", "continuous", "prismatic"] = "revolute"
+    lower: float | None = None
+    upper: float | None = None
+    velocity: Positive | None = None
+    effort: Positive | None = None
+
+
+class ModelTable(Table, frozen=True, kw_only=True):
+    """The robot: a URDF or MJCF file, or a DH table, and the part of it that moves."""
+
+    urdf: str | None = None
+    mjcf: str | None = None
+    modified_dh: list[DHTable] = []
+    classical_dh: list[DHTable] = []
+    gravity: tuple[float, float, float] | None = None
+    base: str | None = None
+    tip: str | None = None
+    joints: Annotated[list[str], Meta(min_length=1)] | None = None
+    locked: dict[str, float] = {}
+
+
+class LinkTable(Table, frozen=True, kw_only=True):
+    """What the datasheet says of a link."""
+
+    mass: NonNegative | None = None
+    mass_bounds: Pair | None = None
+    com: Three | None = None
+    com_box: Annotated[list[Three], Meta(min_length=2, max_length=2)] | None = None
+
+
+class DriveTable(Table, frozen=True, kw_only=True):
+    """Friction and drive terms of all joints, or of one."""
+
+    viscous: bool = False
+    coulomb: Literal["sign", "tanh", "none"] = "none"
+    velocity_scale: Positive | None = None
+    offset: bool = False
+    rotor_inertia: bool = False
+    spring: bool = False
+    asymmetric: bool = False
+    stribeck_velocity: Positive | None = None
+    stribeck_exponent: Positive = 2.0
+    load_friction: bool = False
+
+
+class JointTable(DriveTable, frozen=True, kw_only=True):
+    """Terms of one joint, and what the datasheet says of its motor."""
+
+    gear_ratio: float | None = None
+    motor_inertia: NonNegative | None = None
+
+
+class CouplingTable(Table, frozen=True, kw_only=True):
+    """Terms of two joints whose gears are coupled."""
+
+    first: str
+    second: str
+    viscous: bool = False
+    coulomb: Literal["sign", "tanh", "none"] = "none"
+    velocity_scale: Positive | None = None
+    rotor_inertia: bool = False
+
+
+class RelationTable(Table, frozen=True, kw_only=True):
+    """A linear relation of parameters by name."""
+
+    terms: dict[str, float]
+    lower: float | None = None
+    upper: float | None = None
+
+
+class EqualLinksTable(Table, frozen=True, kw_only=True):
+    """Two links that are alike, or mirror images."""
+
+    first: str
+    second: str
+    mirror: Literal["x", "y", "z"] | None = None
+
+
+class EllipsoidTable(Table, frozen=True, kw_only=True):
+    """An ellipsoid along a link frame's axes [m]."""
+
+    centre: Three
+    semi_axes: Three
+
+
+class ShapeTable(Table, frozen=True, kw_only=True):
+    """Where a link's centre of mass or material lies: one of four shapes [m].
+
+    A mesh is a file in the problem's folder, in the link's frame; its hull counts, or
+    the smallest ellipsoid around it.
+    """
+
+    link: str
+    ellipsoid: EllipsoidTable | None = None
+    box: Annotated[list[Three], Meta(min_length=2, max_length=2)] | None = None
+    hull: Annotated[list[Three], Meta(min_length=4)] | None = None
+    mesh: str | None = None
+    mesh_scale: Positive = 1.0
+    mesh_shape: Literal["hull", "ellipsoid"] = "hull"
+
+
+class ConstraintsTable(Table, frozen=True, kw_only=True):
+    """Constraints of the constrained estimate."""
+
+    margin: Annotated[float, Meta(ge=0.0, lt=1.0)] = 1e-6
+    masses: Literal["datasheet", "bounds", "free"] = "datasheet"
+    centres_of_mass: Literal["datasheet", "box", "free"] = "free"
+    drive_signs: bool = True
+    shared_motors: bool = False
+    rotor_inertias: Literal["datasheet", "free"] = "datasheet"
+    rotor_inertia_tolerance: NonNegative = 0.0
+    fixed: dict[str, float] = {}
+    bounds: dict[str, Pair] = {}
+    relations: list[RelationTable] = []
+    total_mass: NonNegative | Pair | None = None
+    equal_links: list[EqualLinksTable] = []
+    symmetric: dict[str, list[Literal["x", "y", "z"]]] = {}
+    centre_of_mass_in: list[ShapeTable] = []
+    density_on: list[ShapeTable] = []
+
+
+class PriorTable(Table, frozen=True, kw_only=True):
+    """What settles the parameters that data leave open: a slack, or a weight."""
+
+    slack: Annotated[float, Meta(gt=0.0, lt=1.0)] | None = None
+    distance: Literal["pullback", "euclidean", "entropic"] = "pullback"
+    weight: Positive | None = None
+
+
+class ColumnsTable(Table, frozen=True, kw_only=True):
+    """Names of the columns in the recordings."""
+
+    time: str = "time"
+    position: str = "q_{joint}"
+    velocity: str | None = None
+    acceleration: str | None = None
+    torque: str | None = None
+    names: dict[str, str] = {}
+    array_joints: list[str] = []
+
+
+class PreparationTable(Table, frozen=True, kw_only=True):
+    """What is done to each recording, in this order."""
+
+    max_gap: Positive | None = None
+    shortest_part: NonNegative | None = None
+    resample: Positive | None = None
+    delays: dict[
+        Literal["velocity", "acceleration", "torque"], float | Literal["estimated"]
+    ] = {}
+    torque_cutoff: Positive | None = None
+    method: Literal["butterworth", "savitzky-golay", "smoother", "fourier"] = (
+        "butterworth"
+    )
+    motion_cutoff: Positive | None = None
+    window: Positive | None = None
+    degree: Annotated[int, Meta(ge=2)] | None = None
+    order: Annotated[int, Meta(ge=3, le=6)] | None = None
+    period: Positive | Literal["estimated"] | None = None
+    harmonics: Annotated[int, Meta(ge=1)] | None = None
+    decimate: Annotated[int, Meta(ge=1)] = 1
+    trim_standstill: bool | Positive = False
+
+
+class TrackTable(Table, frozen=True, kw_only=True):
+    """A channel of a recording that was written into a file of its own."""
+
+    file: str
+    channel: Literal["velocity", "acceleration", "torque"]
+    column: str
+    time: str = "time"
+    delay: float | Literal["estimated"] = 0.0
+
+
+class RecordingTable(Table, frozen=True, kw_only=True):
+    """One recording and its part in the study.
+
+    Rows are counted from 1, as the file has them; the first and the last are kept,
+    those to omit are not.
+    """
+
+    file: str
+    role: Literal["training", "validation"]
+    rows: Annotated[list[int], Meta(min_length=2, max_length=2)] | None = None
+    omit: list[int] = []
+    tracks: list[TrackTable] = []
+
+
+class DataTable(Table, frozen=True, kw_only=True):
+    """Recordings of a real robot."""
+
+    recordings: Annotated[list[RecordingTable], Meta(min_length=1)]
+    folder: str = "."
+    columns: ColumnsTable | None = None
+    topic: str | None = None
+    torque_gain: float | list[float] = 1.0
+    torque_joints: list[str] = []
+    preparation: PreparationTable = PreparationTable()
+
+
+class SinusoidTable(Table, frozen=True, kw_only=True):
+    """One term of a joint's motion."""
+
+    amplitude: float | Pair
+    frequency: NonNegative
+    phase_deg: float = 0.0
+
+
+class MotionTable(Table, frozen=True, kw_only=True):
+    """A motion given by formulas."""
+
+    duration: Positive
+    rate: Positive
+    joints: list[list[SinusoidTable]]
+
+
+class SimulationTable(Table, frozen=True, kw_only=True):
+    """A simulated experiment: the published robot's nearest body as the truth."""
+
+    training: str
+    validation: str
+    noise: NonNegative | list[NonNegative]
+    seed: Annotated[int, Meta(ge=0)] = 0
+
+
+class CombinationTable(Table, frozen=True, kw_only=True):
+    """One combination of a published parametrisation."""
+
+    name: str
+    meaning: str
+    unit: str
+    terms: dict[str, float]
+    effect: Literal["inertia", "gravity"] = "inertia"
+
+
+class PublishedTable(Table, frozen=True, kw_only=True):
+    """What a paper printed: its combinations, its experiments, its tables."""
+
+    source: str
+    motion: str
+    combinations: list[CombinationTable]
+    experiments: list[list[float]]
+    fixed: list[str] = []
+    zero: list[str] = []
+    mean: list[float] = []
+    standard_deviation: list[float] = []
+    central_inertia: dict[str, list[float]] = {}
+    mean_squared_errors: list[list[float]] = []
+    notes: list[str] = []
+    decimals: int = 4
+
+
+class ProblemTable(Table, frozen=True, kw_only=True):
+    """The whole file."""
+
+    name: Annotated[str, Meta(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
+    model: ModelTable
+    description: str = ""
+    source: str = ""
+    licence: str = ""
+    links: dict[str, LinkTable] = {}
+    drive: DriveTable = DriveTable()
+    joints: dict[str, JointTable] = {}
+    couplings: list[CouplingTable] = []
+    constraints: ConstraintsTable = ConstraintsTable()
+    prior: PriorTable = PriorTable()
+    data: DataTable | None = None
+    motions: dict[str, MotionTable] = {}
+    tasks: dict[str, TaskTable] = {}
+    laboratory: LaboratoryTable | None = None
+    simulation: SimulationTable | None = None
+    published: PublishedTable | None = None
+    excitation: ExcitationTable = ExcitationTable()
+
+
+def read_problem_table(path: Path) -> ProblemTable:
+    """Decode a problem file.
+
+    Raises
+    ------
+    ProblemError
+        If it cannot be read or does not fit; with the path of the faulty key.
+    """
+    if path.suffix.lower() in _ROBOTS:
+        raise ProblemError(
+            f"{path} is a robot's file, expected a problem's. Name it in the [model] "
+            "of a problem.toml; consistent-id init writes one, and identify and check "
+            "need none, for a robot and a log"
+        )
+    try:
+        text = path.read_bytes()
+    except OSError as cause:
+        raise ProblemError(f"{path}: cannot be read ({cause.strerror})") from None
+    return problem_table(text, path)
+
+
+def problem_table(text: str | bytes, path: Path) -> ProblemTable:
+    """Decode the text of a problem file; the path is for messages.
+
+    Raises
+    ------
+    ProblemError
+        If it does not fit; with the path of the faulty key.
+    """
+    try:
+        return msgspec.toml.decode(text, type=ProblemTable)
+    except msgspec.ValidationError as cause:
+        raise ProblemError(f"{path}: {cause} ($ is the file)") from None
+    except (msgspec.DecodeError, UnicodeDecodeError) as cause:
+        raise ProblemError(f"{path}: not TOML: {cause}") from None

@@ -1,0 +1,145 @@
+"""The robot and its torque model, as a problem file describes them."""
+
+import os
+import string
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+
+from consistent_id.errors import ProblemError
+from consistent_id.problems.file import (
+    CouplingTable,
+    DHTable,
+    DriveTable,
+    LinkTable,
+    ProblemTable,
+)
+from consistent_id.regression.friction import DriveTerms, GearCoupling
+from consistent_id.regression.regressor import TorqueModel
+from consistent_id.robot.chains import Selection, selected
+from consistent_id.robot.loaders import (
+    DHRow,
+    from_classical_dh,
+    from_modified_dh,
+    load_mjcf,
+    load_urdf,
+)
+from consistent_id.robot.model import (
+    STANDARD_GRAVITY,
+    Datasheet,
+    JointLimits,
+    RobotModel,
+)
+from consistent_id.robot.parameters import did_you_mean
+
+
+def torque_model(table: ProblemTable, file: Path) -> TorqueModel:
+    """Return the robot of a problem file, with its datasheet and drive terms.
+
+    Raises
+    ------
+    ProblemError
+        If a joint is named that there is not.
+    ModelError
+        If the robot cannot be built.
+    """
+    robot = _robot(table, file.parent)
+    robot = robot.with_datasheet(
+        {name: _datasheet(robot, name, link) for name, link in table.links.items()}
+    )
+    for name in table.joints:
+        if name not in robot.joint_names:
+            near = did_you_mean(name, robot.joint_names)
+            raise ProblemError(f"{file}: [joints.{name}]: no such joint; {near}")
+    drive = tuple(
+        _drive(table.joints.get(name, table.drive)) for name in robot.joint_names
+    )
+    couplings = tuple(_coupling(coupling) for coupling in table.couplings)
+    measured = () if table.data is None else tuple(table.data.torque_joints)
+    return TorqueModel(robot, drive, couplings, measured)
+
+
+def _robot(table: ProblemTable, folder: Path) -> RobotModel:
+    model = table.model
+    forms = ("urdf", "mjcf", "modified_dh", "classical_dh")
+    given = [form for form in forms if getattr(model, form)]
+    if len(given) != 1:
+        seen = f"has {' and '.join(given)}" if given else "has none"
+        raise ProblemError(
+            f"problem {table.name!r}: [model] needs one of {', '.join(forms)}, {seen}"
+        )
+    selection = Selection(model.base, model.tip, model.joints, model.locked)
+    gravity = STANDARD_GRAVITY if model.gravity is None else model.gravity
+    if model.urdf is not None:
+        file = folder / expanded(model.urdf, table.name)
+        return load_urdf(file, gravity=gravity, **asdict(selection))
+    if model.mjcf is not None:
+        file = folder / expanded(model.mjcf, table.name)
+        return load_mjcf(file, gravity=model.gravity, **asdict(selection))
+    rows = [_dh_row(row) for row in model.modified_dh or model.classical_dh]
+    build = from_modified_dh if model.modified_dh else from_classical_dh
+    return selected(build(table.name, rows, gravity=gravity), selection)
+
+
+def _dh_row(row: DHTable) -> DHRow:
+    limits = JointLimits(
+        -np.inf if row.lower is None else row.lower,
+        np.inf if row.upper is None else row.upper,
+        row.velocity or np.inf,
+        row.effort or np.inf,
+    )
+    alpha, theta = np.radians(row.alpha_deg), np.radians(row.theta_deg)
+    return DHRow(float(alpha), row.a, row.d, float(theta), row.kind, limits)
+
+
+def _datasheet(robot: RobotModel, name: str, table: LinkTable) -> Datasheet:
+    """Datasheet of the file over that of the model."""
+    known = {link.name: link.datasheet for link in robot.links}.get(name, Datasheet())
+    bounds = table.mass_bounds
+    return Datasheet(
+        mass=known.mass if table.mass is None else table.mass,
+        mass_bounds=known.mass_bounds if bounds is None else (bounds[0], bounds[1]),
+        com=known.com if table.com is None else np.array(table.com),
+        com_box=known.com_box if table.com_box is None else np.array(table.com_box),
+    )
+
+
+def _drive(table: DriveTable) -> DriveTerms:
+    return DriveTerms(
+        viscous=table.viscous,
+        coulomb=table.coulomb,
+        velocity_scale=table.velocity_scale,
+        offset=table.offset,
+        rotor_inertia=table.rotor_inertia,
+        spring=table.spring,
+        asymmetric=table.asymmetric,
+        stribeck_velocity=table.stribeck_velocity,
+        stribeck_exponent=table.stribeck_exponent,
+        load_friction=table.load_friction,
+    )
+
+
+def _coupling(table: CouplingTable) -> GearCoupling:
+    return GearCoupling(
+        table.first,
+        table.second,
+        table.viscous,
+        table.coulomb,
+        table.velocity_scale,
+        table.rotor_inertia,
+    )
+
+
+def expanded(path: str, problem: str) -> str:
+    """Replace ``${NAME}`` by environment variables; a missing one is an error."""
+    try:
+        return string.Template(path).substitute(os.environ)
+    except KeyError as missing:
+        name = missing.args[0]
+        raise ProblemError(
+            f"problem {problem!r}: {path} needs the environment variable {name}, which "
+            "is not set. Set it to the folder that holds the data"
+        ) from None
+    except ValueError as cause:
+        raise ProblemError(f"problem {problem!r}: {path}: {cause}") from None

@@ -1,0 +1,209 @@
+"""What a problem file asks to be done to its recordings, done."""
+
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+
+from consistent_id.errors import ProblemError
+from consistent_id.problems.file import ColumnsTable, PreparationTable, TrackTable
+from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.signals import (
+    Track,
+    aligned,
+    decimated,
+    differentiated,
+    estimate_delay,
+    estimated_period,
+    fourier_fit,
+    kalman_differentiated,
+    low_passed,
+    motion_noise,
+    resampled,
+    savitzky_golay_differentiated,
+    split_at_gaps,
+    track,
+    trim_standstill,
+    trimmed,
+)
+from consistent_id.recordings.signals.clocks import is_uniform, own_rate
+from consistent_id.recordings.signals.fourier import require_repeating
+
+# Keys that belong to one method alone; those marked must be given with it.
+_KEYS = {
+    "butterworth": {"motion_cutoff": False},
+    "savitzky-golay": {"window": True, "degree": False},
+    "smoother": {"order": False},
+    "fourier": {"period": True, "harmonics": False},
+}
+
+
+def check_tracks(tracks: Iterable[TrackTable], table: PreparationTable) -> None:
+    """Refuse channels of their own that would go unused, or a delay unheard of.
+
+    Raises
+    ------
+    ProblemError
+        With the channel.
+    """
+    for entry in tracks:
+        where = f"[[data.recordings.tracks]]: {entry.channel} of {entry.file}"
+        if entry.channel == "torque" and entry.delay == "estimated":
+            raise ProblemError(
+                f"{where}: the delay of torque cannot be found from motion alone; give "
+                "a number of seconds"
+            )
+        if entry.channel != "torque" and table.method != "butterworth":
+            raise ProblemError(
+                f'{where}: method = "{table.method}" takes all motion from the '
+                "position; leave it out"
+            )
+
+
+def check_preparation(table: PreparationTable, columns: ColumnsTable) -> None:
+    """Refuse keys that contradict each other or would go unused.
+
+    Raises
+    ------
+    ProblemError
+        With the keys' names.
+    """
+    where = "[data.preparation]"
+    for method, keys in _KEYS.items():
+        for key, needed in keys.items():
+            given = getattr(table, key) is not None
+            if given and method != table.method:
+                raise ProblemError(
+                    f'{where}: {key} belongs to method = "{method}", but the method is '
+                    f'"{table.method}"'
+                )
+            if needed and not given and method == table.method:
+                raise ProblemError(f'{where}: method = "{method}" needs {key}')
+    if table.method != "butterworth":
+        for channel in ("velocity", "acceleration"):
+            if getattr(columns, channel) is not None:
+                raise ProblemError(
+                    f'{where}: method = "{table.method}" takes all motion from the '
+                    f"position; leave {channel} out of [data.columns]"
+                )
+    for channel in table.delays:
+        if getattr(columns, channel) is None:
+            raise ProblemError(
+                f"{where}: a delay of {channel}, which [data.columns] does not name"
+            )
+    if table.delays.get("torque") == "estimated":
+        raise ProblemError(
+            f"{where}: the delay of torque cannot be found from motion alone; give a "
+            "number of seconds"
+        )
+    if table.shortest_part is not None and table.max_gap is None:
+        raise ProblemError(f"{where}: shortest_part is of use only with max_gap")
+    if table.method == "fourier" and table.trim_standstill is not False:
+        raise ProblemError(
+            f"{where}: a series is fitted to the rows that are kept; give the rows of "
+            "the recording instead of trim_standstill"
+        )
+
+
+def joined(
+    recording: Recording, late: Track, delay: float | Literal["estimated"]
+) -> Recording:
+    """Bring a channel that was written on another clock to a recording.
+
+    Raises
+    ------
+    RecordingError
+        If the recording has gaps, the two do not overlap, or no delay can be found.
+    """
+    if not is_uniform(recording):
+        recording = resampled(recording, own_rate(recording))
+    if delay == "estimated":
+        delay = estimate_delay(track(recording, "position"), late).seconds
+    return aligned(recording, late, delay=delay)
+
+
+def prepared(
+    recording: Recording,
+    table: PreparationTable,
+    start: float = -np.inf,
+    stop: float = np.inf,
+) -> tuple[Recording, ...]:
+    """Prepare a recording and cut it to ``start <= time <= stop`` [s].
+
+    Cut at gaps, resample, take out delays, filter, differentiate, decimate, cut off
+    standstill.  Times are kept to last: filters and differences need the samples on
+    either side.
+
+    Parameters
+    ----------
+    recording : Recording
+        As read.
+    table : PreparationTable
+    start, stop : float, [s]
+
+    Returns
+    -------
+    tuple of Recording
+        One, or one for each part between gaps.
+
+    Raises
+    ------
+    RecordingError
+        If a step cannot be done, or nothing is left.
+    """
+    parts = [recording]
+    if table.max_gap is not None:
+        shortest = 1.0 if table.shortest_part is None else table.shortest_part
+        parts = list(split_at_gaps(recording, table.max_gap, shortest=shortest))
+    inside = [p for p in parts if _samples(p, start, stop) >= 2]
+    # If there is none, trimming the first part says so.
+    return tuple(_prepared(part, table, start, stop) for part in inside or parts[:1])
+
+
+def _prepared(
+    part: Recording, table: PreparationTable, start: float, stop: float
+) -> Recording:
+    if table.resample is not None:
+        part = resampled(part, table.resample, max_gap=table.max_gap)
+    for channel, delay in table.delays.items():
+        late = track(part, channel)
+        if delay == "estimated":
+            delay = estimate_delay(track(part, "position"), late).seconds
+        part = aligned(part, late, delay=delay)
+    if table.motion_cutoff is not None or table.torque_cutoff is not None:
+        part = low_passed(
+            part,
+            motion_cutoff=table.motion_cutoff,
+            torque_cutoff=table.torque_cutoff,
+        )
+    part = decimated(_with_motion(part, table, start, stop), table.decimate)
+    part = trimmed(part, start, stop)
+    if table.trim_standstill is False:
+        return part
+    return trim_standstill(
+        part, None if table.trim_standstill is True else table.trim_standstill
+    )
+
+
+def _with_motion(
+    part: Recording, table: PreparationTable, start: float, stop: float
+) -> Recording:
+    if table.method == "savitzky-golay" and table.window is not None:
+        degree = 4 if table.degree is None else table.degree
+        return savitzky_golay_differentiated(part, table.window, degree=degree)
+    if table.method == "smoother":
+        return kalman_differentiated(part, motion_noise(part, order=table.order))
+    if table.method == "fourier" and table.period is not None:
+        # The way to the start of a periodic motion is not part of it.
+        kept = trimmed(part, start, stop)
+        period = estimated_period(kept) if table.period == "estimated" else table.period
+        fit = fourier_fit(kept, period, table.harmonics)
+        require_repeating(kept, fit)
+        q, dq, ddq = fit.trajectory.evaluate(part.time)
+        return replace(part, position=q, velocity=dq, acceleration=ddq)
+    return differentiated(part)
+
+
+def _samples(recording: Recording, start: float, stop: float) -> int:
+    return int(((recording.time >= start) & (recording.time <= stop)).sum())

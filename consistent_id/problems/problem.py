@@ -1,0 +1,364 @@
+"""An identification problem: robot, data, assumptions, as one value."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from consistent_id._support.tables import Table
+from consistent_id.constraints import Constraint, lowered
+from consistent_id.constraints.priors import Penalty, PointToSet, Prior
+from consistent_id.errors import ProblemError
+from consistent_id.problems.constraints import constraints_of
+from consistent_id.problems.file import (
+    ColumnsTable,
+    DataTable,
+    PriorTable,
+    ProblemTable,
+    RecordingTable,
+    TrackTable,
+    read_problem_table,
+)
+from consistent_id.problems.folder import problem_files
+from consistent_id.problems.model import expanded, torque_model
+from consistent_id.problems.preparation import (
+    check_preparation,
+    check_tracks,
+    joined,
+    prepared,
+)
+from consistent_id.recordings.readers import Columns, read_recording, read_track
+from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.signals import Track, trimmed
+from consistent_id.recordings.sinusoids import Sinusoid, SinusoidalMotion
+from consistent_id.regression.regressor import TorqueModel
+from consistent_id.robot.parameters import did_you_mean
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A problem read from its folder; recordings are read when asked for.
+
+    Parameters
+    ----------
+    folder : Path
+    table : ProblemTable
+        The file's content.
+    model : TorqueModel
+    constraints : tuple of Constraint
+    prior : PointToSet or Penalty
+    source : Path, optional
+        File that it was read from; a draft was read from none.
+    """
+
+    folder: Path
+    table: ProblemTable
+    model: TorqueModel
+    constraints: tuple[Constraint, ...]
+    prior: Prior
+    source: Path | None = None
+
+    def __repr__(self) -> str:
+        robot = self.model.robot
+        return (
+            f"Problem({self.name!r}: robot {robot.name!r} with {len(robot)} joints, "
+            f"{len(self.model.layout)} parameters, {self._recorded()})"
+        )
+
+    def _repr_html_(self) -> str:
+        terms = {", ".join(t.names) or "none" for t in self.model.terms}
+        rows = (
+            ("robot", self.model.robot.name),
+            ("joints", ", ".join(self.model.robot.joint_names)),
+            ("drive terms", "; ".join(sorted(terms))),
+            ("constraints", ", ".join(type(c).__name__ for c in self.constraints)),
+            ("prior", repr(self.prior)),
+            ("data", self._recorded()),
+        )
+        note = (self.table.description,) if self.table.description else ()
+        return Table(f"Problem {self.name}", ("what", "which"), rows, note).html()
+
+    def _recorded(self) -> str:
+        if self.table.data is None:
+            return "simulated data" if self.has_data else "no data"
+        roles = [entry.role for entry in self.table.data.recordings]
+        learned, judged = roles.count("training"), roles.count("validation")
+        return f"{learned} recordings to learn from, {judged} to judge by"
+
+    @property
+    def name(self) -> str:
+        """The problem's name."""
+        return self.table.name
+
+    @property
+    def model_files(self) -> dict[str, Path | None]:
+        """Files that the robot was loaded from, by format: ``urdf``, ``mjcf``."""
+        model = self.table.model
+        return {
+            form: None if name is None else self.file(name)
+            for form, name in (("urdf", model.urdf), ("mjcf", model.mjcf))
+        }
+
+    def file(self, path: str) -> Path:
+        """Return a path of the file: from its folder, with ``${NAME}`` replaced."""
+        return self.folder / expanded(path, self.name)
+
+    @cached_property
+    def training(self) -> tuple[Recording, ...]:
+        """Prepared recordings to learn from."""
+        return self._recordings("training")
+
+    @cached_property
+    def validation(self) -> tuple[Recording, ...]:
+        """Prepared recordings to judge by."""
+        return self._recordings("validation")
+
+    def motion(self, name: str) -> Recording:
+        """Return a motion of the file, sampled, without torque."""
+        if name not in self.table.motions:
+            near = did_you_mean(name, self.table.motions)
+            raise ProblemError(f"problem {self.name!r}: no motion {name!r}; {near}")
+        table = self.table.motions[name]
+        joints = tuple(
+            tuple(
+                Sinusoid(
+                    *_ends(term.amplitude), term.frequency, np.radians(term.phase_deg)
+                )
+                for term in terms
+            )
+            for terms in table.joints
+        )
+        motion = SinusoidalMotion(table.duration, table.rate, joints)
+        return motion.recording(self.model.robot.joint_names, name=name)
+
+    def logs(self, role: str) -> tuple[Recording, ...]:
+        """Return recordings as they were logged, cut to their rows.
+
+        Parameters
+        ----------
+        role : {"training", "validation"}
+        """
+        return tuple(
+            trimmed(raw, *span) if np.isfinite(span[0]) else raw
+            for raw, span in self._logged(role)
+        )
+
+    @property
+    def has_data(self) -> bool:
+        """Whether there is something to learn from, recorded or simulated."""
+        table = self.table
+        simulated = table.simulation is not None and table.published is not None
+        return table.data is not None or simulated
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """Recordings of the file that are not there."""
+        return tuple(f for f in self._logs if not self._path(f).exists())
+
+    @property
+    def files(self) -> dict[str, Path]:
+        """All files that the problem consists of, by the names it gives them."""
+        found = {} if self.source is None else {self.source.name: self.source}
+        found |= {p.name: p for p in self.model_files.values() if p is not None}
+        return found | {file: self._path(file) for file in self._logs}
+
+    @property
+    def _logs(self) -> tuple[str, ...]:
+        data = self.table.data
+        if data is None:
+            return ()
+        files = [entry.file for entry in data.recordings]
+        return (*files, *(o.file for entry in data.recordings for o in entry.tracks))
+
+    def read(self, file: str | Path, *, omit: Sequence[int] = ()) -> Recording:
+        """Read a log as the problem's own recordings are read.
+
+        Parameters
+        ----------
+        file : str or Path
+            In the folder of the recordings, unless it is absolute.
+        omit : sequence of int
+            Broken rows to leave out, counted from 1.
+        """
+        data = self._data()
+        return read_recording(
+            self._path(file),
+            self.model.robot.joint_names,
+            _columns(data),
+            torque_gain=data.torque_gain,
+            topic=data.topic,
+            omit=omit,
+        )
+
+    def prepare(self, recording: Recording) -> Recording:
+        """Prepare a recording as the file asks; the longest part if it has gaps."""
+        data = self._data()
+        parts = prepared(recording, data.preparation, -np.inf, np.inf)
+        return max(parts, key=len)
+
+    def _track(self, entry: TrackTable) -> Track:
+        return read_track(
+            self._path(entry.file),
+            self.model.robot.joint_names,
+            entry.channel,
+            entry.column,
+            time=entry.time,
+            torque_gain=self._data().torque_gain,
+        )
+
+    def _path(self, file: str | Path) -> Path:
+        return self.folder / expanded(self._data().folder, self.name) / file
+
+    def _data(self) -> DataTable:
+        data = self.table.data
+        if data is None:
+            raise ProblemError(
+                f"problem {self.name!r} has no recordings; add a [data] table"
+            )
+        return data
+
+    def _recordings(self, role: str) -> tuple[Recording, ...]:
+        return tuple(
+            part
+            for raw, (start, stop) in self._logged(role)
+            for part in prepared(raw, self._data().preparation, start, stop)
+        )
+
+    def _logged(self, role: str) -> Iterator[tuple[Recording, tuple[float, float]]]:
+        """Yield recordings as logged, and the times between which they count."""
+        for entry in self._data().recordings:
+            if entry.role == role:
+                raw = self.read(entry.file, omit=entry.omit)
+                span = _span(raw, entry)
+                for other in entry.tracks:
+                    raw = joined(raw, self._track(other), other.delay)
+                yield raw, span
+
+
+def load_problem(path: str | Path) -> Problem:
+    """Load a problem from its folder, or from the file itself.
+
+    Raises
+    ------
+    ProblemError
+        If the file does not fit; with the path of the faulty key.  If the folder has
+        no ``problem.toml`` and holds several problems; with their files.
+    ModelError
+        If the robot cannot be built.
+    """
+    files = problem_files(path)
+    if len(files) > 1:
+        found = ", ".join(str(file.relative_to(path)) for file in files)
+        raise ProblemError(
+            f"{path} holds {len(files)} problems: {found}. Name one of them, or load "
+            "them all with load_problems"
+        )
+    (file,) = files
+    return replace(problem_of(read_problem_table(file), file), source=file)
+
+
+def problem_of(table: ProblemTable, file: Path) -> Problem:
+    """Return the problem that a problem file's content states.
+
+    Parameters
+    ----------
+    table : ProblemTable
+    file : Path
+        Files are named relative to its folder; it need not be there itself.
+
+    Raises
+    ------
+    ProblemError, ModelError
+        See `load_problem`.
+    """
+    model = torque_model(table, file)
+    if table.data is not None:
+        columns = table.data.columns or ColumnsTable()
+        check_preparation(table.data.preparation, columns)
+        tracks = [track for entry in table.data.recordings for track in entry.tracks]
+        check_tracks(tracks, table.data.preparation)
+    constraints = constraints_of(table.constraints, file.parent, table.joints)
+    lowered(constraints, model)  # a name that is wrong is found here, not after hours
+    return Problem(
+        folder=file.parent,
+        table=table,
+        model=model,
+        constraints=constraints,
+        prior=_prior(table.prior, file),
+    )
+
+
+def load_problems(folder: str | Path) -> tuple[Problem, ...]:
+    """Load every problem of a folder: several robots, or several problems of one.
+
+    Parameters
+    ----------
+    folder : str or Path
+        See `problem_files`.
+
+    Raises
+    ------
+    ProblemError, ModelError
+        See `load_problem`; or if two problems have one name.
+
+    Examples
+    --------
+    >>> [problem.model.robot.name for problem in load_problems("problems/rx60")]
+    ['rx60']
+    """
+    problems = tuple(load_problem(file) for file in problem_files(folder))
+    require_distinct([problem.name for problem in problems])
+    return problems
+
+
+def require_distinct(names: Sequence[str]) -> None:
+    """Refuse problems of one name: their results would overwrite each other."""
+    for name in names:
+        if names.count(name) > 1:
+            raise ProblemError(
+                f"two problems of the folder are named {name!r}; names tell results "
+                "apart"
+            )
+
+
+def _prior(table: PriorTable, file: Path) -> Prior:
+    if table.weight is None:
+        return PointToSet(table.slack, table.distance)
+    if table.slack is not None:
+        raise ProblemError(
+            f"{file}: [prior] has both slack = {table.slack} and weight = "
+            f"{table.weight}; give a slack or a weight, not both"
+        )
+    return Penalty(table.weight, table.distance)
+
+
+def _columns(data: DataTable) -> Columns | None:
+    if data.columns is None:
+        return None
+    named = msgspec.structs.asdict(data.columns)
+    return Columns(**named, torque_joints=data.torque_joints)
+
+
+def _span(raw: Recording, entry: RecordingTable) -> tuple[float, float]:
+    """Return the times of the first and the last row that count."""
+    if entry.rows is None:
+        return -np.inf, np.inf
+    first, last = entry.rows
+    omitted = set(entry.omit)
+    rows = len(raw) + len(omitted)
+    if not 1 <= first < last <= rows:
+        raise ProblemError(
+            f"{raw.name}: rows {first} to {last}, but the file has {rows}"
+        )
+    start = first - 1 - sum(row < first for row in omitted)
+    stop = last - 1 - sum(row <= last for row in omitted)
+    return float(raw.time[start]), float(raw.time[stop])
+
+
+def _ends(amplitude: float | list[float]) -> tuple[float, float]:
+    if isinstance(amplitude, list):
+        return amplitude[0], amplitude[1]
+    return amplitude, amplitude

@@ -1,0 +1,263 @@
+"""What a paper's printed estimates are worth: ranks, tables, physical consistency."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from consistent_id._support.arrays import Array, Matrix, Vector
+from consistent_id.comparison.base_bodies import BaseFeasibility, base_feasibility
+from consistent_id.constraints import (
+    Constraint,
+    FixedCentresOfMass,
+    FixedMasses,
+    PhysicalConsistency,
+    lowered,
+)
+from consistent_id.constraints.priors import PointToSet
+from consistent_id.errors import ProblemError
+from consistent_id.estimation.constrained import constrained_least_squares
+from consistent_id.estimation.estimate import Estimate
+from consistent_id.estimation.least_squares import solve_linear
+from consistent_id.problems.file import PublishedTable
+from consistent_id.problems.parametrisation import Combination, Parametrisation
+from consistent_id.problems.problem import Problem
+from consistent_id.recordings.recording import Recording
+from consistent_id.regression.base import base_parameters, linear_combination
+from consistent_id.regression.regression import build_regression
+from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.simulation import simulate_torque
+from consistent_id.robot.inertia import InertialParameters
+
+_NEAREST = PointToSet(slack=1e-4)  # exact torque: fit first, nominal hardly at all
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RankReport:
+    """Rank of a parametrisation along a motion.
+
+    Parameters
+    ----------
+    columns : tuple of str
+    rank : int
+    singular_values : ndarray
+        Of the regressor with unit columns, relative to the largest.
+    null_directions : tuple of str
+        Combinations that can be changed without changing any torque of the motion.
+    """
+
+    columns: tuple[str, ...]
+    rank: int
+    singular_values: Vector
+    null_directions: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PublishedVector:
+    """One printed vector, examined.
+
+    Parameters
+    ----------
+    name : str
+    feasibility : BaseFeasibility
+        With the datasheet's masses and centres of mass.
+    nearest : Estimate
+        The consistent robot whose torque along the motion differs least.
+    torque_change : ndarray, shape (joints,), [N m or N]
+        Root-mean-square difference of the two along the motion.
+    """
+
+    name: str
+    feasibility: BaseFeasibility
+    nearest: Estimate
+    torque_change: Vector
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PublishedReport:
+    """A paper's parametrisation and estimates, checked.
+
+    Parameters
+    ----------
+    parametrisation : Parametrisation
+    motion : Recording
+    all_columns, free_columns : RankReport
+        With all combinations, and without those fixed from the datasheet.
+    mean, standard_deviation : ndarray
+        Over the experiments, recomputed.
+    largest_differences : dict of str to float
+        Between recomputed and printed tables.
+    mean_links : dict of str to ndarray
+        Inertial parameters of each link, from the mean and the datasheet.
+    central_inertia : dict of str to ndarray
+        Moments A, B, C and products D, E, F of the mean, recomputed.
+    vectors : tuple of PublishedVector
+        The mean, then each experiment.
+    """
+
+    parametrisation: Parametrisation
+    motion: Recording
+    all_columns: RankReport
+    free_columns: RankReport
+    mean: Vector
+    standard_deviation: Vector
+    largest_differences: dict[str, float]
+    mean_links: dict[str, Array]
+    central_inertia: dict[str, Array]
+    vectors: tuple[PublishedVector, ...]
+
+
+def parametrisation_of(problem: Problem) -> Parametrisation:
+    """Return the published parametrisation of a problem."""
+    table = published_table(problem)
+    combinations = tuple(
+        Combination(c.name, c.meaning, c.unit, c.terms, c.effect)
+        for c in table.combinations
+    )
+    return Parametrisation(problem.model, combinations, tuple(table.zero))
+
+
+def published_table(problem: Problem) -> PublishedTable:
+    """Return what a problem's paper printed; without a paper, that is an error."""
+    if problem.table.published is None:
+        raise ProblemError(f"problem {problem.name!r} has no [published] table")
+    return problem.table.published
+
+
+def check_published(problem: Problem) -> PublishedReport:
+    """Recompute and examine everything that a problem's ``[published]`` table prints.
+
+    Raises
+    ------
+    ProblemError
+        If the table's shapes do not fit, or its combinations are incomplete.
+    """
+    table = published_table(problem)
+    mine = parametrisation_of(problem)
+    experiments = _experiments(table.experiments, mine)
+    for name in ("mean", "standard_deviation"):
+        length = len(getattr(table, name))
+        if length not in (0, len(mine)):
+            raise ProblemError(
+                f"[published] {name}: {length} values, expected {len(mine)}"
+            )
+    for link, row in table.central_inertia.items():
+        if link not in problem.model.layout.links or len(row) != 6:
+            raise ProblemError(
+                f"[published.central_inertia] {link}: {len(row)} values, expected 6 "
+                f"for one of {', '.join(problem.model.layout.links)}"
+            )
+    motion = problem.motion(table.motion)
+    R = mine.factor(motion)[:, :-1]
+    fixed = mine.places(table.fixed)
+    free = [i for i in range(len(mine)) if i not in fixed]
+    mean, deviation = experiments.mean(axis=0), experiments.std(axis=0, ddof=1)
+    known = lowered((FixedMasses(), FixedCentresOfMass()), problem.model)
+    printed_mean = np.array(table.mean) if table.mean else mean
+    vectors = {"mean": printed_mean} | {
+        f"experiment {i}": row for i, row in enumerate(experiments, start=1)
+    }
+    standard = {name: mine.parameters(alpha, known) for name, alpha in vectors.items()}
+    inertia = central_inertia_of(problem.model, standard["mean"])
+    return PublishedReport(
+        parametrisation=mine,
+        motion=motion,
+        all_columns=_rank(R, mine, list(range(len(mine)))),
+        free_columns=_rank(R, mine, free),
+        mean=mean,
+        standard_deviation=deviation,
+        largest_differences=_differences(
+            {
+                "mean": (mean, table.mean),
+                "standard deviation": (deviation, table.standard_deviation),
+            }
+            | {
+                f"central inertia of {link}": (inertia[link], row)
+                for link, row in table.central_inertia.items()
+            }
+        ),
+        mean_links=dict(
+            zip(
+                problem.model.layout.links,
+                standard["mean"].reshape(-1, 10),
+                strict=True,
+            )
+        ),
+        central_inertia=inertia,
+        vectors=tuple(
+            _examined(problem, name, x, motion) for name, x in standard.items()
+        ),
+    )
+
+
+def _experiments(rows: Sequence[Sequence[float]], mine: Parametrisation) -> Matrix:
+    if len(rows) < 2 or any(len(row) != len(mine) for row in rows):
+        raise ProblemError(
+            f"[published] experiments: expected 2 or more rows of {len(mine)} values, "
+            f"got rows of {sorted({len(row) for row in rows})}"
+        )
+    return np.array(rows, dtype=np.float64)
+
+
+def _rank(R: Matrix, mine: Parametrisation, columns: list[int]) -> RankReport:
+    solution = solve_linear(R[:, columns], np.zeros(len(R)))
+    names = tuple(mine.names[i] for i in columns)
+    return RankReport(
+        columns=names,
+        rank=solution.rank,
+        singular_values=solution.singular_values / solution.singular_values[0],
+        null_directions=tuple(
+            linear_combination(direction, names) for direction in solution.null_space.T
+        ),
+    )
+
+
+def _differences(
+    pairs: Mapping[str, tuple[Array, Sequence[float]]],
+) -> dict[str, float]:
+    return {
+        name: float(abs(computed - np.array(printed)).max())
+        for name, (computed, printed) in pairs.items()
+        if len(printed)
+    }
+
+
+def central_inertia_of(model: TorqueModel, x: Vector) -> dict[str, Array]:
+    """Return A, B, C, D, E, F of each link; products are ``-Iyz, -Ixz, -Ixy``.
+
+    About the centre of mass; of a link without a known mass, about its origin.
+    """
+    tables = {}
+    for k, name in enumerate(model.layout.links):
+        body = InertialParameters(x[10 * k : 10 * k + 10])
+        # A link without a known mass enters with its inertia about the origin.
+        matrix = body.central_inertia if body.mass > 0.0 else body.inertia
+        A, B, C = np.diag(matrix)
+        tables[name] = np.array([A, B, C, -matrix[1, 2], -matrix[0, 2], -matrix[0, 1]])
+    return tables
+
+
+def _examined(
+    problem: Problem, name: str, x: Vector, motion: Recording
+) -> PublishedVector:
+    model = problem.model
+    base = base_parameters(model)
+    assumed: tuple[Constraint, ...] = (
+        PhysicalConsistency(margin=0.0),
+        FixedMasses(),
+        FixedCentresOfMass(),
+    )
+    feasibility = base_feasibility(
+        model, base, base.projection @ x, constraints=assumed
+    )
+    regression = build_regression(model, simulate_torque(model, x, motion))
+    nearest = constrained_least_squares(
+        model,
+        regression,
+        constraints=problem.constraints,
+        prior=_NEAREST,
+        base=base,
+        method=f"nearest to {name}",
+    )
+    change = regression.residual_rms(nearest.parameters)
+    return PublishedVector(name, feasibility, nearest, change)

@@ -1,0 +1,1 @@
+"""What was measured, or is to be played: recordings, paths, readers, signals."""

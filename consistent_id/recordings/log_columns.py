@@ -1,0 +1,212 @@
+"""Which columns of a log are a robot's positions, velocities and torques: a guess.
+
+A name is taken for a joint's channel if it holds the joint's name or number and a word
+for the channel, such as ``q``, ``pos`` or ``effort``.  Commands are never taken, motor
+currents neither: how much torque an ampere is, no log says.
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, cast
+
+from consistent_id.errors import ProblemError, RecordingError
+from consistent_id.recordings.readers.bag import BAGS
+from consistent_id.recordings.readers.columns import JOINT_STATE, Columns
+from consistent_id.recordings.readers.names import column_names
+from consistent_id.robot.parameters import did_you_mean
+
+_WORDS = {
+    "position": {"q", "pos", "position", "positions", "angle", "angles"},
+    "velocity": {"dq", "qd", "qdot", "vel", "velocity", "velocities"},
+    "torque": {"tau", "trq", "torque", "torques", "effort", "efforts"},
+}
+_TIME = ("time", "t", "timestamp", "stamp", "time_s", "t_s", "seconds", "sec")
+_NOT_MEASURED = {"target", "desired", "des", "cmd", "command", "commanded", "ref"}
+_NOT_MEASURED |= {"reference", "setpoint", "goal", "error", "limit"}
+
+
+@dataclass(frozen=True, slots=True)
+class ColumnGuess:
+    """A log's columns, as far as they could be told.
+
+    Parameters
+    ----------
+    columns : Columns
+    joints : tuple of str
+        The robot's joints that the log has positions of.
+    notes : tuple of str
+        What was chosen between.
+    """
+
+    columns: Columns
+    joints: tuple[str, ...]
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class _Pattern:
+    text: str
+    joints: tuple[str, ...]  # of the robot, that the log has such a column of
+    names: tuple[tuple[str, str], ...] = ()  # the log's name of a joint, the robot's
+
+
+def guess_columns(
+    log: Path,
+    joints: Sequence[str],
+    known: Mapping[str, str] | None = None,
+    *,
+    torque_joints: Sequence[str] = (),
+) -> ColumnGuess:
+    """Find a log's columns.
+
+    Parameters
+    ----------
+    log : Path
+    joints : sequence of str
+        The robot's.
+    known : mapping of str to str, optional
+        Columns by channel, as in `Columns`; the others are told from the log.
+    torque_joints : sequence of str
+        Joints whose torque the log has, if that is known.
+
+    Raises
+    ------
+    RecordingError
+        If positions or torques cannot be told; with what the log has instead.
+    """
+    joints, known = tuple(joints), dict(known or {})
+    _require_channels(known)
+    bag = log.is_dir() or log.suffix.lower() in BAGS
+    usual = replace(JOINT_STATE if bag else Columns(), torque_joints=torque_joints)
+    found, notes = replace(usual, **cast(dict[str, Any], known)), list[str]()
+    if bag or {"time", "position", "torque"} <= set(known):
+        return ColumnGuess(found, joints)
+    names = column_names(log)
+    if "time" not in known:
+        found = replace(found, time=_time(log, names))
+    moved = joints
+    for channel in ("position", "velocity", "torque"):
+        if channel in known:
+            continue
+        patterns = _patterns(channel, names, moved)
+        if channel == "velocity":
+            patterns = [p for p in patterns if p.joints == moved]
+            if not patterns:
+                continue
+        if not patterns:
+            raise _untold(log, channel, names, joints)
+        best, *others = patterns
+        found = _with(found, channel, best)
+        if channel == "position":
+            moved = best.joints
+        elif channel == "torque" and best.joints != moved and not torque_joints:
+            found = replace(found, torque_joints=best.joints)
+        if also := [p.text for p in others if len(p.joints) == len(best.joints)]:
+            notes.append(
+                f"{channel} is taken from {best.text}, not from {', '.join(also)}"
+            )
+    return ColumnGuess(found, moved, tuple(notes))
+
+
+def _require_channels(known: Mapping[str, str]) -> None:
+    channels = ("time", "position", "velocity", "torque")
+    for name in known:
+        if name not in channels:
+            raise ProblemError(
+                f"columns: no channel {name!r}; {did_you_mean(name, channels)}"
+            )
+
+
+def _with(columns: Columns, channel: str, pattern: _Pattern) -> Columns:
+    given: dict[str, Any] = {channel: pattern.text}
+    if pattern.names:
+        given["names"] = dict(pattern.names)
+    return replace(columns, **given)
+
+
+def _time(log: Path, names: Sequence[str]) -> str:
+    for word in _TIME:
+        for name in names:
+            if name.lower() == word:
+                return name
+    raise RecordingError(
+        f"{log}: no column is named {' or '.join(_TIME[:3])}; the log has "
+        f"{_shown(names)}. Say which it is: --time"
+    )
+
+
+def _patterns(
+    channel: str, names: Sequence[str], joints: Sequence[str]
+) -> list[_Pattern]:
+    """Return all patterns of a channel's columns, the most fitting first."""
+    found: dict[str, _Pattern] = {}
+    for name in names:
+        for pattern in _by_name(name, names, joints) + _by_number(name, names, joints):
+            if _means(pattern.text, channel):
+                found.setdefault(pattern.text, pattern)
+    return sorted(
+        found.values(),
+        key=lambda p: (-len(p.joints), "{joint}" not in p.text, len(p.text)),
+    )
+
+
+def _by_name(name: str, names: Sequence[str], joints: Sequence[str]) -> list[_Pattern]:
+    # Of joint_1 and joint_10, the longer name is the one that is meant.
+    inside = max((j for j in joints if j in name), key=len, default=None)
+    if inside is None or "{" in name:
+        return []
+    text = name.replace(inside, "{joint}")
+    present = tuple(j for j in joints if text.replace("{joint}", j) in names)
+    return [_Pattern(text, present)] if present else []
+
+
+def _by_number(
+    name: str, names: Sequence[str], joints: Sequence[str]
+) -> list[_Pattern]:
+    patterns = []
+    for found in re.finditer(r"\d+", name):
+        before, after = name[: found.start()], name[found.end() :]
+        if found[0] not in ("0", "1") or "{" in name:
+            continue
+        numbers = [str(i + int(found[0])) for i in range(len(joints))]
+        if not all(before + number + after in names for number in numbers):
+            continue
+        if found[0] == "1":
+            if before + "0" + after not in names:
+                patterns.append(_Pattern(f"{before}{{number}}{after}", tuple(joints)))
+        elif before + str(len(joints)) + after not in names:
+            text = f"{before}{{joint}}{after}"
+            pairs = tuple(zip(numbers, joints, strict=True))
+            patterns.append(_Pattern(text, tuple(joints), pairs))
+    return patterns
+
+
+def _means(pattern: str, channel: str) -> bool:
+    """Tell whether what a pattern says besides the joint is a word for the channel."""
+    rest = re.sub(r"\{\w+\}", " ", pattern)
+    words = set(re.findall(r"[a-z]+", rest.lower()))
+    return bool(words & _WORDS[channel]) and not words & _NOT_MEASURED
+
+
+def _untold(
+    log: Path, channel: str, names: Sequence[str], joints: Sequence[str]
+) -> RecordingError:
+    example = {"position": "q_{joint}", "torque": "tau_{joint}"}[channel]
+    more = ""
+    if channel == "torque" and any("current" in n.lower() for n in names):
+        more = (
+            " Motor currents become torque by a factor: name them with --torque, and "
+            "give the N m per ampere with --torque-gain."
+        )
+    return RecordingError(
+        f"{log}: no column could be told to be the {channel} of {_shown(joints)}; the "
+        f"log has {_shown(names)}. Say which: --{channel} {example}, or with "
+        f"{{number}} for the joint's place from 1.{more}"
+    )
+
+
+def _shown(names: Sequence[str], most: int = 12) -> str:
+    more = len(names) - most
+    return ", ".join(names[:most]) + (f" and {more} more" if more > 0 else "")

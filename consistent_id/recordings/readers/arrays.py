@@ -1,0 +1,151 @@
+"""Named arrays, as a file holds them, become a recording."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from consistent_id._support.arrays import Array, BoolArray, Matrix, Vector, frozen
+from consistent_id.errors import RecordingError
+from consistent_id.recordings.readers.columns import Wanted
+from consistent_id.recordings.recording import Recording
+
+Arrays = Mapping[str, NDArray[Any]]
+
+
+def recording_of(
+    arrays: Arrays,
+    want: Wanted,
+    *,
+    where: str,
+    name: str,
+    torque_gain: ArrayLike,
+    omit: Sequence[int] = (),
+) -> Recording:
+    """Return the recording that the wanted arrays make.
+
+    Parameters
+    ----------
+    arrays : mapping of str to ndarray
+        Columns of shape (samples,), (samples, 1) or (1, samples); two-dimensional
+        arrays of shape (samples, width) or its transpose, as the length of time tells.
+    want : Wanted
+    where, name : str
+        Of the file: in messages, and of the recording.
+    torque_gain : array_like, shape () or (joints,)
+    omit : sequence of int
+        Rows to leave out, counted from 1.
+
+    Raises
+    ------
+    RecordingError
+        If there is no such row, an array holds no numbers, or shapes do not fit.
+    """
+    time = _vector(arrays, want.time, where)
+    channels: dict[str, Matrix] = {}
+    for channel, array in want.arrays.items():
+        channels[channel] = _matrix(arrays, array, len(time), want, where)
+    for channel, group in want.columns.items():
+        nothing = np.zeros(len(time))
+        columns = [_vector(arrays, c, where) if c else nothing for c in group]
+        for column, values in zip(group, columns, strict=True):
+            if len(values) != len(time):
+                raise RecordingError(
+                    f"{where}: column {column!r} has {len(values)} values, time "
+                    f"{want.time!r} has {len(time)}"
+                )
+        channels[channel] = np.column_stack(columns)
+    if len(omit):
+        keep = _kept(len(time), omit, where)
+        time = time[keep]
+        channels = {channel: values[keep] for channel, values in channels.items()}
+    return gained(
+        want.joints,
+        time,
+        channels,
+        torque_gain=torque_gain,
+        name=name,
+        without_torque=want.without_torque,
+    )
+
+
+def gained(
+    joints: tuple[str, ...],
+    time: Vector,
+    channels: dict[str, Matrix],
+    *,
+    torque_gain: ArrayLike,
+    name: str,
+    without_torque: Sequence[int] = (),
+) -> Recording:
+    """Return a recording whose torque is multiplied by a gain, joint by joint.
+
+    Torque of joints at the places `without_torque` becomes zero, whatever it is.
+    """
+    if "torque" in channels:
+        torque = channels["torque"].copy()
+        torque[:, list(without_torque)] = 0.0
+        shape = (len(joints),) if np.ndim(torque_gain) else ()
+        gain = frozen(torque_gain, shape, "torque_gain", RecordingError)
+        channels = channels | {"torque": torque * gain}
+    return Recording(joints, time, name=name, **channels)
+
+
+def _kept(rows: int, omit: Sequence[int], where: str) -> BoolArray:
+    keep = np.ones(rows, dtype=np.bool_)
+    for row in omit:
+        if not 1 <= row <= rows:
+            raise RecordingError(
+                f"{where}: omit names row {row}, but there are {rows}, counted from 1"
+            )
+        keep[row - 1] = False
+    return keep
+
+
+def _numbers(arrays: Arrays, name: str, where: str) -> Array:
+    raw = arrays[name]
+    if np.ma.isMaskedArray(raw) or raw.dtype.kind not in "iuf":
+        kind = "a masked array" if np.ma.isMaskedArray(raw) else raw.dtype
+        hint = ""
+        if raw.dtype.kind in "mM":
+            hint = f". Take the seconds: ({name} - {name}[0]) / np.timedelta64(1, 's')"
+        raise RecordingError(
+            f"{where}: column {name!r} holds {kind}, expected numbers in SI units{hint}"
+        )
+    return raw.astype(np.float64)
+
+
+def _vector(arrays: Arrays, name: str, where: str) -> Vector:
+    values = _numbers(arrays, name, where)
+    if values.ndim == 2 and 1 in values.shape:
+        return values.reshape(-1)  # the vectors of MATLAB
+    if values.ndim != 1:
+        raise RecordingError(
+            f"{where}: column {name!r} has shape {values.shape}, expected one value "
+            "per sample. If it is an array of all joints, list the joints of its "
+            "columns in array_joints, and leave {joint} and {number} out of its name"
+        )
+    return values
+
+
+def _matrix(
+    arrays: Arrays, name: str, samples: int, want: Wanted, where: str
+) -> Matrix:
+    values = _numbers(arrays, name, where)
+    if values.ndim == 1 and want.width == 1:
+        values = values[:, None]
+    upright, lying = (samples, want.width), (want.width, samples)
+    if upright == lying:
+        raise RecordingError(
+            f"{where}: array {name!r} has shape {values.shape} with as many samples as "
+            "joints: which axis is time cannot be told. Name single columns instead"
+        )
+    if values.shape not in (upright, lying):
+        raise RecordingError(
+            f"{where}: array {name!r} has shape {values.shape}, expected {upright} or "
+            f"{lying}: time {want.time!r} has {samples} samples, array_joints "
+            f"{want.width} joints"
+        )
+    values = values if values.shape == upright else values.T
+    return values[:, list(want.places)]

@@ -1,0 +1,220 @@
+"""How a log names its channels, and which names that makes for given joints."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from string import Formatter
+
+from consistent_id.errors import RecordingError
+from consistent_id.recordings.readers.units import refuse_units_of_a_name
+from consistent_id.robot.parameters import did_you_mean
+
+CHANNELS = ("position", "velocity", "acceleration", "torque")
+
+
+@dataclass(frozen=True, slots=True)
+class Columns:
+    """How a log names its columns, arrays or fields.
+
+    ``{joint}`` stands for a joint's name in the log and ``{number}`` for its place
+    among the joints asked for, counted from 1.  None: the log has no such channel.
+
+    Parameters
+    ----------
+    time, position, velocity, acceleration, torque : str, optional
+        Names in SI units.  In files of arrays a name is a path: ``run/q_{joint}`` in
+        HDF5, ``log.q`` in MATLAB.
+    names : mapping of str to str
+        The log's name of a joint -> the joint's name, where the two differ.
+    array_joints : sequence of str
+        Joints of the columns of two-dimensional arrays, in the arrays' order; a name
+        without ``{joint}`` and ``{number}`` is then that of such an array.
+    torque_joints : sequence of str
+        Joints whose torque the log has; by default all.  Of the others nothing is read,
+        and their torque is zero: a `TorqueModel` of the same `torque_joints` has no row
+        for them.
+
+    Examples
+    --------
+    >>> Columns(position="q{number}").position.format(joint="elbow", number=3)
+    'q3'
+    >>> renamed = Columns(position="{joint}.pos", names={"A1": "shoulder"})
+    >>> arrays = Columns("log.t", "log.q", array_joints=("shoulder", "elbow"))
+    """
+
+    time: str = "time"
+    position: str = "q_{joint}"
+    velocity: str | None = None
+    acceleration: str | None = None
+    torque: str | None = None
+    names: Mapping[str, str] = field(default_factory=dict, hash=False)
+    array_joints: Sequence[str] = ()
+    torque_joints: Sequence[str] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "torque_joints", tuple(self.torque_joints))
+        object.__setattr__(self, "names", dict(self.names))
+        order = self.array_joints
+        if isinstance(order, str) or len(set(order)) != len(order):
+            raise RecordingError(f"array_joints are {order!r}, expected distinct names")
+        object.__setattr__(self, "array_joints", tuple(order))
+        if len(set(self.names.values())) != len(self.names):
+            raise RecordingError(
+                f"names give one joint several names in the log: {self.names}"
+            )
+
+    def in_log(self, joints: Sequence[str]) -> tuple[str, ...]:
+        """Return the log's names of the joints."""
+        by_joint = {joint: name for name, joint in self.names.items()}
+        for joint in joints:
+            if joint in self.names and joint not in by_joint:
+                raise RecordingError(
+                    f"joint {joint!r}: names say that {joint!r} of the log is joint "
+                    f"{self.names[joint]!r}; say which name of the log is {joint!r}"
+                )
+        return tuple(by_joint.get(joint, joint) for joint in joints)
+
+    def without_torque(self, joints: Sequence[str]) -> tuple[int, ...]:
+        """Return the places of the joints whose torque the log does not have."""
+        for name in self.torque_joints:
+            if name not in joints:
+                near = did_you_mean(name, joints)
+                raise RecordingError(f"torque_joints: no joint {name!r}; {near}")
+        known = self.torque_joints or joints
+        return tuple(i for i, joint in enumerate(joints) if joint not in known)
+
+
+JOINT_STATE = Columns("header.stamp", "position", "velocity", torque="effort")
+"""The fields of a ``sensor_msgs/JointState``; how ROS bags are read by default."""
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """What is to be taken from a table or a file of arrays.
+
+    Parameters
+    ----------
+    joints : tuple of str
+    time : str
+    columns : dict of str to tuple of str
+        One name per joint, by channel; empty where there is nothing to read.
+    arrays : dict of str to str
+        Channels that are a two-dimensional array, and its name.
+    width : int
+        Number of columns of such an array.
+    places : tuple of int
+        Columns of the joints in such an array.
+    without_torque : tuple of int
+        Places of the joints whose torque the log does not have.
+    """
+
+    joints: tuple[str, ...]
+    time: str
+    columns: dict[str, tuple[str, ...]]
+    arrays: dict[str, str]
+    width: int
+    places: tuple[int, ...]
+    without_torque: tuple[int, ...] = ()
+
+    @property
+    def names(self) -> list[str]:
+        """Every name, once."""
+        group = (name for names in self.columns.values() for name in names)
+        every = (self.time, *self.arrays.values(), *group)
+        return [name for name in dict.fromkeys(every) if name]
+
+
+def wanted(columns: Columns, joints: Sequence[str], where: str) -> Wanted:
+    """Return the names that patterns make for the joints.
+
+    Raises
+    ------
+    RecordingError
+        If a pattern is faulty, does not tell joints apart or names a unit.
+    """
+    joints = joints_asked_for(joints, where)
+    for channel in ("time", "position", "velocity", "acceleration"):
+        if (pattern := getattr(columns, channel)) is not None:
+            refuse_units_of_a_name(where, pattern)
+    patterns = {
+        channel: pattern
+        for channel in CHANNELS
+        if (pattern := getattr(columns, channel)) is not None
+    }
+    in_log = columns.in_log(joints)
+    expanded = {name: _expanded(p, in_log) for name, p in patterns.items()}
+    width = len(columns.array_joints)
+    arrays = {
+        channel: names[0]
+        for channel, names in expanded.items()
+        if width and not _placeholders(patterns[channel])
+    }
+    for channel, names in expanded.items():
+        if channel not in arrays and len(set(names)) != len(names):
+            raise RecordingError(
+                f"column pattern {patterns[channel]!r} gives one name for several "
+                "joints; put {joint} or {number} in it or, if it names a "
+                "two-dimensional array, list the joints of its columns in array_joints"
+            )
+    single = {channel: n for channel, n in expanded.items() if channel not in arrays}
+    places = _places(columns, in_log) if arrays else ()
+    dumb = columns.without_torque(joints)
+    if "torque" in single:
+        named = enumerate(single["torque"])
+        single["torque"] = tuple("" if i in dumb else name for i, name in named)
+    return Wanted(joints, columns.time, single, arrays, width, places, dumb)
+
+
+def joints_asked_for(joints: Sequence[str], where: str) -> tuple[str, ...]:
+    """Return the joints as a tuple of distinct names, at least one."""
+    if not joints:
+        raise RecordingError(f"{where}: no joint to read; name at least one")
+    return tuple(joints)
+
+
+def require(where: str, names: Sequence[str], known: Sequence[str]) -> None:
+    """Refuse a name that does not stand there exactly once."""
+    for name in names:
+        if name not in known:
+            near = did_you_mean(name, map(str, known))
+            raise RecordingError(f"{where}: no column {name!r}; {near}")
+        if list(known).count(name) > 1:
+            raise RecordingError(f"{where}: column {name!r} stands there twice")
+
+
+def missing_library(
+    where: str, kind: str, library: str, extra: str, *, doing: str = "reading"
+) -> RecordingError:
+    """Return the error that says how to install what reads or writes a format."""
+    return RecordingError(
+        f"{where}: {doing} {kind} needs {library}; pip install 'consistent-id[{extra}]'"
+    )
+
+
+def _places(columns: Columns, in_log: Sequence[str]) -> tuple[int, ...]:
+    order = columns.in_log(columns.array_joints)
+    for name in in_log:
+        if name not in order:
+            near = did_you_mean(name, order)
+            raise RecordingError(f"array_joints have no joint {name!r}; {near}")
+    return tuple(order.index(name) for name in in_log)
+
+
+def _placeholders(pattern: str) -> set[str]:
+    try:
+        return {
+            field for _, field, _, _ in Formatter().parse(pattern) if field is not None
+        }
+    except ValueError:
+        return {pattern}
+
+
+def _expanded(pattern: str, joints: Sequence[str]) -> tuple[str, ...]:
+    refusal = (
+        f"column pattern {pattern!r}: only {{joint}} and {{number}} can stand in it"
+    )
+    if not _placeholders(pattern) <= {"joint", "number"}:
+        raise RecordingError(refusal)
+    try:
+        return tuple(pattern.format(joint=j, number=i) for i, j in enumerate(joints, 1))
+    except ValueError as cause:
+        raise RecordingError(f"{refusal} ({cause})") from None

@@ -1,0 +1,86 @@
+"""Recordings from tables in memory: data frames, and mappings of arrays."""
+
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from consistent_id.errors import RecordingError
+from consistent_id.recordings.readers.arrays import recording_of
+from consistent_id.recordings.readers.columns import Columns, require, wanted
+from consistent_id.recordings.recording import Recording
+
+
+class Table(Protocol):
+    """What gives columns by name, and tells its names by `columns` or `keys`."""
+
+    def __getitem__(self, name: Any, /) -> Any:
+        """Return a column."""
+
+
+def recording_from(
+    table: Table,
+    joints: Sequence[str],
+    columns: Columns | None = None,
+    *,
+    torque_gain: ArrayLike = 1.0,
+    name: str = "table",
+) -> Recording:
+    """Return the recording in a data frame or in a mapping of arrays.
+
+    Parameters
+    ----------
+    table : DataFrame, mapping of str to array_like, or the like
+    joints : sequence of str
+    columns : Columns
+        Names of the columns or arrays, in SI units.
+    torque_gain : array_like, shape () or (joints,)
+        Factor from the torque column to torque.
+    name : str
+        Of the recording; used in messages.
+
+    Raises
+    ------
+    RecordingError
+        If a column is missing, stands there twice, or holds no numbers.
+
+    Examples
+    --------
+    >>> table = {"time": [0, 0.5, 1.0], "q_elbow": np.radians([0, 45, 90])}
+    >>> recording_from(table, ["elbow"]).rate
+    2.0
+    """
+    want = wanted(columns or Columns(), joints, name)
+    names = _names(table, name)
+    index = getattr(getattr(table, "index", None), "name", None)
+    if index is not None and index in want.names and index not in names:
+        raise RecordingError(
+            f"{name}: {index!r} is the index, expected a column: call reset_index()"
+        )
+    require(name, want.names, names)
+    arrays = {column: _array(table[column], column, name) for column in want.names}
+    return recording_of(arrays, want, where=name, name=name, torque_gain=torque_gain)
+
+
+def _names(table: Table, where: str) -> list[str]:
+    for attribute in ("column_names", "columns"):  # Arrow's tables have both
+        if (names := getattr(table, attribute, None)) is not None:
+            return list(names)
+    if (keys := getattr(table, "keys", None)) is not None:
+        return list(keys())
+    raise RecordingError(
+        f"{where}: {type(table).__name__} has neither columns nor keys, expected "
+        "a data frame or a mapping of arrays"
+    )
+
+
+def _array(values: Any, column: str, where: str) -> NDArray[Any]:
+    if np.ma.isMaskedArray(values):
+        return values  # refused by recording_of, which numpy would unmask
+    try:
+        return np.asarray(values)
+    except (TypeError, ValueError) as cause:
+        raise RecordingError(
+            f"{where}: column {column!r} is no array of numbers: {cause}"
+        ) from None

@@ -1,0 +1,99 @@
+"""Datasets of an HDF5 file by their paths, and of a MATLAB 7.3 file, which is one."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from consistent_id.errors import RecordingError
+from consistent_id.recordings.readers.arrays import Arrays
+from consistent_id.recordings.readers.columns import missing_library
+from consistent_id.recordings.readers.units import refuse_units_of_an_attribute
+from consistent_id.robot.parameters import did_you_mean
+
+_NUMBERS = (
+    "double",
+    "single",
+    *(f"{u}int{n}" for u in ("", "u") for n in (8, 16, 32, 64)),
+)
+
+# What h5py lets through when a file is cut or overwritten.
+_UNREADABLE = (OSError, RuntimeError, KeyError, ValueError, TypeError, MemoryError)
+
+
+def read_hdf5(path: Path, names: Sequence[str]) -> Arrays:
+    """Return the datasets at the named paths, such as ``run/q``.
+
+    Raises
+    ------
+    RecordingError
+        If the file is not HDF5, or a path is missing or leads to something else.
+    """
+    return _datasets(path, {name: name for name in names})
+
+
+def read_matlab_73(path: Path, names: Sequence[str]) -> Arrays:
+    """Return the variables, or the fields of structures, such as ``log.q``.
+
+    Raises
+    ------
+    RecordingError
+        As `read_hdf5`; and if a variable is no array of numbers in MATLAB.
+    """
+    return _datasets(path, {name: name.replace(".", "/") for name in names})
+
+
+def _datasets(path: Path, places: dict[str, str]) -> Arrays:
+    try:
+        import h5py
+    except ImportError:
+        raise missing_library(str(path), "HDF5", "h5py", "hdf5") from None
+    try:
+        with h5py.File(path, "r") as file:
+            return {name: _array(path, file, name, at) for name, at in places.items()}
+    except _UNREADABLE as cause:
+        raise RecordingError(f"{path}: not readable as HDF5: {cause}") from None
+
+
+def _array(path: Path, file: Any, name: str, place: str) -> NDArray[Any]:
+    import h5py
+
+    where = f"{path}: column {name!r}"
+    found = file.get(place)
+    if found is None:
+        near = did_you_mean(place, _paths(file))
+        raise RecordingError(f"{path}: no column {name!r}; {near}")
+    if not isinstance(found, h5py.Dataset):
+        near = did_you_mean(place, (f"{place}/{key}" for key in found))
+        raise RecordingError(f"{where} is a group, expected a dataset; {near}")
+    for key in ("units", "unit"):
+        if isinstance(unit := found.attrs.get(key), str | bytes):
+            text = unit.decode(errors="replace") if isinstance(unit, bytes) else unit
+            refuse_units_of_an_attribute(where, text)
+    kind = found.attrs.get("MATLAB_class", b"double")
+    kind = kind.decode(errors="replace") if isinstance(kind, bytes) else str(kind)
+    if kind not in _NUMBERS or found.attrs.get("MATLAB_empty", 0):
+        raise RecordingError(
+            f"{where} is an empty array or a {kind} of MATLAB, expected an array of "
+            "numbers. Save tables, timeseries and the like as such arrays"
+        )
+    if found.shape is None or found.dtype.kind not in "iuf":
+        raise RecordingError(
+            f"{where} holds {found.dtype}, expected numbers in SI units"
+        )
+    return np.asarray(found[()])
+
+
+def _paths(file: Any) -> list[str]:
+    import h5py
+
+    found: list[str] = []
+
+    def note(name: str, item: Any) -> None:
+        if isinstance(item, h5py.Dataset):
+            found.append(name)
+
+    file.visititems(note)
+    return found

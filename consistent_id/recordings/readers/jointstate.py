@@ -1,0 +1,186 @@
+"""Messages of joint states, in any order of joints, become a recording."""
+
+import logging
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from consistent_id._support.arrays import Matrix
+from consistent_id.errors import RecordingError
+from consistent_id.recordings.readers.arrays import gained
+from consistent_id.recordings.readers.columns import CHANNELS, Columns, joints_asked_for
+from consistent_id.recordings.readers.merging import Layout, merged, seconds
+from consistent_id.recordings.recording import Recording
+from consistent_id.robot.parameters import did_you_mean
+
+FIELDS = ("position", "velocity", "effort")
+STAMP, LOG_TIME = "header.stamp", "log_time"
+_EPOCH = 10**18  # ns, September 2001: clocks that show the date are past it
+
+_log = logging.getLogger(__name__)
+
+
+class JointMessage(NamedTuple):
+    """One ``sensor_msgs/JointState`` and the time at which it was logged [ns]."""
+
+    log_time: int
+    stamp: int
+    names: Sequence[str]
+    fields: Mapping[str, NDArray[np.float64]]
+
+
+def joint_state_fields(columns: Columns, where: str) -> dict[str, str]:
+    """Return the message's field of each wanted channel.
+
+    Raises
+    ------
+    RecordingError
+        If the columns name what a joint state does not have.
+    """
+    fields = {
+        channel: name
+        for channel in CHANNELS
+        if (name := getattr(columns, channel)) is not None
+    }
+    strange = [name for name in fields.values() if name not in FIELDS]
+    if columns.time not in (STAMP, LOG_TIME):
+        strange.append(columns.time)
+    if strange or columns.array_joints:
+        raise RecordingError(
+            f"{where}: {strange[0] if strange else 'array_joints'!r} in columns is "
+            f"nothing of a JointState; its fields are {', '.join(FIELDS)}, its clock "
+            f"is {STAMP} or {LOG_TIME}. Leave columns out, or start from JOINT_STATE"
+        )
+    return fields
+
+
+def recording_of_messages(
+    messages: Sequence[JointMessage],
+    joints: Sequence[str],
+    columns: Columns,
+    *,
+    where: str,
+    name: str,
+    torque_gain: ArrayLike,
+) -> Recording:
+    """Return the recording that messages make, matched by the names of joints.
+
+    Messages of one stamp are merged; those without a wanted joint are passed over.
+    Time counts from the first sample [s]: dates in nanoseconds do not fit a float.
+
+    Raises
+    ------
+    RecordingError
+        If a joint is never seen, a value of it is missing or not finite, its clock
+        runs backwards, or the joints hardly ever share a stamp.
+    """
+    joints = joints_asked_for(joints, where)
+    fields = joint_state_fields(columns, where)
+    stamps_are_zero = bool(messages) and not any(m.stamp for m in messages)
+    if columns.time == STAMP and stamps_are_zero:
+        _log.warning("%s: all stamps are zero, the time of logging is used", where)
+        name = f"{name} (by time of logging)"
+    if columns.time == LOG_TIME or stamps_are_zero:
+        messages = [message._replace(stamp=message.log_time) for message in messages]
+    in_log = columns.in_log(joints)
+    layouts = _layouts(messages, in_log, tuple(fields.values()), where)
+    _check_clocks(layouts, in_log, where)
+    stamps, values = merged(layouts, in_log, where)
+    time = (stamps - stamps[0]) / 1e9
+    channels = dict(zip(fields, values, strict=True))
+    return gained(
+        joints,
+        time,
+        channels,
+        torque_gain=torque_gain,
+        name=name,
+        without_torque=columns.without_torque(joints),
+    )
+
+
+def _layouts(
+    messages: Sequence[JointMessage],
+    joints: Sequence[str],
+    fields: Sequence[str],
+    where: str,
+) -> list[Layout]:
+    """Return the messages by their order of names, without those of other joints."""
+    members = defaultdict(list)
+    for place, message in enumerate(messages):
+        members[tuple(message.names)].append(place)
+    _check_names(joints, list(members), where)
+    layouts = []
+    for names, places in members.items():
+        here = [k for k, joint in enumerate(joints) if joint in names]
+        if not here:
+            continue
+        columns = [names.index(joints[k]) for k in here]
+        group = [messages[place] for place in places]
+        values = [_values(group, field, names, columns, where) for field in fields]
+        stamps = np.array([message.stamp for message in group])
+        layouts.append(
+            Layout(np.array(places), stamps, np.array(here), np.array(values))
+        )
+    return layouts
+
+
+def _values(
+    group: Sequence[JointMessage],
+    field: str,
+    names: Sequence[str],
+    columns: Sequence[int],
+    where: str,
+) -> Matrix:
+    """Return a field of messages of one layout, shape (messages, columns)."""
+    for message in group:
+        if len(message.fields[field]) != len(names):
+            raise RecordingError(
+                f"{where}: no {field} of joint {names[columns[0]]!r} at "
+                f"{seconds(message.stamp)} s ({len(message.fields[field])} values, "
+                f"{len(names)} names). Leave {field} out of columns if it was not "
+                "recorded"
+            )
+    values = np.array([message.fields[field] for message in group])[:, columns]
+    if not np.isfinite(values).all():
+        row, column = np.argwhere(~np.isfinite(values))[0]
+        raise RecordingError(
+            f"{where}: {field} of joint {names[columns[column]]!r} is "
+            f"{values[row, column]} at {seconds(group[row].stamp)} s. Leave {field} "
+            "out of columns if it was not recorded; else repair the log"
+        )
+    return values
+
+
+def _check_names(
+    joints: Sequence[str], layouts: Sequence[Sequence[str]], where: str
+) -> None:
+    seen = sorted({name for names in layouts for name in names})
+    for joint in joints:
+        if joint not in seen:
+            near = did_you_mean(joint, seen)
+            raise RecordingError(f"{where}: no message names joint {joint!r}; {near}")
+        if any(list(names).count(joint) > 1 for names in layouts):
+            raise RecordingError(f"{where}: a message names joint {joint!r} twice")
+
+
+def _check_clocks(layouts: Sequence[Layout], joints: Sequence[str], where: str) -> None:
+    """Refuse a joint whose stamps go back, or start from zero and then show a date."""
+    for k, joint in enumerate(joints):
+        mine = [layout for layout in layouts if k in layout.joints]
+        order = np.argsort(np.concatenate([layout.order for layout in mine]))
+        stamps = np.concatenate([layout.stamps for layout in mine])[order]
+        if (np.diff(stamps) < 0).any():
+            bad = int(np.argmax(np.diff(stamps) < 0))
+            raise RecordingError(
+                f"{where}: the stamp of joint {joint!r} goes from "
+                f"{seconds(stamps[bad])} s back to {seconds(stamps[bad + 1])} s. Cut "
+                f"the log there, or take time = {LOG_TIME!r}"
+            )
+        if stamps[0] == 0 and stamps[-1] > _EPOCH:
+            raise RecordingError(
+                f"{where}: some stamps of joint {joint!r} are zero, others show a "
+                f"date. Repair the log, or take time = {LOG_TIME!r}"
+            )

@@ -1,0 +1,91 @@
+"""Variables of a MATLAB file; fields of structures by paths such as ``log.q``."""
+
+import struct
+import zlib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from consistent_id.errors import RecordingError
+from consistent_id.recordings.readers.arrays import Arrays
+from consistent_id.recordings.readers.hdf5 import read_matlab_73
+from consistent_id.recordings.readers.mat_lint import damage
+from consistent_id.robot.parameters import did_you_mean
+
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+# What SciPy lets through when a file is cut or overwritten.
+_UNREADABLE = (
+    ValueError,
+    TypeError,
+    KeyError,
+    IndexError,
+    OSError,
+    EOFError,
+    NotImplementedError,
+    OverflowError,
+    MemoryError,
+    struct.error,
+    zlib.error,
+    UserWarning,
+)
+
+
+def read_mat(path: Path, names: Sequence[str]) -> Arrays:
+    """Return the named variables of a file of any version.
+
+    Raises
+    ------
+    RecordingError
+        If the file is not MATLAB's, or a name is missing or no array of numbers.
+    """
+    with path.open("rb") as file:
+        start = file.read(520)
+    if _HDF5 in (start[:8], start[512:]):
+        return read_matlab_73(path, names)
+    if fault := damage(path.read_bytes()):
+        raise RecordingError(f"{path}: not readable as MATLAB file: {fault}")
+    variables = _loaded(path, [name.replace("/", ".").split(".")[0] for name in names])
+    return {name: _field(path, variables, name) for name in names}
+
+
+def _loaded(path: Path, names: Sequence[str]) -> dict[str, Any]:
+    import warnings
+
+    from scipy.io import loadmat, whosmat
+    from scipy.io.matlab import MatReadError
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            known = [name for name, _, _ in whosmat(path)]
+            for name in names:
+                if name not in known:
+                    near = did_you_mean(name, known)
+                    raise RecordingError(f"{path}: no variable {name!r}; {near}")
+            return dict(loadmat(path, variable_names=list(names)))
+    except (MatReadError, *_UNREADABLE) as cause:
+        raise RecordingError(f"{path}: not readable as MATLAB file: {cause}") from None
+
+
+def _field(path: Path, variables: dict[str, Any], name: str) -> NDArray[Any]:
+    first, *fields = name.replace("/", ".").split(".")
+    value, seen = variables[first], first
+    for field in fields:
+        known = getattr(getattr(value, "dtype", None), "names", None) or ()
+        if field not in known:
+            near = did_you_mean(field, known)
+            raise RecordingError(f"{path}: {seen!r} has no field {field!r}; {near}")
+        if value.size != 1:
+            raise RecordingError(
+                f"{path}: {seen!r} is an array of {value.size} structures, expected one"
+            )
+        value, seen = value[field].reshape(-1)[0], f"{seen}.{field}"
+    if not isinstance(value, np.ndarray) or value.dtype.names or value.dtype.hasobject:
+        raise RecordingError(
+            f"{path}: {seen!r} is no array of numbers. Save structures' fields, tables "
+            "and timeseries as such arrays"
+        )
+    return value

@@ -1,0 +1,235 @@
+"""A recording: what a robot's log says, checked once at the door."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+
+from consistent_id._support.arrays import Matrix, Vector, frozen
+from consistent_id._support.extras import pandas, xarray
+from consistent_id._support.tables import Table
+from consistent_id.errors import RecordingError
+from consistent_id.robot.parameters import did_you_mean
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+    from xarray import Dataset
+
+_LATEST = 1e12  # s, some 30 000 years: no clock that still resolves milliseconds
+_CHANNELS = ("position", "velocity", "acceleration", "torque")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recording:
+    """Motion and torque of named joints on one clock.
+
+    Parameters
+    ----------
+    joints : tuple of str
+    time : array_like, shape (samples,), [s]
+        Strictly increasing.
+    position : array_like, shape (samples, joints), [rad or m]
+    velocity, acceleration : array_like, shape (samples, joints), optional
+    torque : array_like, shape (samples, joints), optional, [N m or N]
+    name : str
+        Where it comes from; used in messages.
+
+    Raises
+    ------
+    RecordingError
+        If shapes do not fit, a value is not finite or time does not increase; the
+        message names channel, joint and sample.
+
+    Examples
+    --------
+    >>> time = np.arange(4) * 0.001
+    >>> log = Recording(("elbow",), time, np.sin(time)[:, None])
+    >>> log.rate, log.velocity is None
+    (1000.0, True)
+    """
+
+    joints: tuple[str, ...]
+    time: Vector
+    position: Matrix
+    velocity: Matrix | None = None
+    acceleration: Matrix | None = None
+    torque: Matrix | None = None
+    name: str = "recording"
+
+    def __post_init__(self) -> None:
+        joints = () if isinstance(self.joints, str) else tuple(self.joints)
+        if not joints or len(set(joints)) != len(joints):
+            raise RecordingError(
+                f"{self.name}: joints are {self.joints!r}, expected distinct names"
+            )
+        object.__setattr__(self, "joints", joints)
+        if self.position is None:
+            raise RecordingError(f"{self.name}: position is missing")
+        time = frozen(
+            self.time, (None,), f"{self.name}: time", RecordingError, finite=False
+        )
+        if len(time) < 2:
+            raise RecordingError(
+                f"{self.name}: {len(time)} samples, expected 2 or more"
+            )
+        self._check_time(time)
+        object.__setattr__(self, "time", time)
+        for channel in _CHANNELS:
+            values = getattr(self, channel)
+            if values is not None:
+                array = self._checked(channel, values, len(time))
+                object.__setattr__(self, channel, array)
+
+    def _check_time(self, time: Vector) -> None:
+        if not np.isfinite(time).all():
+            bad = int(np.argmin(np.isfinite(time)))
+            raise RecordingError(f"{self.name}: time of sample {bad} is {time[bad]}")
+        if abs(time).max() > _LATEST:
+            bad = int(np.argmax(abs(time)))
+            raise RecordingError(
+                f"{self.name}: time of sample {bad} is {time[bad]:.3g} s, expected "
+                "seconds. If that row is broken, leave it out: read_recording and "
+                f"[[data.recordings]] take omit = [{bad + 1}]"
+            )
+        steps = np.diff(time)
+        if (steps <= 0.0).any():
+            bad = int(np.argmax(steps <= 0.0))
+            raise RecordingError(
+                f"{self.name}: time goes from {time[bad]:.9g} s (sample {bad}) to "
+                f"{time[bad + 1]:.9g} s; it must increase. Sort the samples, and drop "
+                "repeated ones"
+            )
+
+    def _checked(self, channel: str, values: Matrix, samples: int) -> Matrix:
+        shape = (samples, len(self.joints))
+        what = f"{self.name}: {channel}"
+        array = frozen(values, shape, what, RecordingError, finite=False)
+        if not np.isfinite(array).all():
+            sample, joint = (int(i) for i in np.argwhere(~np.isfinite(array))[0])
+            count = int((~np.isfinite(array)).sum())
+            raise RecordingError(
+                f"{what} of joint {self.joints[joint]!r} is {array[sample, joint]} at "
+                f"sample {sample} (t = {self.time[sample]:.6g} s), the first of "
+                f"{count}. Remove or repair those samples"
+            )
+        return array
+
+    def __repr__(self) -> str:
+        return (
+            f"Recording({self.name!r}: {len(self)} samples of {len(self.joints)} "
+            f"joints, {self.duration:.4g} s at {self.rate:.4g} Hz; "
+            f"{', '.join(self.channels)})"
+        )
+
+    def _repr_html_(self) -> str:
+        return self.table().html()
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """The channels that were recorded, position first."""
+        return tuple(name for name in _CHANNELS if getattr(self, name) is not None)
+
+    @property
+    def duration(self) -> float:
+        """Time from the first to the last sample [s]."""
+        return float(self.time[-1] - self.time[0])
+
+    @property
+    def rate(self) -> float:
+        """Mean sampling rate [Hz]."""
+        return (len(self) - 1) / self.duration
+
+    def of(self, joints: Sequence[str]) -> Self:
+        """Return the named joints' channels, in the given order.
+
+        Raises
+        ------
+        RecordingError
+            If a joint was not recorded.
+        """
+        missing = [name for name in joints if name not in self.joints]
+        if missing:
+            near = did_you_mean(missing[0], self.joints)
+            raise RecordingError(f"{self.name} has no joint {missing[0]!r}; {near}")
+        if tuple(joints) == self.joints:
+            return self
+        columns = [self.joints.index(name) for name in joints]
+        channels = {
+            channel: values[:, columns]
+            for channel in _CHANNELS
+            if (values := getattr(self, channel)) is not None
+        }
+        return replace(self, joints=tuple(joints), **channels)
+
+    def table(self) -> Table:
+        """Return how far each joint moved and how hard it was driven, for people."""
+        channels = {name: getattr(self, name) for name in self.channels}
+        return Table(
+            f"{self.name}: {len(self)} samples, {self.duration:.4g} s at "
+            f"{self.rate:.4g} Hz",
+            ("joint", *channels),
+            tuple(
+                (
+                    joint,
+                    *(
+                        f"{values[:, k].min():.4g} to {values[:, k].max():.4g}"
+                        for values in channels.values()
+                    ),
+                )
+                for k, joint in enumerate(self.joints)
+            ),
+            ("least and largest, in rad, m, s, N m and N",),
+        )
+
+    def to_frame(self) -> "DataFrame":
+        """Return all channels as a pandas data frame.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Indexed by ``time`` [s]; columns ``(channel, joint)``.
+
+        Raises
+        ------
+        ProblemError
+            If pandas is not installed.
+        """
+        columns = pandas().MultiIndex.from_product(
+            (self.channels, self.joints), names=("channel", "joint")
+        )
+        values = np.hstack([getattr(self, name) for name in self.channels])
+        index = pandas().Index(self.time, name="time")
+        return pandas().DataFrame(values, index=index, columns=columns)
+
+    def to_xarray(self) -> "Dataset":
+        """Return all channels as an xarray data set with axes ``time`` and ``joint``.
+
+        Raises
+        ------
+        ProblemError
+            If xarray is not installed.
+        """
+        axes = ("time", "joint")
+        return xarray().Dataset(
+            {name: (axes, getattr(self, name)) for name in self.channels},
+            coords={"time": self.time, "joint": list(self.joints)},
+            attrs={"name": self.name},
+        )
+
+    def samples(self, keep: slice) -> Self:
+        """Return a run of samples (every ``keep.step``-th of them)."""
+        channels = {
+            channel: values[keep]
+            for channel in _CHANNELS
+            if (values := getattr(self, channel)) is not None
+        }
+        return replace(self, time=self.time[keep], **channels)
+
+
+def several(recordings: Recording | Sequence[Recording]) -> list[Recording]:
+    """Return one recording, or any number, as a list."""
+    return [recordings] if isinstance(recordings, Recording) else list(recordings)

@@ -1,0 +1,73 @@
+"""From a raw log to motion and torque that belong together.
+
+Each function takes a `Recording` and returns a new one, or a small value.
+"""
+
+from consistent_id.recordings.signals.alignment import aligned
+from consistent_id.recordings.signals.clocks import resampled, uniform_rate
+from consistent_id.recordings.signals.cuts import (
+    split_at_gaps,
+    trim_standstill,
+    trimmed,
+    without,
+)
+from consistent_id.recordings.signals.delay import Delay, estimate_delay
+from consistent_id.recordings.signals.differences import differentiated
+from consistent_id.recordings.signals.filters import decimated, low_passed
+from consistent_id.recordings.signals.folds import Fold, blocked_folds
+from consistent_id.recordings.signals.fourier import (
+    FourierFit,
+    fit_trajectory,
+    fourier_differentiated,
+    fourier_fit,
+)
+from consistent_id.recordings.signals.masks import (
+    mask_onto,
+    row_weights,
+    saturated,
+    standstill,
+)
+from consistent_id.recordings.signals.period import estimated_period
+from consistent_id.recordings.signals.resolution import encoder_resolution
+from consistent_id.recordings.signals.savitzky_golay import (
+    savitzky_golay_differentiated,
+)
+from consistent_id.recordings.signals.smoother import (
+    MotionNoise,
+    kalman_differentiated,
+    motion_noise,
+)
+from consistent_id.recordings.signals.track import Track, track
+
+__all__ = [
+    "Delay",
+    "Fold",
+    "FourierFit",
+    "MotionNoise",
+    "Track",
+    "aligned",
+    "blocked_folds",
+    "decimated",
+    "differentiated",
+    "encoder_resolution",
+    "estimate_delay",
+    "estimated_period",
+    "fit_trajectory",
+    "fourier_differentiated",
+    "fourier_fit",
+    "kalman_differentiated",
+    "low_passed",
+    "mask_onto",
+    "motion_noise",
+    "resampled",
+    "row_weights",
+    "saturated",
+    "savitzky_golay_differentiated",
+    "split_at_gaps",
+    "standstill",
+    "track",
+    "trim_standstill",
+    "trimmed",
+    "uniform_rate",
+    "without",
+]

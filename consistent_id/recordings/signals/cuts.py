@@ -1,0 +1,141 @@
+"""Parts of a recording: between times, between gaps, without what is masked."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from consistent_id._support.arrays import IntArray
+from consistent_id.errors import RecordingError
+from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.signals.masks import as_mask, standstill
+
+
+def trimmed(
+    recording: Recording, start: float = -np.inf, stop: float = np.inf
+) -> Recording:
+    """Keep the samples with ``start <= time <= stop`` [s].
+
+    Trim after filtering: a filter needs the samples before and after.
+    """
+    if np.isnan(start) or np.isnan(stop):
+        raise RecordingError(f"{recording.name}: trimmed from {start} s to {stop} s")
+    first, last = np.searchsorted(recording.time, [start, np.nextafter(stop, np.inf)])
+    last = max(first, last)
+    if last - first < 2:
+        raise RecordingError(
+            f"{recording.name}: {last - first} samples between {start:g} s and "
+            f"{stop:g} s; it runs from {recording.time[0]:g} s to "
+            f"{recording.time[-1]:g} s"
+        )
+    return recording.samples(slice(int(first), int(last)))
+
+
+def split_at_gaps(
+    recording: Recording, max_gap: float, *, shortest: float = 0.0
+) -> tuple[Recording, ...]:
+    """Cut a recording wherever stamps are further apart than `max_gap`.
+
+    What happened in a gap is not known: nothing may be filtered, interpolated or
+    differentiated across it.
+
+    Parameters
+    ----------
+    recording : Recording
+    max_gap : float, [s]
+        Longest step between stamps within a part.
+    shortest : float, [s]
+        Parts that last less, and single samples, are left out.
+
+    Raises
+    ------
+    RecordingError
+        If nothing is left.
+
+    Examples
+    --------
+    >>> time = np.array([0.0, 0.1, 0.2, 5.0, 5.1, 9.0])
+    >>> log = Recording(("elbow",), time, np.zeros((6, 1)), name="log")
+    >>> [(part.name, len(part)) for part in split_at_gaps(log, 0.5)]
+    [('log (part 1)', 3), ('log (part 2)', 2)]
+    """
+    if not max_gap > 0.0:
+        raise RecordingError(f"max_gap is {max_gap} s, expected a positive number")
+    cuts = np.flatnonzero(np.diff(recording.time) > max_gap) + 1
+    return _parts(recording, np.split(np.arange(len(recording)), cuts), shortest)
+
+
+def without(
+    recording: Recording, mask: ArrayLike, *, shortest: float = 0.0
+) -> tuple[Recording, ...]:
+    """Return the runs of samples that are not masked, each a recording of its own.
+
+    Where only one joint's torque is of no use, `row_weights` keeps the others'.
+
+    Parameters
+    ----------
+    recording : Recording
+    mask : array_like of bool, shape (samples,) or (samples, joints)
+        Samples to leave out: those masked for any joint.
+    shortest : float, [s]
+        Runs that last less, and single samples, are left out.
+
+    Raises
+    ------
+    RecordingError
+        If nothing is left.
+    """
+    keep = np.flatnonzero(~as_mask(recording, mask).any(axis=1))
+    cuts = np.flatnonzero(np.diff(keep) > 1) + 1
+    return _parts(recording, np.split(keep, cuts), shortest)
+
+
+def trim_standstill(
+    recording: Recording, velocity: float | None = None, *, margin: float = 0.0
+) -> Recording:
+    """Cut off the standstill of all joints at both ends.
+
+    Parameters
+    ----------
+    recording : Recording
+        Filtered, unless its velocity is clean.
+    velocity : float, optional, [rad/s or m/s]
+        Below which a joint stands still; see `standstill`.
+    margin : float, [s]
+        Standstill to keep at both ends.
+
+    Raises
+    ------
+    RecordingError
+        If no joint ever moves.
+    """
+    moving = np.flatnonzero(~standstill(recording, velocity).all(axis=1))
+    if len(moving) < 2:
+        raise RecordingError(f"{recording.name}: no joint ever moves")
+    start, stop = recording.time[moving[0]], recording.time[moving[-1]]
+    return trimmed(recording, start - margin, stop + margin)
+
+
+def _parts(
+    recording: Recording, runs: list[IntArray], shortest: float
+) -> tuple[Recording, ...]:
+    kept = [
+        run
+        for run in runs
+        if len(run) >= 2
+        and recording.time[run[-1]] - recording.time[run[0]] >= shortest
+    ]
+    if not kept:
+        raise RecordingError(
+            f"{recording.name}: of {len(runs)} parts none has two samples and lasts "
+            f"{shortest:g} s"
+        )
+    if len(kept) == 1 and len(kept[0]) == len(recording):
+        return (recording,)
+    return tuple(
+        replace(
+            recording.samples(slice(int(run[0]), int(run[-1]) + 1)),
+            name=f"{recording.name} (part {number})",
+        )
+        for number, run in enumerate(kept, 1)
+    )

@@ -1,0 +1,78 @@
+"""Zero-phase filters, on motion and torque alike."""
+
+from dataclasses import replace
+
+from consistent_id._support.arrays import Matrix
+from consistent_id.errors import RecordingError
+from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.signals.clocks import uniform_rate
+
+_LOWEST = 1e-5  # cut-off over sampling rate
+
+
+def low_passed(
+    recording: Recording,
+    *,
+    motion_cutoff: float | None = None,
+    torque_cutoff: float | None = None,
+    order: int = 4,
+) -> Recording:
+    """Filter with a zero-phase Butterworth filter, run forwards and backwards.
+
+    Parameters
+    ----------
+    recording : Recording
+        Uniformly sampled.
+    motion_cutoff, torque_cutoff : float, optional, [Hz]
+        Cut-off of position, velocity and acceleration, and of torque; none to leave
+        them as they are.
+    order : int
+        Of the one-way filter; the attenuation at the cut-off is 6 dB.
+
+    Raises
+    ------
+    RecordingError
+        If the clock is not uniform or a cut-off is not below half the sampling rate.
+    """
+    from scipy.signal import butter, sosfiltfilt
+
+    rate = uniform_rate(recording)
+    if not isinstance(order, int) or order < 1:
+        raise RecordingError(f"filter order is {order!r}, expected 1, 2, 3, ...")
+
+    def smooth(values: Matrix | None, cutoff: float | None) -> Matrix | None:
+        if values is None or cutoff is None:
+            return values
+        if not _LOWEST * rate <= cutoff < rate / 2:
+            raise RecordingError(
+                f"{recording.name}: cut-off {cutoff:g} Hz, expected between "
+                f"{_LOWEST * rate:.2g} Hz (below, the filter loses its digits; "
+                f"decimate first) and half of the sampling rate, {rate / 2:.6g} Hz"
+            )
+        sections = butter(order, cutoff, fs=rate, output="sos")
+        pad = min(len(values) - 1, int(3 * order * rate / cutoff))
+        return sosfiltfilt(sections, values, axis=0, padlen=pad)  # type: ignore[no-any-return]
+
+    position = smooth(recording.position, motion_cutoff)
+    return replace(
+        recording,
+        position=position if position is not None else recording.position,
+        velocity=smooth(recording.velocity, motion_cutoff),
+        acceleration=smooth(recording.acceleration, motion_cutoff),
+        torque=smooth(recording.torque, torque_cutoff),
+    )
+
+
+def decimated(recording: Recording, factor: int) -> Recording:
+    """Keep every `factor`-th sample, after filtering all channels alike.
+
+    The anti-aliasing filter is a zero-phase Butterworth of order 8 at 0.8 of the new
+    Nyquist frequency, on motion and torque.
+    """
+    if not isinstance(factor, int) or factor < 1:
+        raise RecordingError(f"decimation factor is {factor!r}, expected 1, 2, 3, ...")
+    if factor == 1:
+        return recording
+    cutoff = 0.8 * uniform_rate(recording) / (2 * factor)
+    smooth = low_passed(recording, motion_cutoff=cutoff, torque_cutoff=cutoff, order=8)
+    return smooth.samples(slice(None, None, factor))

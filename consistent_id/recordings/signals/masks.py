@@ -1,0 +1,159 @@
+"""Samples of which the torque tells little or something wrong."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from consistent_id._support.arrays import Array, BoolArray, Matrix, Vector, frozen
+from consistent_id.errors import RecordingError
+from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.signals.resolution import quantum
+
+_AT_LIMIT = 1e-3  # of the limit, within which a torque is at it
+_STILL = 0.01  # of the fastest joint's largest speed
+_RUN, _PILE = 3, 10.0  # consecutive samples at the extreme; their number over others'
+
+
+def standstill(recording: Recording, velocity: float | None = None) -> BoolArray:
+    """Return where each joint stands still, shape (samples, joints).
+
+    Friction of a joint at rest is whatever balances it, so its torque there tells
+    little of the model.
+
+    Parameters
+    ----------
+    recording : Recording
+        Without a velocity, differences of position stand for it: filter first.
+    velocity : float, optional, [rad/s or m/s]
+        Below which a joint stands still; by default a hundredth of the largest speed of
+        all joints.
+    """
+    speed = recording.velocity
+    if speed is None:
+        speed = np.gradient(recording.position, recording.time, axis=0)
+    limit = _STILL * abs(speed).max() if velocity is None else velocity
+    if not limit >= 0.0:
+        raise RecordingError(f"velocity is {velocity}, expected zero or more")
+    return np.asarray((abs(speed) < limit) | (speed == 0.0))
+
+
+def saturated(recording: Recording, limit: ArrayLike | None = None) -> BoolArray:
+    """Return where each joint's torque is at its limit, shape (samples, joints).
+
+    Parameters
+    ----------
+    recording : Recording
+        With torque, as recorded: filters round a plateau off.
+    limit : array_like, shape () or (joints,), optional, [N m or N]
+        Largest torque either way.  By default the largest and the smallest torque of a
+        joint are taken for limits if they are met again and again: in runs of at least
+        three samples, and ten times as often as the values next to them, so that the
+        top of a smooth curve is not meant.  Noise on top of a limit hides it.
+
+    Raises
+    ------
+    RecordingError
+        If there is no torque, or a limit is not positive.
+    """
+    torque = recording.torque
+    if torque is None:
+        raise RecordingError(f"{recording.name} has no torque")
+    if limit is not None:
+        shape = (len(recording.joints),) if np.ndim(limit) else ()
+        bounds = frozen(limit, shape, "limit", RecordingError)
+        if not (bounds > 0.0).all():
+            raise RecordingError(f"limit is {bounds}, expected positive numbers")
+        return np.asarray(abs(torque) >= (1.0 - _AT_LIMIT) * bounds)
+    return np.column_stack([_top(tau) | _top(-tau) for tau in torque.T])
+
+
+def row_weights(recording: Recording, mask: ArrayLike, joints: Sequence[str]) -> Array:
+    """Return weights for `build_regression`: 0 where masked, 1 elsewhere.
+
+    Parameters
+    ----------
+    recording : Recording
+    mask : array_like of bool, shape (samples,) or (samples, joints)
+        By the recording's joints.
+    joints : sequence of str
+        The model's ``torque_joints``.
+
+    Returns
+    -------
+    ndarray, shape (samples, torque joints)
+    """
+    columns = [recording.joints.index(name) for name in recording.of(joints).joints]
+    return np.where(as_mask(recording, mask)[:, columns], 0.0, 1.0)
+
+
+def mask_onto(
+    recording: Recording, mask: ArrayLike, target: Recording, *, reach: float = 0.0
+) -> BoolArray:
+    """Return a mask on the samples of what a recording has become.
+
+    Masks are found in a log as it was recorded; once it has been resampled, filtered or
+    decimated, its samples are others, and a filter has spread what is masked.
+
+    Parameters
+    ----------
+    recording : Recording
+        To which the mask belongs.
+    mask : array_like of bool, shape (samples,) or (samples, joints)
+    target : Recording
+        What has become of it, or of a part of it.
+    reach : float, [s]
+        Samples so near to a masked one are masked, such as half a period of the
+        cut-off; in any case those for which none is nearer.
+
+    Returns
+    -------
+    ndarray of bool, shape (samples, joints) of `target`
+
+    Examples
+    --------
+    >>> log = Recording(("elbow",), np.arange(6) * 0.01, np.zeros((6, 1)))
+    >>> half = log.samples(slice(0, 6, 2))
+    >>> mask_onto(log, [False] * 3 + [True] * 3, half)[:, 0].tolist()
+    [False, True, True]
+    """
+    if not reach >= 0.0:
+        raise RecordingError(f"reach is {reach} s, expected zero or more")
+    columns = as_mask(recording, mask)
+    joints = recording.of(target.joints).joints
+    order = [recording.joints.index(name) for name in joints]
+    reach = max(reach, 0.5 * float(np.median(np.diff(target.time))) * (1.0 + 1e-9))
+    found = np.zeros((len(target), len(order)), dtype=np.bool_)
+    for k, joint in enumerate(order):
+        at = recording.time[columns[:, joint]]
+        if len(at):
+            near = np.searchsorted(at, target.time - reach)
+            found[:, k] = at[np.minimum(near, len(at) - 1)] <= target.time + reach
+            found[near == len(at), k] = False
+    return found
+
+
+def as_mask(recording: Recording, mask: ArrayLike) -> BoolArray:
+    """Return a mask of shape (samples, joints), checked."""
+    array = np.asarray(mask)
+    shape = (len(recording), len(recording.joints))
+    if array.dtype != np.bool_ or array.shape not in (shape, shape[:1]):
+        raise RecordingError(
+            f"{recording.name}: a mask of {array.dtype} and shape {array.shape}, "
+            f"expected bool and {shape[:1]} or {shape}"
+        )
+    columns: Matrix = array if array.ndim == 2 else array[:, None]
+    return np.broadcast_to(columns, shape)
+
+
+def _top(tau: Vector) -> BoolArray:
+    """Return where a torque is at its largest value, if that looks like a limit."""
+    span = float(np.ptp(tau))
+    step = quantum(tau) or 1e-9 * span
+    at = tau >= tau.max() - 0.5 * step
+    edges = tau.max() - step * np.array([5.5, 0.5])
+    others = int(((tau >= edges[0]) & (tau < edges[1])).sum())
+    ends = np.flatnonzero(np.diff(np.concatenate([[0], at.astype(int), [0]])))
+    longest = int((ends[1::2] - ends[::2]).max())
+    is_limit = span > 0.0 and longest >= _RUN and at.sum() >= _PILE * others / 5.0
+    return at if is_limit else np.zeros(len(tau), dtype=np.bool_)

@@ -1,0 +1,187 @@
+"""Velocity and acceleration by a Kalman smoother whose noise levels the data choose."""
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from consistent_id._support.arrays import Matrix, Vector, frozen
+from consistent_id.errors import RecordingError
+from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.signals.clocks import uniform_rate
+from consistent_id.recordings.signals.kalman import Gains, gains, innovations, smoothed
+from consistent_id.recordings.signals.resolution import encoder_resolution
+
+ORDERS = (3, 4, 5, 6)
+"""Numbers of integrations tried: from white jerk to its third derivative."""
+
+# Smoothing acts below ``ratio^(1 / (2 order))`` radians per sample: its decades.
+_COARSE = np.arange(-3.25, 0.6, 0.25)
+_ROUGHLY = 1e-4  # settled enough to compare likelihoods
+_FINE = np.arange(-0.25, 0.26, 0.0625)  # about the best of them
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MotionNoise:
+    """How far readings are off, and how lively the motion is.
+
+    Parameters
+    ----------
+    joints : tuple of str
+    order : int
+        The derivative of the position that is taken for white noise: 3 for jerk.
+    position : array_like, shape (joints,), [rad or m]
+        Standard deviation of a reading.
+    drive : array_like, shape (joints,), [(rad or m)^2 / s^(2 order - 1)]
+        Spectral density of that derivative.
+    """
+
+    joints: tuple[str, ...]
+    order: int
+    position: Vector
+    drive: Vector
+
+    def __post_init__(self) -> None:
+        if self.order not in ORDERS:
+            raise RecordingError(f"order is {self.order!r}, expected one of {ORDERS}")
+        for name in ("position", "drive"):
+            values = frozen(
+                getattr(self, name), (len(self.joints),), name, RecordingError
+            )
+            if not (values > 0.0).all():
+                raise RecordingError(f"{name} is {values}, expected positive numbers")
+            object.__setattr__(self, name, values)
+
+
+def motion_noise(
+    recording: Recording,
+    *,
+    order: int | None = None,
+    least: ArrayLike | None = None,
+) -> MotionNoise:
+    """Estimate both noise levels of each joint by maximum likelihood.
+
+    The likelihood is that of the innovations, each predicted from the readings before.
+
+    Parameters
+    ----------
+    recording : Recording
+        As recorded, uniformly sampled: what was filtered has no white noise left.
+    order : int, optional
+        The derivative of the position that is taken for white noise, 3 to 6; by default
+        the one with the largest likelihood over all joints.
+    least : array_like, shape (joints,), optional, [rad or m]
+        Below which the noise of a reading cannot lie; by default the encoder's step
+        over ``sqrt(12)``, where there is one.
+    """
+    rate = uniform_rate(recording)
+    if order is not None and order not in ORDERS:
+        raise RecordingError(f"order is {order!r}, expected one of {ORDERS}")
+    _enough(recording)
+    if least is None:
+        least = encoder_resolution(recording) / np.sqrt(12.0)
+    size = abs(recording.position).max(axis=0)
+    rounding = 4.0 * np.finfo(np.float64).eps * np.maximum(size, 1e-3)
+    floor = np.maximum(frozen(least, size.shape, "least", RecordingError), rounding)
+    z = recording.position - recording.position[0]
+    fits = [_likeliest(z, n, floor) for n in (ORDERS if order is None else (order,))]
+    best = min(fits, key=lambda fit: fit.cost)
+    return MotionNoise(
+        joints=recording.joints,
+        order=best.order,
+        position=np.sqrt(best.variance),
+        drive=best.ratio * best.variance * rate ** (2 * best.order - 1),
+    )
+
+
+def kalman_differentiated(
+    recording: Recording, noise: MotionNoise | None = None
+) -> Recording:
+    """Return the most likely motion behind the readings, at every sample given all.
+
+    Position, velocity and acceleration all come of the recorded position, by a Kalman
+    filter and the smoother of Rauch, Tung and Striebel [Rauch1965]_.
+
+    Parameters
+    ----------
+    recording : Recording
+        As recorded, uniformly sampled.
+    noise : MotionNoise, optional
+        By default `motion_noise` of the recording.
+    """
+    rate = uniform_rate(recording)
+    noise = motion_noise(recording) if noise is None else noise
+    if noise.joints != recording.joints:
+        raise RecordingError(
+            f"noise is that of joints {noise.joints}, {recording.name} has "
+            f"{recording.joints}"
+        )
+    order = noise.order
+    _enough(recording)
+    ratio = noise.drive / rate ** (2 * order - 1) / noise.position**2
+    start = recording.position[0]
+    z = (recording.position - start) / noise.position
+    states = smoothed(z, ratio, order) * noise.position
+    return replace(
+        recording,
+        position=states[:, 0] + start,
+        velocity=states[:, 1] * rate,
+        acceleration=states[:, 2] * rate**2,
+    )
+
+
+class _Fit(NamedTuple):
+    """``-2 log`` likelihood, and the noise levels of each joint that attain it."""
+
+    order: int
+    cost: float
+    ratio: Vector
+    variance: Vector
+
+
+def _likeliest(z: Matrix, order: int, floor: Vector) -> _Fit:
+    """Return the noise levels of largest likelihood for one order."""
+    tried = np.tile(_COARSE[:, None], z.shape[1])
+    for finer in (_FINE, None):
+        cost, variance = _costs(z, 10.0 ** (2 * order * tried), order, floor)
+        best = cost.argmin(axis=0)[None]
+        near = np.take_along_axis(tried, best, axis=0)[0]
+        if finer is not None:
+            tried = near + finer[:, None]
+    return _Fit(
+        order=order,
+        cost=float(cost.min(axis=0).sum()),
+        ratio=10.0 ** (2 * order * near),
+        variance=np.take_along_axis(variance, best, axis=0)[0],
+    )
+
+
+def _costs(
+    z: Matrix, ratios: Matrix, order: int, floor: Vector
+) -> tuple[Matrix, Matrix]:
+    """Return ``-2 log`` likelihoods and the best noise variance for ratios tried."""
+    different, where = np.unique(ratios, return_inverse=True)
+    found = gains(different, order, len(z), settled=_ROUGHLY, covariances=False)
+    found = Gains(
+        found.gain[..., where.ravel()],
+        found.variance[..., where.ravel()],
+        found.covariance,
+    )
+    innovation = innovations(np.tile(z, len(ratios)), found)
+    last = np.minimum(np.arange(len(z)), len(found.variance) - 1)
+    # The first innovations tell of the start alone; of as many for every order.
+    S = found.variance[last[ORDERS[-1] :]]
+    n = len(S)
+    power = (innovation[ORDERS[-1] :] ** 2 / S).sum(axis=0).reshape(ratios.shape)
+    variance = np.maximum(power / n, floor**2)
+    size = np.log(S).sum(axis=0).reshape(ratios.shape)
+    return n * np.log(variance) + power / variance + size, variance
+
+
+def _enough(recording: Recording) -> None:
+    if len(recording) < 8 * ORDERS[-1]:
+        raise RecordingError(
+            f"{recording.name}: {len(recording)} samples, expected {8 * ORDERS[-1]} or "
+            "more for a smoother"
+        )

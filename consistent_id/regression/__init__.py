@@ -1,0 +1,1 @@
+"""Torque as a linear function of the parameters, compressed to triangular factors."""

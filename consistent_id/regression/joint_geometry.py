@@ -1,0 +1,49 @@
+"""A robot's joints in the plain Python numbers that the recursion takes."""
+
+from typing import Any
+
+import numpy as np
+
+from consistent_id._support.arrays import Array, Vector
+from consistent_id.regression.newton_euler import JointGeometry
+from consistent_id.robot.model import Joint, RobotModel
+
+
+def joint_geometry(robot: RobotModel) -> tuple[JointGeometry, ...]:
+    """Return what the recursion needs of each joint, in plain Python numbers."""
+    return tuple(
+        JointGeometry(
+            parent=joint.parent,
+            slides=joint.kind == "prismatic",
+            rotation=_rows(joint.rotation),
+            translation=floats(joint.translation),
+            align=_rows(_basis_with_axis(joint)),
+        )
+        for joint in robot.joints
+    )
+
+
+def _basis_with_axis(joint: Joint) -> Array:
+    """Return a rotation whose third column is the joint's axis.
+
+    A cyclic permutation where the axis is a coordinate axis, so that it costs nothing.
+    """
+    axis = joint.axis
+    if np.count_nonzero(axis) == 1:
+        place = int(np.argmax(abs(axis)))
+        basis = np.roll(np.eye(3), place - 2, axis=0)
+        return basis if axis[place] > 0 else basis * np.array([1.0, -1.0, -1.0])
+    helper = np.eye(3)[np.argmin(abs(axis))]
+    first = np.cross(axis, helper)
+    first /= np.linalg.norm(first)
+    return np.column_stack([first, np.cross(axis, first), axis])
+
+
+def floats(vector: Vector) -> tuple[float, float, float]:
+    """Return the three entries of a vector as Python numbers."""
+    x, y, z = vector.tolist()
+    return x, y, z
+
+
+def _rows(matrix: Array) -> tuple[Any, Any, Any]:
+    return floats(matrix[0]), floats(matrix[1]), floats(matrix[2])

@@ -1,0 +1,381 @@
+"""A regression compressed to triangular factors, one per joint.
+
+The regressor is never stacked and never squared: chunks stream through a QR, so memory
+does not grow with the number of samples and no digits are lost.  Factors of several
+recordings add; weights of joints scale factors.
+"""
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from consistent_id._support.arrays import Array, IntArray, Matrix, Vector, frozen
+from consistent_id._support.threads import single_threaded
+from consistent_id.errors import NotExcitedError, ProblemError, RecordingError
+from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.signals.clocks import uniform_rate
+from consistent_id.regression.base import (
+    STRUCTURAL_TOLERANCE,
+    BaseParameters,
+    random_regressor,
+)
+from consistent_id.regression.regressor import CHUNK, TorqueModel
+from consistent_id.regression.row_filter import RowFilter
+from consistent_id.robot.parameters import ParameterLayout
+
+_WORKERS = 2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Regression:
+    """All that least squares needs of any number of samples.
+
+    Parameters
+    ----------
+    layout : ParameterLayout
+    joints : tuple of str
+    factors : tuple of ndarray, each shape (rows, parameters + 1)
+        ``F_j`` with ``||F_j [x, -1]|| = ||Y_j x - tau_j||`` for every ``x``.
+    counts : tuple of int
+        Samples behind each factor.
+    sigma : array_like, shape (joints,), optional, [N m or N]
+        Noise standard deviation by which each joint's rows are divided in `stacked`;
+        by default ones.
+    fingerprint : str
+        Of the torque model it was built with, if known.
+    """
+
+    layout: ParameterLayout
+    joints: tuple[str, ...]
+    factors: tuple[Matrix, ...]
+    counts: tuple[int, ...]
+    sigma: Vector = None  # type: ignore[assignment]
+    fingerprint: str = ""
+
+    def __post_init__(self) -> None:
+        n, width = len(self.joints), len(self.layout) + 1
+        if len(self.factors) != n or len(self.counts) != n:
+            raise ProblemError(f"{n} joints need {n} factors and {n} counts")
+        factors = tuple(
+            frozen(factor, (None, width), f"factor of {joint}")
+            for joint, factor in zip(self.joints, self.factors, strict=True)
+        )
+        if min(self.counts) < 1:
+            raise ProblemError(f"counts are {self.counts}, expected 1 sample or more")
+        sigma = np.ones(n) if self.sigma is None else self.sigma
+        sigma = frozen(sigma, (n,), "sigma")
+        if not (sigma > 0.0).all():
+            raise ProblemError(f"sigma is {sigma}, expected positive values")
+        object.__setattr__(self, "factors", factors)
+        object.__setattr__(self, "sigma", sigma)
+
+    def __add__(self, other: "Regression") -> Self:
+        """Merge two regressions of one torque model."""
+        mine = (self.layout, self.joints, self.fingerprint)
+        if mine != (other.layout, other.joints, other.fingerprint):
+            raise ProblemError("regressions of different models cannot be added")
+        if not np.array_equal(self.sigma, other.sigma):
+            raise ProblemError("regressions with different weights cannot be added")
+        factors = tuple(
+            triangle(np.vstack([mine, theirs]))
+            for mine, theirs in zip(self.factors, other.factors, strict=True)
+        )
+        counts = tuple(a + b for a, b in zip(self.counts, other.counts, strict=True))
+        return replace(self, factors=factors, counts=counts)
+
+    def weighted(self, sigma: ArrayLike) -> Self:
+        """Return the regression with each joint's rows divided by its noise level."""
+        return replace(self, sigma=np.asarray(sigma, dtype=np.float64))
+
+    def stacked(self) -> Matrix:
+        """Return one triangular factor for all joints, weights applied.
+
+        With fewer rows than columns it has as many rows as there are.
+        """
+        scaled = [f / s for f, s in zip(self.factors, self.sigma, strict=True)]
+        return triangle(np.vstack(scaled))
+
+    def residual_rms(self, x: ArrayLike) -> Vector:
+        """Root-mean-square torque residual of each joint, [N m or N], unweighted."""
+        z = np.append(frozen(x, (len(self.layout),), "parameters"), -1.0)
+        norms = np.array([np.linalg.norm(factor @ z) for factor in self.factors])
+        return np.asarray(norms / np.sqrt(self.counts))
+
+    @property
+    def torque_rms(self) -> Vector:
+        """Root-mean-square torque of each joint, [N m or N]."""
+        return self.residual_rms(np.zeros(len(self.layout)))
+
+
+@single_threaded
+def build_regression(
+    model: TorqueModel,
+    recordings: Recording | Sequence[Recording],
+    *,
+    row_weights: Sequence[Array] | None = None,
+    decimate: int = 1,
+) -> Regression:
+    """Compress recordings into a `Regression`.
+
+    Parameters
+    ----------
+    model : TorqueModel
+    recordings : Recording or sequence of Recording
+        With velocity, acceleration and torque; joints are matched by name.
+    row_weights : sequence of ndarray, each shape (samples, torque joints), optional
+        Factors by which each row and its torque are multiplied, one array for each
+        recording, in the order of the model's torque joints.  Rows of weight 0 do not
+        count as samples.
+    decimate : int
+        Keep one row of so many, mixed from those around it; torque likewise.  Unlike a
+        filter on motion and torque (`decimated`) this leaves the equations exactly
+        true, also where a joint turns back and friction jumps: filter only the motion
+        before, leave the torque as it was recorded.  See `RowFilter`.
+
+    Raises
+    ------
+    RecordingError
+        If a channel or a joint is missing; of rows to decimate, if the clock is not
+        uniform or the recording too short.
+    NotExcitedError
+        If there is no recording.
+    """
+    recordings = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    if not recordings:
+        raise NotExcitedError("there is no recording to learn from")
+    if row_weights is not None and len(row_weights) != len(recordings):
+        raise ProblemError(
+            f"row_weights for {len(row_weights)} recordings, but there are "
+            f"{len(recordings)}"
+        )
+    structure = row_structure(model)
+    motions = [
+        motion_of(model, recording, None if row_weights is None else row_weights[i])
+        for i, recording in enumerate(recordings)
+    ]
+    thin = RowFilter(decimate)
+    kept = [_centres(recording, thin) for recording in recordings]
+    pieces = [
+        (motion, piece)
+        for motion, centres in zip(motions, kept, strict=True)
+        for piece in thin.pieces(centres)
+    ]
+
+    def compressed(piece: tuple[Motion, slice]) -> list[Matrix]:
+        return _compress(model, structure, *piece, thin)
+
+    # NumPy and LAPACK free the interpreter's lock, so pieces run side by side; threads
+    # inside a factorisation of this size make it slower, and change its last bits.
+    # Pieces are merged in order, whatever the number of workers.
+    merged: list[Matrix] = []
+    with ThreadPoolExecutor(_WORKERS) as pool:
+        for factors in pool.map(compressed, pieces):
+            merged = (
+                [triangle(np.vstack(p)) for p in zip(merged, factors, strict=True)]
+                if merged
+                else factors
+            )
+    expanded = (
+        np.hstack([R[:, :-1] @ expand, R[:, -1:]])
+        for R, (_, expand) in zip(merged, structure, strict=True)
+    )
+    pairs = zip(motions, kept, strict=True)
+    counts = np.sum([_counts(*pair) for pair in pairs], axis=0)
+    if not counts.all():
+        unseen = model.torque_joints[int(np.argmin(counts))]
+        raise NotExcitedError(f"every row of {unseen} has the weight 0")
+    return Regression(
+        layout=model.layout,
+        joints=model.torque_joints,
+        factors=tuple(expanded),
+        counts=tuple(counts.tolist()),
+        fingerprint=model.fingerprint,
+    )
+
+
+def require_match(
+    model: TorqueModel, regression: Regression, base: BaseParameters
+) -> None:
+    """Refuse a regression or base parameters of another torque model, or no torque.
+
+    Raises
+    ------
+    ProblemError
+        If layouts, joints or fingerprints differ.
+    NotExcitedError
+        If a joint's torque is zero throughout: a dead channel, not a joint at ease.
+    """
+    require_same_model(model, regression, base)
+    rms = regression.torque_rms
+    dead = [j for j, size in zip(regression.joints, rms, strict=True) if size == 0.0]
+    if dead:
+        raise NotExcitedError(
+            f"the torque is zero throughout for {', '.join(dead)}; check column, unit "
+            "and gain, or leave the joint out of the model's torque_joints"
+        )
+
+
+def require_same_model(
+    model: TorqueModel, regression: Regression, base: BaseParameters
+) -> None:
+    """Refuse a regression or base parameters of another torque model.
+
+    Raises
+    ------
+    ProblemError
+        If layouts, joints or fingerprints differ.
+    """
+    for what, found in (("regression", regression), ("base parameters", base)):
+        same = found.layout == model.layout and found.fingerprint in (
+            "",
+            model.fingerprint,
+        )
+        if not same:
+            raise ProblemError(
+                f"the {what} are of another torque model: geometry, gravity, drive "
+                "terms or names differ. Build them with this model"
+            )
+    if regression.joints != model.torque_joints:
+        raise ProblemError(
+            f"the regression is of joints {regression.joints}, the model has torques "
+            f"of {model.torque_joints}"
+        )
+
+
+class Motion(NamedTuple):
+    """A recording's arrays in the model's order of joints, all of one length.
+
+    Torque and weights are those of the model's torque joints.
+    """
+
+    q: Array
+    dq: Array
+    ddq: Array
+    torque: Array
+    weights: Array | None
+
+
+def motion_of(
+    model: TorqueModel, recording: Recording, weights: Array | None
+) -> Motion:
+    """Return a recording's arrays as a model wants them.
+
+    Raises
+    ------
+    RecordingError
+        If a channel or a joint is missing.
+    """
+    tau = recording.of(model.torque_joints).torque
+    recording = recording.of(model.robot.joint_names)
+    dq, ddq = recording.velocity, recording.acceleration
+    if dq is None or ddq is None or tau is None:
+        given = {"velocity": dq, "acceleration": ddq, "torque": tau}
+        missing = [name for name, values in given.items() if values is None]
+        raise RecordingError(
+            f"{recording.name} has no {' and no '.join(missing)}; velocity and "
+            "acceleration come from signals.differentiated(recording)"
+        )
+    if weights is not None:
+        weights = frozen(weights, tau.shape, f"row_weights of {recording.name}")
+    return Motion(recording.position, dq, ddq, tau, weights)
+
+
+def _centres(recording: Recording, thin: RowFilter) -> range:
+    """Return the samples whose rows are kept."""
+    if thin.factor > 1:
+        uniform_rate(recording)  # else rows around a sample are not evenly around it
+    return thin.centres(len(recording), recording.name)
+
+
+def _counts(motion: Motion, centres: range) -> IntArray:
+    """Return how many samples there are of each joint's torque."""
+    if motion.weights is None:
+        return np.full(motion.torque.shape[1], len(centres))
+    return np.asarray(np.count_nonzero(motion.weights[centres], axis=0))
+
+
+def _compress(
+    model: TorqueModel,
+    structure: Sequence[tuple[IntArray, Matrix]],
+    motion: Motion,
+    piece: slice,
+    thin: RowFilter,
+) -> list[Matrix]:
+    """Return, per joint, the triangular factor of its rows in a piece of a motion."""
+    tau = motion.torque[piece]
+    weights = None if motion.weights is None else motion.weights[piece]
+    factors = [np.zeros((0, len(kept) + 1)) for kept, _ in structure]
+    # Rows to be mixed with each other come in one chunk.
+    size = CHUNK if thin.factor == 1 else len(tau)
+    state = motion.q[piece], motion.dq[piece], motion.ddq[piece]
+    for part, Y in model.chunks(*state, size=size):
+        for j, (kept, _) in enumerate(structure):
+            done = len(factors[j])
+            rows = np.empty((done + Y.shape[2], len(kept) + 1), order="F")
+            rows[:done] = factors[j]
+            rows[done:, :-1] = Y[j, kept].T
+            rows[done:, -1] = tau[part, j]
+            if weights is not None:
+                rows[done:] *= weights[part, j, None]
+            factors[j] = triangle(thin(rows))
+    return factors
+
+
+@lru_cache(maxsize=16)
+def row_structure(model: TorqueModel) -> tuple[tuple[IntArray, Matrix], ...]:
+    """Return, per joint, its row's independent columns and how they give all others.
+
+    A row of joint ``j`` is zero beyond its descendants, and of the rest about half are
+    combinations of others for every motion; only independent columns are factorised,
+    chosen by pivoting so that the others follow without loss of digits.
+    """
+    p, inertial = len(model.layout), model.layout.inertial_size
+    structure = []
+    for row in random_regressor(model):
+        kept, K = _pivoted_columns(row[:inertial].T)
+        drive = [i for i in range(inertial, p) if row[i].any()]
+        expand = np.zeros((len(kept) + len(drive), p))
+        expand[: len(kept), :inertial] = K
+        expand[range(len(kept), len(expand)), drive] = 1.0
+        structure.append((np.array([*kept, *drive], dtype=np.intp), expand))
+    return tuple(structure)
+
+
+def _pivoted_columns(W: Matrix) -> tuple[list[int], Matrix]:
+    """Return independent columns and the map ``K`` with ``W = W[:, kept] K``."""
+    from scipy.linalg import qr, solve_triangular
+
+    norms = np.linalg.norm(W, axis=0)
+    if not norms.any():
+        return [], np.zeros((0, W.shape[1]))
+    unit = np.where(norms > 0.0, norms, 1.0)
+    R, order = qr(W / unit, mode="r", pivoting=True)
+    size = abs(np.diag(R))
+    rank = int((size > STRUCTURAL_TOLERANCE * size[0]).sum())
+    kept = order[:rank]
+    K = np.zeros((rank, W.shape[1]))
+    K[:, order] = solve_triangular(R[:rank, :rank], R[:rank])
+    K = K * unit / unit[kept, None]
+    K[:, kept] = np.eye(rank)
+    return kept.tolist(), K
+
+
+def triangle(rows: Matrix) -> Matrix:
+    """Return the triangular factor of a QR decomposition, destroying `rows`."""
+    if len(rows) == 0:
+        return rows
+    R, *_ = _geqrf()(rows, overwrite_a=1)
+    return np.triu(R[: rows.shape[1]])
+
+
+@lru_cache(maxsize=1)
+def _geqrf() -> Callable[..., tuple[Any, ...]]:
+    # numpy.linalg.qr copies twice; LAPACK's own routine works in place.
+    from scipy.linalg.lapack import dgeqrf
+
+    return dgeqrf  # type: ignore[no-any-return]

@@ -1,0 +1,370 @@
+"""The torque model: torques as a linear function of the parameters.
+
+``tau = Y(q, dq, ddq) x``, where ``x`` holds ten inertial parameters per link and the
+drive terms of each joint and of coupled joints.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from hashlib import sha256
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from consistent_id._support.arrays import Array, Vector, checked, frozen
+from consistent_id.errors import ProblemError
+from consistent_id.regression.friction import DriveTerms, GearCoupling, drive_unit
+from consistent_id.regression.joint_geometry import floats, joint_geometry
+from consistent_id.regression.newton_euler import (
+    JointGeometry,
+    JointMotion,
+    regressor_entries,
+)
+from consistent_id.robot.model import RobotModel
+from consistent_id.robot.parameters import ParameterLayout, did_you_mean
+
+CHUNK = 4096
+"""Samples per chunk: keeps the recursion's arrays in the processor's cache."""
+
+
+_NO_LOAD = 1e-9  # torque over the sum of its parts' sizes that is rounding alone
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TorqueModel:
+    """A robot's torque as a linear function of its parameters.
+
+    Parameters
+    ----------
+    robot : RobotModel
+    drive : DriveTerms or tuple of DriveTerms
+        Friction and drive terms, for all joints alike or joint by joint.
+    couplings : tuple of GearCoupling
+        Terms that two joints share.
+    torque_joints : tuple of str
+        Joints whose torque is known, in the robot's order; by default all.  The others
+        move, and what they carry weighs on the joints before them, but they have no
+        row.
+    load_reference : array_like, shape (10 links,), optional
+        Inertial parameters from which the torque that a joint transmits is computed,
+        where friction depends on it; by default the nominal robot's.  An estimate's
+        own, put here, refine it.
+
+    Attributes
+    ----------
+    layout : ParameterLayout
+    fingerprint : str
+        Of geometry, gravity, drive terms, couplings and rows: what belongs together
+        has the same.
+
+    Examples
+    --------
+    >>> from consistent_id import DHRow, DriveTerms, from_modified_dh
+    >>> arm = from_modified_dh("arm", [DHRow(0, 0), DHRow(-np.pi / 2, 0)])
+    >>> torque = TorqueModel(arm, DriveTerms(viscous=True))
+    >>> torque.regressor([[0.1, 0.2]], [[0, 0]], [[0, 0]]).shape
+    (2, 22, 1)
+    """
+
+    robot: RobotModel
+    drive: DriveTerms | tuple[DriveTerms, ...] = field(default_factory=DriveTerms)
+    couplings: tuple[GearCoupling, ...] = ()
+    torque_joints: tuple[str, ...] = ()
+    load_reference: Vector | None = None
+    terms: tuple[DriveTerms, ...] = field(init=False)
+    layout: ParameterLayout = field(init=False)
+    fingerprint: str = field(init=False)
+
+    def __post_init__(self) -> None:
+        robot, drive = self.robot, self.drive
+        if isinstance(drive, DriveTerms):
+            drive = (drive,) * len(robot)
+        if len(drive) != len(robot):
+            raise ProblemError(
+                f"drive terms for {len(drive)} joints, but the robot has {len(robot)}"
+            )
+        couplings = tuple(self.couplings)
+        rows = _in_order(self.torque_joints, robot)
+        columns = [
+            (joint.name, joint, term)
+            for joint, of_joint in zip(robot.joints, drive, strict=True)
+            for term in of_joint.names
+        ] + [
+            (coupling.label, robot.joints[coupled_joints(robot, coupling)[0]], term)
+            for coupling in couplings
+            for term in coupling.names
+        ]
+        layout = ParameterLayout(
+            links=robot.link_names,
+            drive=tuple((name, term) for name, _, term in columns),
+            drive_units=tuple(
+                drive_unit(term, joint.kind == "prismatic")
+                for _, joint, term in columns
+            ),
+        )
+        object.__setattr__(self, "terms", drive)
+        object.__setattr__(self, "couplings", couplings)
+        object.__setattr__(self, "torque_joints", rows)
+        object.__setattr__(self, "layout", layout)
+        load = _load_reference(self)
+        object.__setattr__(self, "load_reference", load)
+        gravity = robot.gravity.tolist()
+        content = repr((joint_geometry(robot), gravity, drive, couplings, layout, rows))
+        content += "" if load is None else repr(load.tolist())
+        digest = sha256(content.encode()).hexdigest()[:16]
+        object.__setattr__(self, "fingerprint", digest)
+
+    def regressor(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Array:
+        """Return the regressor of samples.
+
+        Parameters
+        ----------
+        q, dq, ddq : array_like, shape (samples, joints)
+            Positions [rad or m] and their derivatives [per s, per s^2].
+
+        Returns
+        -------
+        ndarray, shape (torque joints, parameters, samples)
+            Joint-major: ``tau[:, j] = Y[j].T @ x``.
+
+        Raises
+        ------
+        ProblemError
+            If a shape is wrong or a value is not finite.
+        """
+        Y = np.zeros((len(self.torque_joints), len(self.layout), len(np.asarray(q))))
+        for part, block in self.chunks(q, dq, ddq):
+            Y[:, :, part] = block
+        return Y
+
+    def chunks(
+        self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, size: int = CHUNK
+    ) -> Iterator[tuple[slice, Array]]:
+        """Yield ``(samples, regressor)`` piece by piece, in constant memory.
+
+        The regressor's array is reused: consume it before the next step.
+        """
+        joints = len(self.robot)
+        motion = [
+            checked(x, (None, joints), name)
+            for x, name in ((q, "q"), (dq, "dq"), (ddq, "ddq"))
+        ]
+        samples = len(motion[0])
+        for x, name in zip(motion, ("q", "dq", "ddq"), strict=True):
+            if len(x) != samples:
+                raise ProblemError(f"{name} has {len(x)} samples, q has {samples}")
+        geometry = joint_geometry(self.robot)
+        rows = len(self.torque_joints)
+        out = np.zeros((rows, len(self.layout), min(size, samples)))
+        for start in range(0, samples, size):
+            part = slice(start, min(start + size, samples))
+            block = out[:, :, : part.stop - start]
+            pieces = [np.ascontiguousarray(x[part].T) for x in motion]
+            self._fill(block, geometry, *pieces)
+            # A short last block is a view with gaps; hand out whole arrays only.
+            yield part, block if part.stop - start == size else block.copy()
+
+    def predict(
+        self, x: ArrayLike, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike
+    ) -> Array:
+        """Return torques of parameters `x`, shape (samples, torque joints), [N m or N].
+
+        In the order of `torque_joints`.
+        """
+        x = frozen(x, (len(self.layout),), "parameters")
+        parts = [
+            np.einsum("jps,p->sj", block, x) for _, block in self.chunks(q, dq, ddq)
+        ]
+        return (
+            np.concatenate(parts) if parts else np.zeros((0, len(self.torque_joints)))
+        )
+
+    def _fill(
+        self,
+        out: Array,
+        geometry: Sequence[JointGeometry],
+        q: Array,
+        dq: Array,
+        ddq: Array,
+    ) -> None:
+        motion = [
+            JointMotion(*joint)
+            for joint in zip(q, np.sin(q), np.cos(q), dq, ddq, strict=True)
+        ]
+        gravity = floats(self.robot.gravity)
+        row = _rows_of(self)
+        for j, k, entries in regressor_entries(geometry, gravity, motion):
+            if j in row:
+                for i, entry in enumerate(entries, start=10 * k):
+                    out[row[j], i] = entry
+        loads = {
+            j: np.tensordot(reference, out[row[j], : len(reference)], axes=1)
+            for j, reference in _loaded(self)
+        }
+        for j, column, values in drive_entries(self, q, dq, ddq, loads):
+            if j in row:
+                out[row[j], column] = values
+
+
+def coupled_joints(robot: RobotModel, coupling: GearCoupling) -> tuple[int, int]:
+    """Return the places of the two joints of a coupling.
+
+    Raises
+    ------
+    ProblemError
+        If there is no such joint, or one turns and the other slides.
+    """
+    places = []
+    for name in (coupling.first, coupling.second):
+        if name not in robot.joint_names:
+            near = did_you_mean(name, robot.joint_names)
+            raise ProblemError(f"coupling {coupling.label}: no joint {name!r}; {near}")
+        places.append(robot.joint_names.index(name))
+    first, second = places
+    slide = [robot.joints[j].kind == "prismatic" for j in places]
+    if slide[0] != slide[1]:
+        raise ProblemError(
+            f"coupling {coupling.label}: one joint turns, the other slides; the sum of "
+            "their rates means nothing"
+        )
+    return first, second
+
+
+def _in_order(names: Sequence[str], robot: RobotModel) -> tuple[str, ...]:
+    """Return the named joints in the robot's order, all of them for none."""
+    for name in names:
+        if name not in robot.joint_names:
+            near = did_you_mean(name, robot.joint_names)
+            raise ProblemError(f"torque_joints: no joint {name!r}; {near}")
+    return tuple(j for j in robot.joint_names if j in names) or robot.joint_names
+
+
+def _rows_of(model: TorqueModel) -> dict[int, int]:
+    """Return the row of each joint that has one."""
+    places = [model.robot.joint_names.index(name) for name in model.torque_joints]
+    return {j: row for row, j in enumerate(places)}
+
+
+def _load_reference(model: TorqueModel) -> Vector | None:
+    """Return the inertial parameters that loads are computed from, if any is needed."""
+    in_need = [
+        name
+        for name, terms in zip(model.robot.joint_names, model.terms, strict=True)
+        if terms.load_friction
+    ]
+    if not in_need:
+        return None
+    given = model.load_reference
+    reference = model.robot.nominal if given is None else given
+    if reference is None:
+        raise ProblemError(
+            f"friction of {', '.join(in_need)} depends on the load, but some links' "
+            "nominal parameters are unknown; give load_reference, or leave "
+            "load_friction out"
+        )
+    reference = frozen(reference, (model.layout.inertial_size,), "load_reference")
+    _require_load(model, reference)
+    return reference
+
+
+def _require_load(model: TorqueModel, reference: Vector) -> None:
+    """Refuse friction that depends on a load which is rounding alone."""
+    rng = np.random.default_rng(0)
+    states = rng.uniform(-2.0, 2.0, (3, 8, len(model.robot)))
+    parts = joint_torque_regressor(model.robot, *states) * reference[:, None]
+    torque = np.linalg.norm(parts.sum(axis=1), axis=1)
+    without = [
+        name
+        for name, terms, sum_of_parts, size in zip(
+            model.robot.joint_names,
+            model.terms,
+            torque,
+            np.linalg.norm(abs(parts).sum(axis=1), axis=1),
+            strict=True,
+        )
+        if terms.load_friction and sum_of_parts <= _NO_LOAD * size
+    ]
+    if without:
+        raise ProblemError(
+            f"the robot of the nominal parameters puts no load on {', '.join(without)}"
+            "; leave load_friction out there, or give load_reference"
+        )
+
+
+def _loaded(model: TorqueModel) -> Iterator[tuple[int, Vector]]:
+    """Yield joints that have a row and a load, and what the load is computed from."""
+    for j in _rows_of(model):
+        if model.terms[j].load_friction and model.load_reference is not None:
+            yield j, model.load_reference
+
+
+def drive_entries(
+    model: TorqueModel, q: Any, dq: Any, ddq: Any, loads: Mapping[int, Any]
+) -> Iterator[tuple[int, int, Any]]:
+    """Yield ``(joint, column, values)`` of drive terms and couplings.
+
+    `loads` are the transmitted torques of joints whose friction depends on them; a
+    joint that needs one and has none is one without a row, and is left out.
+    """
+    column = model.layout.inertial_size
+    for j, terms in enumerate(model.terms):
+        if terms.load_friction and j not in loads:
+            column += len(terms.names)
+            continue
+        for values in terms.columns(q[j], dq[j], ddq[j], loads.get(j)):
+            yield j, column, values
+            column += 1
+    for coupling in model.couplings:
+        i, j = coupled_joints(model.robot, coupling)
+        for first, second in coupling.columns((dq[i], dq[j]), (ddq[i], ddq[j])):
+            yield i, column, first
+            yield j, column, second
+            column += 1
+
+
+def joint_torque_regressor(
+    robot: RobotModel, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike
+) -> Array:
+    """Return the rigid-body regressor, shape (joints, 10 links, samples).
+
+    See `TorqueModel.regressor`, which has drive terms besides.
+    """
+    return TorqueModel(robot).regressor(q, dq, ddq)
+
+
+def casadi_regressor(model: TorqueModel | RobotModel) -> Any:
+    """Return the regressor as a CasADi function of one sample.
+
+    Parameters
+    ----------
+    model : TorqueModel or RobotModel
+        A robot alone has the rigid-body columns only.
+
+    Returns
+    -------
+    casadi.Function
+        ``(q, dq, ddq) -> Y``, shapes (joints,) and (torque joints, parameters), SX.
+    """
+    import casadi as ca
+
+    model = TorqueModel(model) if isinstance(model, RobotModel) else model
+    robot, row, n = model.robot, _rows_of(model), len(model.robot)
+    q, dq, ddq = (ca.SX.sym(name, n) for name in ("q", "dq", "ddq"))
+    Y = ca.SX(len(row), len(model.layout))
+    motion = [
+        JointMotion(q[j], ca.sin(q[j]), ca.cos(q[j]), dq[j], ddq[j]) for j in range(n)
+    ]
+    gravity = floats(robot.gravity)
+    for j, k, entries in regressor_entries(joint_geometry(robot), gravity, motion):
+        if j in row:
+            for i, entry in enumerate(entries, start=10 * k):
+                Y[row[j], i] = entry
+    loads = {
+        j: ca.mtimes(Y[row[j], : len(reference)], ca.DM(reference))
+        for j, reference in _loaded(model)
+    }
+    for j, column, values in drive_entries(model, q, dq, ddq, loads):
+        if j in row:
+            Y[row[j], column] = values
+    return ca.Function("regressor", [q, dq, ddq], [Y], ["q", "dq", "ddq"], ["Y"])

@@ -1,0 +1,184 @@
+"""Regressions of the same recordings for many shapes of friction, at little cost.
+
+Of a joint's rows ``[Y S(theta) tau]`` only ``S``, the columns of shaped friction,
+depends on the shapes ``theta``.  With ``[Y tau] = Q R`` once and for all,
+
+``[Y tau S] = [Q P] [[R, Q^T S], [0, U]]``, ``(1 - Q Q^T) S = P U``,
+
+so that each ``theta`` costs two thin products and a narrow QR, exactly.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from consistent_id._support.arrays import Array, IntArray, Matrix, Vector
+from consistent_id.recordings.recording import Recording
+from consistent_id.regression.regression import (
+    Motion,
+    Regression,
+    motion_of,
+    row_structure,
+    triangle,
+)
+from consistent_id.regression.regressor import TorqueModel, drive_entries
+from consistent_id.regression.shapes import SHAPED_TERMS, shapes_of
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Rows:
+    """One joint's rows: what does not depend on shapes, and which columns do."""
+
+    Q: Matrix  # (samples, fixed + 1)
+    R: Matrix  # (fixed + 1, fixed + 1), torque last
+    fixed: IntArray  # places of the columns in the layout
+    shaped: IntArray
+    kept: IntArray
+    expand: Matrix
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShapedRegression:
+    """All that is needed to compress recordings for any shapes of friction.
+
+    Memory grows with the samples: some forty numbers for each sample and joint.
+
+    Parameters
+    ----------
+    model : TorqueModel
+    rows : tuple
+        Factors of each torque joint.
+    dq, q, ddq : ndarray, shape (joints, samples)
+    loads : dict of int to ndarray
+        Torque transmitted by joints whose friction depends on it.
+    """
+
+    model: TorqueModel
+    rows: tuple[_Rows, ...]
+    q: Array
+    dq: Array
+    ddq: Array
+    loads: dict[int, Vector]
+
+    @property
+    def samples(self) -> int:
+        """Number of samples."""
+        return int(self.q.shape[1])
+
+    def columns(self, model: TorqueModel) -> tuple[Matrix, ...]:
+        """Return each torque joint's shaped columns, shape (samples, shaped)."""
+        place = {
+            (model.robot.joint_names.index(name), int(column)): (r, k)
+            for r, (name, rows) in enumerate(
+                zip(model.torque_joints, self.rows, strict=True)
+            )
+            for k, column in enumerate(rows.shaped)
+        }
+        out = tuple(np.empty((self.samples, len(rows.shaped))) for rows in self.rows)
+        motion = (self.q, self.dq, self.ddq)
+        for joint, column, values in drive_entries(model, *motion, self.loads):
+            if (joint, column) in place:
+                r, k = place[joint, column]
+                out[r][:, k] = values
+        return out
+
+    def regression(
+        self, model: TorqueModel, columns: Sequence[Matrix] | None = None
+    ) -> Regression:
+        """Return the regression of a model that differs by its shapes alone.
+
+        The same as `build_regression` gives, up to rounding.
+        """
+        columns = self.columns(model) if columns is None else columns
+        factors = tuple(
+            _factor(rows, S) for rows, S in zip(self.rows, columns, strict=True)
+        )
+        return Regression(
+            layout=model.layout,
+            joints=model.torque_joints,
+            factors=factors,
+            counts=(self.samples,) * len(factors),
+            fingerprint=model.fingerprint,
+        )
+
+    def residuals(self, x: Vector, columns: Sequence[Matrix]) -> tuple[Vector, ...]:
+        """Return ``Y x - tau`` of each torque joint, sample by sample, [N m or N]."""
+        residuals = []
+        for rows, S in zip(self.rows, columns, strict=True):
+            kept = rows.expand @ x
+            of_fixed = np.isin(rows.kept, rows.fixed)
+            z = np.append(kept[of_fixed], -1.0)
+            residuals.append(rows.Q @ (rows.R @ z) + S @ kept[~of_fixed])
+        return tuple(residuals)
+
+
+def shaped_regression(
+    model: TorqueModel, recordings: Sequence[Recording]
+) -> ShapedRegression:
+    """Factorise what does not depend on shapes, once."""
+    motions = [motion_of(model, recording, None) for recording in recordings]
+    owners = {shape.owner for shape in shapes_of(model)}
+    inertial = model.layout.inertial_size
+    shaped = {
+        inertial + i
+        for i, (owner, term) in enumerate(model.layout.drive)
+        if owner in owners and term in SHAPED_TERMS
+    }
+    splits = [
+        (kept, np.array([c not in shaped for c in kept], dtype=bool), expand)
+        for kept, expand in row_structure(model)
+    ]
+    blocks, loads = _blocks(model, motions, [kept[fixed] for kept, fixed, _ in splits])
+    rows = []
+    for block, (kept, fixed, expand) in zip(blocks, splits, strict=True):
+        Q, R = np.linalg.qr(block)
+        rows.append(_Rows(Q, R, kept[fixed], kept[~fixed], kept, expand))
+    q, dq, ddq = (
+        np.concatenate([getattr(m, name) for m in motions]).T
+        for name in ("q", "dq", "ddq")
+    )
+    return ShapedRegression(model, tuple(rows), q, dq, ddq, loads)
+
+
+def _blocks(
+    model: TorqueModel, motions: Sequence[Motion], fixed: Sequence[IntArray]
+) -> tuple[list[Matrix], dict[int, Vector]]:
+    """Return ``[Y tau]`` of each torque joint's fixed columns, and loads."""
+    samples = sum(len(m.torque) for m in motions)
+    blocks = [np.empty((samples, len(columns) + 1)) for columns in fixed]
+    places = [model.robot.joint_names.index(name) for name in model.torque_joints]
+    reference = model.load_reference
+    loads = {
+        j: np.empty(samples)
+        for j in places
+        if model.terms[j].load_friction and reference is not None
+    }
+    start = 0
+    for motion in motions:
+        for part, Y in model.chunks(motion.q, motion.dq, motion.ddq):
+            here = slice(start + part.start, start + part.stop)
+            for r, (j, block) in enumerate(zip(places, blocks, strict=True)):
+                block[here, :-1] = Y[r, fixed[r]].T
+                block[here, -1] = motion.torque[part, r]
+                if j in loads and reference is not None:
+                    loads[j][here] = reference @ Y[r, : len(reference)]
+        start += len(motion.torque)
+    return blocks, loads
+
+
+def _factor(rows: _Rows, S: Matrix) -> Matrix:
+    """Return a joint's factor over all parameters and the torque."""
+    T = rows.Q.T @ S
+    rest = S - rows.Q @ T
+    again = rows.Q.T @ rest  # once more, for orthogonality to rounding
+    rest -= rows.Q @ again
+    U = triangle(np.asfortranarray(rest))
+    fixed, shaped = len(rows.fixed), len(rows.shaped)
+    kept = np.zeros((fixed + 1 + len(U), fixed + shaped))
+    of_fixed = np.isin(rows.kept, rows.fixed)
+    kept[: fixed + 1, of_fixed] = rows.R[:, :-1]
+    kept[: fixed + 1, ~of_fixed] = T + again
+    kept[fixed + 1 :, ~of_fixed] = U
+    torque = np.append(rows.R[:, -1], np.zeros(len(U)))
+    return np.column_stack([kept @ rows.expand, torque])

@@ -1,7 +1,0 @@
-"""Robot descriptions with impossible inertials, made possible with the least change."""
-
-from consistent_id.repair.account import LinkRepair, Repair
-from consistent_id.repair.nearest import NearestInertia, nearest_inertia
-from consistent_id.repair.urdf import repair_urdf
-
-__all__ = ["LinkRepair", "NearestInertia", "Repair", "nearest_inertia", "repair_urdf"]

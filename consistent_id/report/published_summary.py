@@ -1,0 +1,112 @@
+"""What was found of a paper, in tables."""
+
+from typing import Any
+
+import numpy as np
+
+from consistent_id._support.arrays import Array
+from consistent_id._support.tables import Table
+from consistent_id.comparison.base_bodies import in_words
+from consistent_id.problems.published import PublishedReport
+
+
+def published_tables(report: PublishedReport, table: Any) -> list[Table]:
+    """Return what was found of a paper's parametrisation and estimates."""
+    mine = report.parametrisation
+    digits = table.decimals
+    parameters = Table(
+        "Parameters of the paper, their meaning, and the mean of its experiments",
+        ("parameter", "meaning", "unit", "mean", "standard deviation"),
+        tuple(
+            (c.name, c.meaning, c.unit, f"{m:.{digits}f}", f"{s:.{digits}f}")
+            for c, m, s in zip(
+                mine.combinations, report.mean, report.standard_deviation, strict=True
+            )
+        ),
+        tuple(
+            f"{name}: differs from the printed table by at most {value:.1e}"
+            for name, value in report.largest_differences.items()
+        ),
+    )
+    inertia = Table(
+        "Inertia about the centre of mass, from the mean",
+        ("link", "A", "B", "C", "D", "E", "F"),
+        tuple(
+            # Adding zero turns a rounded -0.0 into 0.0.
+            (link, *(f"{np.round(value, digits) + 0.0:.{digits}f}" for value in values))
+            for link, values in report.central_inertia.items()
+        ),
+        tuple(
+            f"as printed, {link}: {in_words(x)}"
+            for link, x in report.mean_links.items()
+            if x[0] > 0.0
+        ),
+    )
+    return [parameters, inertia, _rank_table(report), *_vector_tables(report, table)]
+
+
+def _rank_table(report: PublishedReport) -> Table:
+    ranks = (report.all_columns, report.free_columns)
+    return Table(
+        "Rank of the paper's regressor along its verification motion",
+        ("columns", "rank", "least non-zero singular value", "next"),
+        tuple(
+            (
+                f"{len(rank.columns)} parameters",
+                f"{rank.rank}",
+                f"{rank.singular_values[rank.rank - 1]:.2e}",
+                _next(rank.singular_values, rank.rank),
+            )
+            for rank in ranks
+        ),
+        (
+            "Y^T Y is singular: the paper's eq. (6) has no unique solution. No torque "
+            "changes along",
+            *(f"  {direction}" for direction in report.free_columns.null_directions),
+            "singular values of the regressor with unit columns, relative to the "
+            "largest",
+        ),
+    )
+
+
+def _next(singular_values: Array, rank: int) -> str:
+    return f"{singular_values[rank]:.0e}" if rank < len(singular_values) else "-"
+
+
+def _vector_tables(report: PublishedReport, table: Any) -> list[Table]:
+    joints = report.parametrisation.model.robot.joint_names
+    bodies = Table(
+        "Bodies with the datasheet's masses and the published parameters",
+        ("vector", "answer", "depth", "proven bound", "nearest body"),
+        tuple(
+            (
+                v.name,
+                v.feasibility.answer,
+                f"{v.feasibility.proof.depth:.4f}",
+                f"{v.feasibility.proof.bound:.4f}",
+                v.nearest.certificate.verdict,
+            )
+            for v in report.vectors
+        ),
+        (
+            "depth: largest least eigenvalue of J per typical mass and length; a "
+            "negative bound proves that there is no body",
+            *(f"{v.name}: {v.feasibility.summary}" for v in report.vectors),
+        ),
+    )
+    printed = table.mean_squared_errors
+    rows = [
+        (v.name, *(f"{c:.4f} ({c**2:.4f})" for c in v.torque_change))
+        for v in report.vectors
+    ]
+    rows += [
+        (f"printed error {i}", *(f"{np.sqrt(e):.4f} ({e:.4f})" for e in row))
+        for i, row in enumerate(printed, start=1)
+    ]
+    change = Table(
+        "Torque change to the nearest consistent robot, beside the printed errors",
+        ("vector", *joints),
+        tuple(rows),
+        ("RMS in N m along the verification motion; mean square in brackets",),
+    )
+    return [bodies, change]

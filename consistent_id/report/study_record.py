@@ -1,0 +1,139 @@
+"""A study in plain numbers and text, ready for JSON."""
+
+from typing import Any
+
+import numpy as np
+
+from consistent_id.comparison.comparison import EstimateReport, TorqueError
+from consistent_id.problems.published import PublishedReport
+from consistent_id.problems.study import Study
+
+
+def study_record(study: Study) -> dict[str, Any]:
+    """Return a study as plain numbers and text, ready for JSON."""
+    return {
+        "format": "consistent_id study 1",
+        "problem": study.problem.name,
+        "source": study.problem.table.source,
+        "excitation": {
+            "structural_rank": study.excitation.structural_rank,
+            "data_rank": study.excitation.data_rank,
+            "condition_numbers": [
+                {
+                    "value": _number(c.value),
+                    "basis": c.basis,
+                    "column_scaling": c.scaling,
+                }
+                for c in study.excitation.condition
+            ],
+            "undetermined": list(study.excitation.undetermined),
+        },
+        "constraint_costs": [
+            {
+                "constraint": cost.name,
+                "misfit_increase": cost.increase,
+                "rms_with": cost.rms_with.tolist(),
+                "rms_without": cost.rms_without.tolist(),
+                "verdict": cost.verdict,
+            }
+            for cost in study.costs
+        ],
+        "regularisation_path": {
+            "distance": study.path.distance,
+            "weights": study.path.weights.tolist(),
+            "errors": study.path.errors.tolist(),
+            "misfits": study.path.misfits.tolist(),
+            "distances": [_number(d) for d in study.path.distances],
+            "chosen": float(study.path.weights[study.path.best]),
+        },
+        "shadow_prices": [
+            {
+                "constraint": price.label,
+                "price": price.price,
+                "cost": _number(price.cost),
+                "verdict": price.verdict,
+            }
+            for price in study.prices
+        ],
+        "estimates": [_report_record(r) for r in study.comparison.reports],
+        "published": (
+            None if study.published is None else _published_record(study.published)
+        ),
+    }
+
+
+def _report_record(report: EstimateReport) -> dict[str, Any]:
+    return report.estimate.to_dict() | {
+        "verdict": report.verdict,
+        "training": [_error_record(e) for e in report.training],
+        "validation": [_error_record(e) for e in report.validation],
+        "consistent_links": list(report.consistent_links),
+        "base_feasibility": {
+            "answer": report.base_feasibility.answer,
+            "summary": report.base_feasibility.summary,
+            "depth": _number(report.base_feasibility.proof.depth),
+            "bound": _number(report.base_feasibility.proof.bound),
+            "nearest_torque_change": _to_nearest(report),
+        },
+        "links": [
+            {
+                "link": link.link,
+                "least_eigenvalue": link.least_eigenvalue,
+                "edge": link.edge,
+            }
+            for link in report.links
+        ],
+        "least_mass_eigenvalue": report.least_mass_eigenvalue,
+        "distance_to_nominal": report.distance_to_nominal.tolist(),
+    }
+
+
+def _to_nearest(report: EstimateReport) -> float | None:
+    nearest = report.base_feasibility.nearest
+    return None if nearest is None else nearest.torque_change
+
+
+def _error_record(error: TorqueError) -> dict[str, Any]:
+    return {
+        "recording": error.recording,
+        "rms": error.rms.tolist(),
+        "relative": [_number(share) for share in error.relative],
+        "mse": error.mse.tolist(),
+        "stacked": _number(error.stacked),
+    }
+
+
+def _published_record(report: PublishedReport) -> dict[str, Any]:
+    return {
+        "parameters": list(report.parametrisation.names),
+        "mean": report.mean.tolist(),
+        "standard_deviation": report.standard_deviation.tolist(),
+        "largest_differences": report.largest_differences,
+        "central_inertia": {k: v.tolist() for k, v in report.central_inertia.items()},
+        "ranks": [
+            {
+                "columns": list(rank.columns),
+                "rank": rank.rank,
+                "singular_values": rank.singular_values.tolist(),
+                "null_directions": list(rank.null_directions),
+            }
+            for rank in (report.all_columns, report.free_columns)
+        ],
+        "vectors": [
+            {
+                "name": v.name,
+                "answer": v.feasibility.answer,
+                "summary": v.feasibility.summary,
+                "depth": _number(v.feasibility.proof.depth),
+                "bound": _number(v.feasibility.proof.bound),
+                "nearest": v.nearest.to_dict(),
+                "torque_change": v.torque_change.tolist(),
+            }
+            for v in report.vectors
+        ],
+    }
+
+
+def _number(value: float) -> float | None:
+    """Return a number that JSON knows, or None."""
+    return float(value) if np.isfinite(value) else None

@@ -1,0 +1,263 @@
+"""A study in tables, for people."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from consistent_id._support.tables import Table
+from consistent_id.comparison.comparison import Comparison, EstimateReport
+from consistent_id.comparison.constraint_prices import ShadowPrice
+from consistent_id.comparison.fit_costs import ConstraintCost
+from consistent_id.comparison.parameter_uncertainty import Uncertainty
+from consistent_id.estimation.cross_validation import RegularisationPath
+from consistent_id.problems.study import Excitation, Study
+from consistent_id.report.published_summary import published_tables
+
+_DEAREST = 12  # single constraints shown
+
+
+def study_tables(study: Study) -> list[Table]:
+    """Return everything that a study found, table by table."""
+    tables = []
+    if study.published is not None:
+        tables += published_tables(study.published, study.problem.table.published)
+    tables.append(excitation_table(study.excitation, study.training))
+    tables += comparison_tables(study.comparison)
+    tables.append(link_table(study.comparison))
+    tables.append(cost_table(study.costs, study.problem.model.torque_joints))
+    tables.append(price_table(study.prices))
+    tables.append(path_table(study.path))
+    return tables
+
+
+def excitation_table(excitation: Excitation, training: Sequence[Any]) -> Table:
+    """Return rank and condition of the training data."""
+    names = ", ".join(f"{r.name} ({len(r)} samples)" for r in training)
+    open_ended = excitation.undetermined
+    left_open = (f"left open by the data: {'; '.join(open_ended)}",)
+    return Table(
+        "Training data",
+        ("quantity", "value"),
+        (
+            ("recordings", names),
+            ("base parameters (structural rank)", str(excitation.structural_rank)),
+            ("determined by the data (data rank)", str(excitation.data_rank)),
+            *(("condition number", str(number)) for number in excitation.condition),
+        ),
+        left_open if open_ended else (),
+    )
+
+
+def cost_table(costs: Sequence[ConstraintCost], joints: Sequence[str]) -> Table:
+    """Return what each constraint costs in fit to the training data."""
+    return Table(
+        "What each constraint costs in fit (training data, the others held)",
+        ("constraint", "misfit", *joints, "verdict"),
+        tuple(
+            (
+                cost.name,
+                f"{max(cost.increase, 0.0):.3%}",
+                *(f"{d:.4f}" for d in cost.rms_with - cost.rms_without + 0.0),
+                cost.verdict,
+            )
+            for cost in costs
+        ),
+        (
+            "misfit: relative increase of the best fit's norm; per joint: change of "
+            "the RMS residual in N m (N if it slides)",
+        ),
+    )
+
+
+def price_table(prices: Sequence[ShadowPrice]) -> Table:
+    """Return what single constraints cost in fit, the dearest first."""
+    shown = prices[:_DEAREST]
+    return Table(
+        "What single constraints cost in fit (training data, the others held)",
+        ("constraint", "without it [N m]", "one percent more [N m]", "verdict"),
+        tuple(
+            (p.label, f"{-p.cost + 0.0:.2g}", f"{p.price:+.2e}", p.verdict)
+            for p in shown
+        ),
+        (
+            "change of the RMS residual over all joints; one percent of a typical "
+            "mass, length or torque",
+            f"the {len(shown)} dearest of {len(prices)}; all others cost nothing",
+        ),
+    )
+
+
+def path_table(path: RegularisationPath) -> Table:
+    """Return how the weight of the prior was chosen."""
+    shown = sorted({*range(0, len(path.weights), 2), path.best})
+    return Table(
+        f"Weight of the prior ({path.distance} distance), by cross-validation",
+        ("weight", "left-out error", "misfit", "distance", "chosen"),
+        tuple(
+            (
+                f"{path.weights[i]:.1e}",
+                f"{path.error[i]:.4f}",
+                f"{path.misfits[i]:.4f}",
+                f"{path.distances[i]:.3g}",
+                "<" if i == path.best else "",
+            )
+            for i in shown
+        ),
+        (
+            f"errors: RMS torque in N m (N if it slides); left out: "
+            f"{path.errors.shape[1]} runs of the training data, one at a time",
+            "misfit and distance to nominal: with all training data fitted",
+        ),
+    )
+
+
+def link_table(comparison: Comparison) -> Table:
+    """Return which edge of the possible each link of each estimate touches."""
+    reports = [r for r in comparison.reports if all(r.consistent_links)]
+    return Table(
+        "Links at the edge of what a body can be",
+        ("link", *(report.estimate.method for report in reports)),
+        tuple(
+            (name, *(report.links[k].edge or "inside" for report in reports))
+            for k, name in enumerate(comparison.model.layout.links)
+        )
+        if reports
+        else (),
+        ("an edge means that data and constraints disagree, or that data are few",),
+    )
+
+
+def comparison_tables(comparison: Comparison) -> list[Table]:
+    """Return held-out errors, consistency and certificates of all estimates."""
+    joints = comparison.model.torque_joints
+    reports = comparison.reports
+    tables = []
+    for i, error in enumerate(reports[0].validation):
+        where = f"on {error.recording} (validation)"
+        tables.append(_error_table(f"Torque {where}", joints, reports, i))
+        tables.append(_mse_table(f"Mean squared error {where}", joints, reports, i))
+    tables.append(_consistency_table(reports))
+    whys = tuple(f"{r.estimate.method}: {r.verdict}; {r.refusal}" for r in reports)
+    return [*tables, Table("Why", (), (), whys)]
+
+
+def _consistency_table(reports: Sequence[EstimateReport]) -> Table:
+    return Table(
+        "Physical consistency",
+        (
+            "estimate",
+            "verdict",
+            "links that are bodies",
+            "any body with its base parameters",
+            "torque change to the nearest robot",
+            "least eigenvalue of M(q)",
+            "median distance to nominal",
+        ),
+        tuple(
+            (
+                report.estimate.method,
+                report.verdict,
+                f"{sum(report.consistent_links)} of {len(report.consistent_links)}",
+                report.base_feasibility.answer,
+                _to_nearest(report),
+                f"{report.least_mass_eigenvalue:.4g}",
+                f"{np.median(report.distance_to_nominal):.3g}",
+            )
+            for report in reports
+        ),
+        (
+            "links: of the standard parameters as they stand (for least squares "
+            "the smallest of many)",
+            "nearest robot that can exist: relative RMS change of the torque along "
+            "random motions",
+            "least eigenvalue over 10 000 random poses; distance: "
+            "||J0^-1/2 (J - J0) J0^-1/2|| per link",
+        ),
+    )
+
+
+def _to_nearest(report: EstimateReport) -> str:
+    nearest = report.base_feasibility.nearest
+    return "-" if nearest is None else f"{nearest.torque_change:.2%}"
+
+
+def _error_table(
+    title: str, joints: Sequence[str], reports: Sequence[EstimateReport], which: int
+) -> Table:
+    rows = []
+    for report in reports:
+        error = report.validation[which]
+        rows.append(
+            (
+                report.estimate.method,
+                f"{error.stacked:.2%}",
+                *(
+                    f"{rms:.4g} ({share:.1%})"
+                    for rms, share in zip(error.rms, error.relative, strict=True)
+                ),
+            )
+        )
+    return Table(
+        title,
+        ("estimate", "stacked", *joints),
+        tuple(rows),
+        ("per joint: RMS error in N m (N if it slides), and over the RMS torque",),
+    )
+
+
+def _mse_table(
+    title: str, joints: Sequence[str], reports: Sequence[EstimateReport], which: int
+) -> Table:
+    return Table(
+        title,
+        ("estimate", *joints),
+        tuple(
+            (r.estimate.method, *(f"{mse:.4g}" for mse in r.validation[which].mse))
+            for r in reports
+        ),
+        ("(N m)^2, or N^2 for sliding joints",),
+    )
+
+
+def uncertainty_table(found: Uncertainty) -> Table:
+    """Return how sure the constrained estimate is of each parameter."""
+    resampled = found.bootstrap
+    return Table(
+        "How sure the constrained estimate is",
+        (
+            "parameter",
+            "value",
+            "standard error",
+            "bootstrap 95 %",
+            "any consistent robot",
+            "unit",
+            "verdict",
+        ),
+        tuple(
+            (
+                p.name,
+                f"{p.value:.4g}",
+                f"{p.standard_error:.2g}",
+                _interval(p.resampled),
+                _interval(p.consistent),
+                p.unit,
+                p.verdict,
+            )
+            for p in found.parameters
+        ),
+        (
+            f"bootstrap: {len(resampled.estimates)} estimates from segments drawn "
+            f"anew, {resampled.certified} certified, {resampled.failed} failed",
+            "any consistent robot: proven bounds on what satisfies the constraints and "
+            f"fits within {found.intervals.slack:.2%} of the best",
+            "standard error and bootstrap tell how far the estimate would scatter; of "
+            "what a prior settles, the interval tells what is known",
+            "where a link is at an edge that is hardly pressed, the standard error is "
+            "too small; the bootstrap is not",
+        ),
+    )
+
+
+def _interval(ends: tuple[float, float]) -> str:
+    return f"{ends[0]:.4g} to {ends[1]:.4g}"

@@ -1,0 +1,294 @@
+"""Parts of a robot: joints that stand still, and the chain from a base to a tip."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from consistent_id._support.arrays import Array, Matrix, Vector
+from consistent_id.errors import ModelError
+from consistent_id.robot.inertia import InertialParameters
+from consistent_id.robot.model import Datasheet, FixedFrame, Joint, Link, RobotModel
+from consistent_id.robot.parameters import did_you_mean
+
+_SNAP = 1e-10  # entries of a rotation nearer than this to -1, 0 or 1 are taken as such
+
+
+@dataclass(frozen=True, slots=True)
+class Selection:
+    """Which joints of a robot move; see `load_urdf` for the meaning of each field."""
+
+    base: str | None = None
+    tip: str | None = None
+    joints: Sequence[str] | None = None
+    locked: Mapping[str, float] | None = None
+
+    def moves(self, joint: str) -> bool:
+        """Tell whether a joint, if it is on the chain, is neither locked nor left."""
+        kept = self.joints is None or joint in self.joints
+        return kept and joint not in (self.locked or {})
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Place:
+    """A frame in that of a moving link, or of the ground, which is -1."""
+
+    link: int
+    rotation: Matrix
+    translation: Vector
+
+    def beyond(self, rotation: Matrix, translation: Vector) -> "Place":
+        """Return a frame's place that is given in this one."""
+        return Place(
+            self.link,
+            self.rotation @ rotation,
+            self.rotation @ translation + self.translation,
+        )
+
+
+def selected(robot: RobotModel, selection: Selection) -> RobotModel:
+    """Return the robot with the joints that were selected.
+
+    Raises
+    ------
+    ModelError
+        If a name is unknown, or nothing that moves is left.
+    """
+    wanted, locked = selection.joints or (), selection.locked or {}
+    for name in (*locked, *wanted):
+        if name not in robot.joint_names:
+            near = did_you_mean(name, robot.joint_names)
+            raise ModelError(
+                f"robot {robot.name!r}: no joint {name!r} to keep or lock; {near}"
+            )
+    for name in wanted:
+        if name in locked:
+            raise ModelError(
+                f"robot {robot.name!r}: joint {name!r} is to be kept and to be locked"
+            )
+    still = {
+        name: locked.get(name, 0.0)
+        for name in robot.joint_names
+        if not selection.moves(name)
+    }
+    part = chain(held(robot, still), base=selection.base, tip=selection.tip)
+    for name in wanted:
+        if name not in part.joint_names:
+            raise ModelError(
+                f"robot {robot.name!r}: joint {name!r} is to be kept, but is not "
+                f"between base {selection.base!r} and tip {selection.tip!r}"
+            )
+    return part
+
+
+def held(robot: RobotModel, positions: Mapping[str, float]) -> RobotModel:
+    """Return the robot with some joints at rest at `positions` [rad or m].
+
+    What such a joint carries becomes part of the link that carries the joint: nominal
+    parameters, masses and centres of mass add up.  Bounds of either part bound the
+    whole no longer, and are dropped.
+
+    Raises
+    ------
+    ModelError
+        If a position is not finite, or no joint is left.
+
+    Examples
+    --------
+    >>> from consistent_id import DHRow, from_modified_dh
+    >>> arm = from_modified_dh("arm", [DHRow(0, 0), DHRow(0, 1), DHRow(0, 1)])
+    >>> part = held(arm, {"joint2": 0.5})
+    >>> part.joint_names, part.links[0].merged[0].name
+    (('joint1', 'joint3'), 'link2')
+    """
+    if not positions:
+        return robot
+    if set(robot.joint_names) <= positions.keys():
+        raise ModelError(
+            f"robot {robot.name!r}: every joint is locked, so nothing moves"
+        )
+    joints: list[Joint] = []
+    parts: list[list[_Part]] = [[]]  # of the ground, then of each link
+    places = {-1: Place(-1, np.eye(3), np.zeros(3))}
+    for k, (joint, link) in enumerate(zip(robot.joints, robot.links, strict=True)):
+        place = places[joint.parent].beyond(joint.rotation, joint.translation)
+        if joint.name in positions:
+            place = place.beyond(*_motion(joint, positions[joint.name]))
+        else:
+            where = (place.rotation, place.translation)
+            joints.append(_placed(joint, place.link, *where))
+            place = Place(len(joints) - 1, np.eye(3), np.zeros(3))
+            parts.append([])
+        places[k] = place
+        parts[place.link + 1].append(_Part(link, place))
+    ground = tuple(frame for part in parts[0] for frame in part.frames)
+    return replace(
+        robot,
+        joints=tuple(joints),
+        links=tuple(_merged(of_link) for of_link in parts[1:]),
+        ground=robot.ground + ground,
+    )
+
+
+def chain(
+    robot: RobotModel, *, base: str | None = None, tip: str | None = None
+) -> RobotModel:
+    """Return what moves between two links.
+
+    Parameters
+    ----------
+    robot : RobotModel
+    base : str, optional
+        This link and all that carries it stand still, their joints at zero; what it
+        does not carry is dropped.
+    tip : str, optional
+        Links that do not carry this one are dropped.  What is fixed to a link that is
+        kept stays part of it.
+
+    Raises
+    ------
+    ModelError
+        If a link is unknown, or no moving joint is between the two.
+
+    Examples
+    --------
+    >>> from consistent_id import DHRow, from_modified_dh
+    >>> arm = from_modified_dh("arm", [DHRow(0, 0), DHRow(0, 1), DHRow(0, 1)])
+    >>> chain(arm, base="link1", tip="link2").joint_names
+    ('joint2',)
+    """
+    start = -1 if base is None else robot.carrier(base)
+    end = None if tip is None else robot.carrier(tip)
+    kept = [
+        k
+        for k in (range(len(robot)) if end is None else _path(robot, end))
+        if start < 0 or (k != start and start in _path(robot, k))
+    ]
+    if not kept:
+        raise ModelError(
+            f"robot {robot.name!r}: no moving joint between base {base!r} and tip "
+            f"{tip!r}"
+        )
+    names = [robot.joint_names[k] for k in kept]
+    below = [] if start < 0 else _path(robot, start)
+    robot = held(robot, {robot.joint_names[k]: 0.0 for k in below})
+    return _only(robot, names)
+
+
+def snapped(values: Array) -> Array:
+    """Restore exact zeros and ones, which speed up the regressor, after 1.5707963."""
+    nearest = np.round(values)
+    return np.where(abs(values - nearest) < _SNAP, nearest, values)
+
+
+def turn(axis: Vector, angle: float) -> Matrix:
+    """Return the rotation about a unit vector (Rodrigues' formula)."""
+    x, y, z = axis
+    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.asarray(np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Part:
+    """A link of the robot as it was, in its place on one of the robot as it will be."""
+
+    link: Link
+    place: Place
+
+    @property
+    def nominal(self) -> InertialParameters | None:
+        body = self.link.nominal
+        where = (self.place.rotation, self.place.translation)
+        return None if body is None else body.transformed(*where)
+
+    @property
+    def mass(self) -> float | None:
+        """Mass of the datasheet; zero where the nominal one is zero."""
+        sheet, body = self.link.datasheet, self.link.nominal
+        massless = body is not None and body.mass == 0.0
+        return 0.0 if sheet.mass is None and massless else sheet.mass
+
+    @property
+    def com(self) -> Vector | None:
+        com = self.link.datasheet.com
+        place = self.place
+        return None if com is None else place.rotation @ com + place.translation
+
+    @property
+    def frames(self) -> Iterable[FixedFrame]:
+        own = FixedFrame(self.link.name, np.eye(3), np.zeros(3))
+        for frame in (own, *self.link.merged):
+            place = self.place.beyond(frame.rotation, frame.translation)
+            yield FixedFrame(frame.name, snapped(place.rotation), place.translation)
+
+
+def _motion(joint: Joint, position: float) -> tuple[Matrix, Vector]:
+    if not np.isfinite(position):
+        raise ModelError(f"joint {joint.name!r} is locked at {position}")
+    if joint.kind == "revolute" and abs(position) > 2.0 * np.pi:
+        raise ModelError(
+            f"joint {joint.name!r} is locked at {position:g} rad, more than a full "
+            "turn. If these are degrees, convert them"
+        )
+    if joint.kind == "prismatic":
+        return np.eye(3), position * joint.axis
+    return turn(joint.axis, position), np.zeros(3)
+
+
+def _placed(joint: Joint, parent: int, rotation: Matrix, translation: Vector) -> Joint:
+    return replace(
+        joint, parent=parent, rotation=snapped(rotation), translation=translation
+    )
+
+
+def _merged(parts: list[_Part]) -> Link:
+    first, *others = parts
+    if not others:
+        return first.link
+    nominals = [part.nominal for part in parts]
+    bodies = [body.vector for body in nominals if body is not None]
+    whole = len(bodies) == len(parts)
+    nominal = InertialParameters(np.sum(bodies, axis=0)) if whole else None
+    frames = tuple(frame for part in others for frame in part.frames)
+    merged = first.link.merged + frames
+    return Link(first.link.name, nominal, _sheet(parts), merged)
+
+
+def _sheet(parts: list[_Part]) -> Datasheet:
+    masses = [part.mass for part in parts]
+    total = 0.0
+    for mass in masses:
+        if mass is None:
+            return Datasheet()
+        total += mass
+    if total == 0.0:
+        return Datasheet()
+    moment = np.zeros(3)
+    for mass, part in zip(masses, parts, strict=True):
+        if mass:
+            if part.com is None:
+                return Datasheet(mass=total)
+            moment += mass * part.com
+    return Datasheet(mass=total, com=moment / total)
+
+
+def _path(robot: RobotModel, k: int) -> list[int]:
+    """Links from the base to link ``k``."""
+    path: list[int] = []
+    while k >= 0:
+        path.insert(0, k)
+        k = robot.joints[k].parent
+    return path
+
+
+def _only(robot: RobotModel, names: list[str]) -> RobotModel:
+    """Drop all joints but the named ones, none of which another one carries."""
+    kept = [robot.joint_names.index(name) for name in names]
+    place = {old: new for new, old in enumerate(kept)} | {-1: -1}
+    return replace(
+        robot,
+        joints=tuple(
+            replace(robot.joints[k], parent=place[robot.joints[k].parent]) for k in kept
+        ),
+        links=tuple(robot.links[k] for k in kept),
+    )

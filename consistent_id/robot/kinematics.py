@@ -1,0 +1,177 @@
+"""Where links and frames are, and how fast their points move, pose by pose."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from consistent_id._support.arrays import Array, checked
+from consistent_id.errors import ModelError
+from consistent_id.robot.chains import Place
+from consistent_id.robot.model import Joint, RobotModel
+from consistent_id.robot.parameters import did_you_mean
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FramePlaces:
+    """A frame in the base frame, at many poses.
+
+    `rotation`, shape (samples, 3, 3); `translation`, shape (samples, 3), [m].
+    """
+
+    rotation: Array
+    translation: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinkPlaces:
+    """All links' frames in the base frame, at many poses.
+
+    Attributes
+    ----------
+    robot : RobotModel
+    rotation : ndarray, shape (samples, links, 3, 3)
+    translation : ndarray, shape (samples, links, 3), [m]
+        On the axis of the link's joint, if that one turns.
+    axis : ndarray, shape (samples, links, 3)
+        Unit vectors of the joints' axes.
+    """
+
+    robot: RobotModel
+    rotation: Array
+    translation: Array
+    axis: Array
+
+    def __len__(self) -> int:
+        """Return the number of poses."""
+        return len(self.rotation)
+
+    def of(self, place: Place) -> FramePlaces:
+        """Return a frame that is given in a link's, or in the base's, which is -1."""
+        n = len(self)
+        if place.link < 0:
+            return FramePlaces(
+                np.broadcast_to(place.rotation, (n, 3, 3)),
+                np.broadcast_to(place.translation, (n, 3)),
+            )
+        turned = self.rotation[:, place.link]
+        moved = self.translation[:, place.link] + turned @ place.translation
+        return FramePlaces(turned @ place.rotation, moved)
+
+
+def link_places(robot: RobotModel, q: ArrayLike) -> LinkPlaces:
+    """Return where the links are.
+
+    Link ``k`` on joint ``k`` with parent ``p``, at ``(R_p, t_p)``:
+    ``R_k = R_p R_joint exp([axis x] q)``, ``t_k = t_p + R_p t_joint`` if it turns,
+    ``R_k = R_p R_joint``, ``t_k = t_p + R_p (t_joint + R_joint axis q)`` if it slides.
+
+    Parameters
+    ----------
+    robot : RobotModel
+    q : array_like, shape (samples, joints), [rad or m]
+
+    Examples
+    --------
+    >>> from consistent_id import DHRow, from_modified_dh
+    >>> arm = from_modified_dh("arm", [DHRow(0, 0), DHRow(0, 0.5)])
+    >>> link_places(arm, [[np.pi / 2, 0.0]]).translation[0, 1].round(12).tolist()
+    [0.0, 0.5, 0.0]
+    """
+    q = checked(q, (None, len(robot)), "joint positions")
+    n, links = q.shape
+    rotation, translation = np.empty((n, links, 3, 3)), np.empty((n, links, 3))
+    for k, joint in enumerate(robot.joints):
+        turned, moved = joint.rotation, joint.translation
+        if joint.kind == "prismatic":
+            moved = moved + q[:, k, None] * (joint.rotation @ joint.axis)
+        else:
+            turned = turned @ _turns(joint, q[:, k])
+        if joint.parent >= 0:
+            parent = rotation[:, joint.parent]
+            moved = (parent @ moved[..., None])[..., 0] + translation[:, joint.parent]
+            turned = parent @ turned
+        rotation[:, k], translation[:, k] = turned, moved
+    axes = np.array([joint.axis for joint in robot.joints])
+    return LinkPlaces(
+        robot, rotation, translation, np.einsum("nkij,kj->nki", rotation, axes)
+    )
+
+
+def _turns(joint: Joint, angles: Array) -> Array:
+    """Rotations about a joint's axis (Rodrigues' formula), shape (samples, 3, 3)."""
+    x, y, z = joint.axis
+    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    sine, rest = np.sin(angles), 1.0 - np.cos(angles)
+    return np.asarray(
+        np.eye(3) + sine[:, None, None] * K + rest[:, None, None] * (K @ K)
+    )
+
+
+def fixed_place(robot: RobotModel, name: str) -> Place:
+    """Return where a link of the model's file, such as a tool, is fixed.
+
+    A moving link is at the origin of itself.
+
+    Raises
+    ------
+    ModelError
+        If the model knows no such link.
+    """
+    known = {f.name: Place(-1, f.rotation, f.translation) for f in robot.ground}
+    for k, link in enumerate(robot.links):
+        known |= {f.name: Place(k, f.rotation, f.translation) for f in link.merged}
+        known[link.name] = Place(k, np.eye(3), np.zeros(3))
+    if name not in known:
+        near = did_you_mean(name, known)
+        raise ModelError(f"robot {robot.name!r}: no link named {name!r}; {near}")
+    return known[name]
+
+
+def frame_places(robot: RobotModel, name: str, q: ArrayLike) -> FramePlaces:
+    """Return where a named link, moving or fixed to another, is in the base frame.
+
+    Parameters
+    ----------
+    robot : RobotModel
+    name : str
+    q : array_like, shape (samples, joints), [rad or m]
+    """
+    return link_places(robot, q).of(fixed_place(robot, name))
+
+
+def ancestors(robot: RobotModel, link: int) -> tuple[int, ...]:
+    """Return the joints that move a link, its own first; none move the base, -1."""
+    found = []
+    while link >= 0:
+        found.append(link)
+        link = robot.joints[link].parent
+    return tuple(found)
+
+
+def point_jacobian(places: LinkPlaces, link: int, points: ArrayLike) -> Array:
+    """Return how points fixed to a link move with the joints.
+
+    Column ``j`` is ``axis_j x (p - origin_j)`` if joint ``j`` turns the link,
+    ``axis_j`` if it slides it, else zero.
+
+    Parameters
+    ----------
+    places : LinkPlaces
+    link : int
+        -1 for the base, which does not move.
+    points : array_like, shape (samples, 3), [m]
+        In the base frame, one for each pose.
+
+    Returns
+    -------
+    ndarray, shape (samples, 3, joints), [m/rad, or 1]
+    """
+    p = checked(points, (len(places), 3), "points")
+    jacobian = np.zeros((len(p), 3, len(places.robot)))
+    for j in ancestors(places.robot, link):
+        axis = places.axis[:, j]
+        if places.robot.joints[j].kind != "prismatic":
+            axis = np.cross(axis, p - places.translation[:, j])
+        jacobian[:, :, j] = axis
+    return jacobian

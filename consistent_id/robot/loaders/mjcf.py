@@ -1,0 +1,237 @@
+"""Robots from MJCF, as MuJoCo compiles them."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from consistent_id.errors import ModelError
+from consistent_id.robot.chains import Place, Selection, selected, snapped, turn
+from consistent_id.robot.inertia import InertialParameters
+from consistent_id.robot.loaders.mjcf_checks import joint_name, refuse_unsupported
+from consistent_id.robot.model import (
+    Datasheet,
+    FixedFrame,
+    Joint,
+    JointKind,
+    JointLimits,
+    Link,
+    RobotModel,
+)
+from consistent_id.robot.parameters import did_you_mean
+
+
+def load_mjcf(
+    path: str | Path,
+    *,
+    gravity: ArrayLike | None = None,
+    base: str | None = None,
+    tip: str | None = None,
+    joints: Sequence[str] | None = None,
+    locked: Mapping[str, float] | None = None,
+) -> RobotModel:
+    """Load a robot from an MJCF file, of hinge and slide joints.
+
+    MuJoCo resolves included files, defaults, angle units and inertias of shapes.  A
+    link has its body's name and frame, the origin being moved onto the joint's axis
+    where the joint has a ``pos``.  Several joints of one body become a chain of
+    massless links named ``body/joint``.  Bodies without joints are merged into their
+    parents (`Link.merged`).
+
+    Armature, damping, friction loss, springs and gravity compensation are no part of a
+    `RobotModel`; they are ignored.
+
+    Parameters
+    ----------
+    path : str or Path
+    gravity : array_like, shape (3,), [m/s^2], optional
+        In the world frame; the file's own if it is left out.
+    base, tip, joints, locked
+        As for `load_urdf`, with bodies for links.  Where a joint is locked, its
+        position is MuJoCo's, which counts from the joint's ``ref``.
+
+    Raises
+    ------
+    ModelError
+        If MuJoCo is not installed or refuses the file, or if something that moves has
+        a free or ball joint, is coupled by an equality constraint, or pulled by a
+        tendon.
+    """
+    path, selection = Path(path), Selection(base, tip, joints, locked)
+    model = _compiled(path)
+    chosen = _joints_between(model, selection, path)
+    moving = {j for j in chosen if selection.moves(joint_name(model, j))}
+    refuse_unsupported(model, moving, path)
+    robot = _robot(model, path.stem, model.opt.gravity if gravity is None else gravity)
+    return selected(robot, selection)
+
+
+def _compiled(path: Path) -> Any:
+    try:
+        import mujoco
+    except ImportError:
+        raise ModelError(
+            f"{path}: reading MJCF needs MuJoCo; "
+            "install it with: pip install 'consistent-id[mjcf]'"
+        ) from None
+    try:
+        spec = mujoco.MjSpec.from_file(str(path))
+        model = spec.compile()
+    except (ValueError, mujoco.FatalError) as cause:
+        raise ModelError(f"{path}: MuJoCo refuses it: {cause}") from None
+    for body in spec.bodies:  # MuJoCo would take a negative mass for none
+        if body.explicitinertial and not body.mass >= 0.0:
+            raise ModelError(
+                f"{path}: body {body.name!r} has mass {body.mass:g} kg, expected 0 or "
+                "more"
+            )
+    return model
+
+
+def _joints_between(model: Any, selection: Selection, path: Path) -> set[int]:
+    """Joints from the base to the tip, or to all that the base carries."""
+    names = [_body_name(model, b) for b in range(model.nbody)]
+    for name in (selection.base, selection.tip):
+        if name is not None and name not in names:
+            near = did_you_mean(name, names)
+            raise ModelError(f"{path}: no body named {name!r}; {near}")
+    base, tip = selection.base, selection.tip
+    start = 0 if base is None else int(model.body_weldid[names.index(base)])
+    found: set[int] = set()
+    for body in range(model.nbody) if tip is None else [names.index(tip)]:
+        joints: set[int] = set()
+        while body not in (start, 0):
+            joints |= set(_joints_of(model, body))
+            body = int(model.body_parentid[body])
+        if body == start:
+            found |= joints
+    return found
+
+
+def _robot(model: Any, name: str, gravity: ArrayLike) -> RobotModel:
+    joints: list[Joint] = []
+    links: list[str] = []
+    bodies: list[list[InertialParameters]] = []
+    frames: list[list[FixedFrame]] = [[FixedFrame("world", np.eye(3), np.zeros(3))]]
+    places = {0: Place(-1, np.eye(3), np.zeros(3))}
+    for b in range(1, model.nbody):
+        parent = places[int(model.body_parentid[b])]
+        place = parent.beyond(_rotation(model.body_quat[b]), model.body_pos[b])
+        own = [j for j in _joints_of(model, b) if _kind(model, j) is not None]
+        for j in own:
+            joints.append(_joint(model, j, place))
+            last = j == own[-1]
+            body = _body_name(model, b)
+            links.append(body if last else f"{body}/{joint_name(model, j)}")
+            bodies.append([])
+            frames.append([])
+            place = Place(len(joints) - 1, np.eye(3), -_anchor(model, j))
+        places[b] = place
+        if not own:
+            where = (snapped(place.rotation), place.translation)
+            frames[place.link + 1].append(FixedFrame(_body_name(model, b), *where))
+        if place.link >= 0:
+            body_there = _inertial(model, b).transformed(
+                place.rotation, place.translation
+            )
+            bodies[place.link].append(body_there)
+    merged = [_link(*parts) for parts in zip(links, bodies, frames[1:], strict=True)]
+    return RobotModel(
+        name, tuple(joints), tuple(merged), np.asarray(gravity), tuple(frames[0])
+    )
+
+
+def _link(
+    name: str, bodies: Sequence[InertialParameters], frames: Sequence[FixedFrame]
+) -> Link:
+    total = np.sum([body.vector for body in bodies], axis=0) if bodies else np.zeros(10)
+    nominal = InertialParameters(total)
+    sheet = Datasheet()
+    if nominal.mass > 0.0:
+        sheet = Datasheet(mass=nominal.mass, com=nominal.com)
+    return Link(name, nominal, sheet, tuple(frames))
+
+
+def _inertial(model: Any, b: int) -> InertialParameters:
+    """Return the body's parameters in its own frame."""
+    axes = _rotation(model.body_iquat[b])
+    inertia = axes @ np.diag(model.body_inertia[b]) @ axes.T
+    return InertialParameters.from_central(
+        float(model.body_mass[b]), model.body_ipos[b], inertia
+    )
+
+
+def _joint(model: Any, j: int, place: Place) -> Joint:
+    """Return a joint of a body that, at the joint's ``ref``, is in `place`."""
+    kind = _kind(model, j)
+    if kind is None:
+        raise ModelError(f"joint {joint_name(model, j)!r} is no hinge and no slide")
+    axis = model.jnt_axis[j]
+    reference = float(model.qpos0[model.jnt_qposadr[j]])
+    if kind == "prismatic":
+        zero = place.beyond(np.eye(3), -reference * axis)
+    else:
+        zero = place.beyond(turn(axis, -reference), _anchor(model, j))
+    return Joint(
+        name=joint_name(model, j),
+        kind=kind,
+        parent=place.link,
+        rotation=snapped(zero.rotation),
+        translation=zero.translation,
+        axis=snapped(axis),
+        limits=_limits(model, j),
+    )
+
+
+def _kind(model: Any, j: int) -> JointKind | None:
+    import mujoco
+
+    kind = mujoco.mjtJoint(int(model.jnt_type[j]))
+    if kind == mujoco.mjtJoint.mjJNT_SLIDE:
+        return "prismatic"
+    if kind == mujoco.mjtJoint.mjJNT_HINGE:
+        return "revolute" if model.jnt_limited[j] else "continuous"
+    return None
+
+
+def _anchor(model: Any, j: int) -> np.ndarray:
+    """Return a point of the axis in the body's frame; a slide has none of its own."""
+    return np.zeros(3) if _kind(model, j) == "prismatic" else model.jnt_pos[j].copy()
+
+
+def _limits(model: Any, j: int) -> JointLimits:
+    import mujoco
+
+    lower, upper = model.jnt_range[j] if model.jnt_limited[j] else (-np.inf, np.inf)
+    efforts = [
+        abs(model.actuator_gear[a, 0]) * abs(model.actuator_forcerange[a]).max()
+        if model.actuator_forcelimited[a]
+        else np.inf
+        for a in range(len(model.actuator_trntype))
+        if model.actuator_trntype[a] == mujoco.mjtTrn.mjTRN_JOINT
+        and model.actuator_trnid[a, 0] == j
+    ]
+    effort = float(sum(efforts)) if efforts else np.inf
+    if model.jnt_actfrclimited[j]:
+        effort = min(effort, float(abs(model.jnt_actfrcrange[j]).max()))
+    return JointLimits(float(lower), float(upper), effort=effort)
+
+
+def _joints_of(model: Any, b: int) -> range:
+    first = int(model.body_jntadr[b])
+    return range(first, first + int(model.body_jntnum[b]))
+
+
+def _body_name(model: Any, b: int) -> str:
+    return model.body(b).name or f"body{b}"
+
+
+def _rotation(quaternion: np.ndarray) -> np.ndarray:
+    """Return the rotation matrix of a unit quaternion (w, x, y, z)."""
+    w, *xyz = quaternion
+    length = float(np.linalg.norm(xyz))
+    if length == 0.0:
+        return np.eye(3)
+    return turn(np.array(xyz) / length, 2.0 * np.arctan2(length, w))

@@ -1,0 +1,228 @@
+"""Robots from URDF: our own lint first, then Pinocchio as the loader."""
+
+import logging
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from consistent_id.errors import ModelError
+from consistent_id.robot.chains import Selection, selected, snapped
+from consistent_id.robot.inertia import InertialParameters
+from consistent_id.robot.loaders.findings import Finding
+from consistent_id.robot.loaders.urdf_lint import read_bytes, urdf_findings
+from consistent_id.robot.loaders.urdf_tree import joints_between
+from consistent_id.robot.loaders.xml import XmlFault, parse
+from consistent_id.robot.model import (
+    STANDARD_GRAVITY,
+    Datasheet,
+    FixedFrame,
+    Joint,
+    JointKind,
+    JointLimits,
+    Link,
+    RobotModel,
+)
+
+_log = logging.getLogger(__name__)
+_ENCODING = re.compile(rb"(?:\xef\xbb\xbf)?<\?xml[^>]*?encoding\s*=\s*[\"']([\w.-]+)")
+
+
+def load_urdf(
+    path: str | Path,
+    *,
+    gravity: ArrayLike = STANDARD_GRAVITY,
+    base: str | None = None,
+    tip: str | None = None,
+    joints: Sequence[str] | None = None,
+    locked: Mapping[str, float] | None = None,
+) -> RobotModel:
+    """Load a robot from a URDF file; fixed joints are merged into their parents.
+
+    Masses and centres of mass of the file become nominal values and datasheet values.
+    Where a fixed link ended up, `Link.merged` and `RobotModel.carrier` tell.  What
+    `lint_urdf` warns of is logged.
+
+    Parameters
+    ----------
+    path : str or Path
+    gravity : array_like, shape (3,), [m/s^2]
+        In the frame of the file's root link.
+    base : str, optional
+        Keep only what moves beyond this link.  It and all that carries it stand still,
+        their joints at zero unless `locked` says otherwise.
+    tip : str, optional
+        Keep only the links that carry this one, and itself.  What is fixed to them, or
+        hangs on a joint that is locked, stays part of them; other links that they carry
+        are dropped, so lock a gripper whose weight was there.
+    joints : sequence of str, optional
+        Keep only these joints; all others are locked, at zero unless `locked` says
+        otherwise.
+    locked : mapping of str to float, optional, [rad or m]
+        Positions of joints that do not move.  What a locked joint carries is merged
+        into the link that carries the joint.
+
+    Returns
+    -------
+    RobotModel
+
+    Raises
+    ------
+    ModelError
+        If the file cannot be read or describes no robot; with file and line.
+    """
+    import pinocchio as pin
+
+    path, selection = Path(path), Selection(base, tip, joints, locked)
+    text = read_bytes(path)
+    try:
+        root = parse(text)
+    except XmlFault as fault:
+        raise ModelError(f"{path}, {fault}") from None
+    chosen = joints_between(root, base, tip)
+    moving = {name for name in chosen if selection.moves(name)}
+    _tell(path, urdf_findings(root, moving.__contains__))
+    try:
+        model = pin.buildModelFromXML(_decoded(text, path))
+    except (ValueError, RuntimeError) as cause:
+        raise ModelError(f"{path}: Pinocchio refuses it: {cause}") from None
+    return selected(from_pinocchio(_settled(model, moving), gravity=gravity), selection)
+
+
+def _tell(path: Path, findings: tuple[Finding, ...]) -> None:
+    """Raise the first error, or log the first warning."""
+    more = f" ({len(findings) - 1} more: see lint_urdf)" if findings[1:] else ""
+    for finding in findings:
+        if finding.severity == "error":
+            raise ModelError(f"{path}, {finding}{more}")
+    if findings:
+        _log.warning("%s, %s%s", path, findings[0], more)
+
+
+def _decoded(text: bytes, path: Path) -> str:
+    declared = _ENCODING.match(text)
+    encoding = declared[1].decode() if declared else "utf-8"
+    if encoding.lower() in ("utf-8", "utf8"):
+        encoding = "utf-8-sig"
+    try:
+        return text.decode(encoding)
+    except UnicodeDecodeError as cause:
+        raise ModelError(
+            f"{path}: byte {cause.start} is not UTF-8; save the file as UTF-8"
+        ) from None
+
+
+def _settled(model: Any, moving: set[str]) -> Any:
+    """Fix joints of several degrees of freedom that do not move at their origin."""
+    import pinocchio as pin
+
+    loose = [
+        k
+        for k, (name, joint) in enumerate(zip(model.names, model.joints, strict=True))
+        if k > 0 and joint.nv > 1 and name not in moving
+    ]
+    if not loose:
+        return model
+    return pin.buildReducedModel(model, loose, pin.neutral(model))
+
+
+def from_pinocchio(model: Any, *, gravity: ArrayLike | None = None) -> RobotModel:
+    """Convert a ``pinocchio.Model`` of one-axis joints into a `RobotModel`.
+
+    Raises
+    ------
+    ModelError
+        If a joint has more than one degree of freedom.
+    """
+    import pinocchio as pin
+
+    data = model.createData()
+    pin.computeJointJacobians(model, data, pin.neutral(model))
+    joints, links = [], []
+    for k in range(1, model.njoints):
+        kind = _kind(model, k)
+        column = model.joints[k].idx_v
+        jacobian = pin.getJointJacobian(model, data, k, pin.LOCAL)
+        twist = jacobian.reshape(6, -1)[:, column]
+        placement = model.jointPlacements[k]
+        joints.append(
+            Joint(
+                name=model.names[k],
+                kind=kind,
+                parent=model.parents[k] - 1,
+                rotation=snapped(placement.rotation),
+                translation=placement.translation,
+                axis=snapped(twist[:3] if kind == "prismatic" else twist[3:]),
+                limits=_limits(model, k, kind),
+            )
+        )
+        links.append(_link(model, k))
+    if gravity is None:
+        gravity = model.gravity.linear
+    ground = tuple(_frame(frame) for frame in _bodies(model, 0))
+    return RobotModel(
+        model.name, tuple(joints), tuple(links), np.asarray(gravity), ground
+    )
+
+
+def _kind(model: Any, k: int) -> JointKind:
+    joint = model.joints[k]
+    short = joint.shortname()
+    if joint.nv != 1 or "Helical" in short or "Mimic" in short:
+        raise ModelError(
+            f"joint {model.names[k]!r} is a {short}; only revolute, continuous, "
+            "prismatic and fixed joints are supported"
+        )
+    if "Prismatic" in short or short.startswith("JointModelP"):
+        return "prismatic"
+    return "continuous" if joint.nq == 2 else "revolute"
+
+
+def _limits(model: Any, k: int, kind: JointKind) -> JointLimits:
+    """Limits as the file states them; what it leaves out is infinite, not zero."""
+    position, rate = model.joints[k].idx_q, model.joints[k].idx_v
+    lower, upper = -np.inf, np.inf
+    if kind != "continuous":
+        lower = _stated(model.lowerPositionLimit[position])
+        upper = _stated(model.upperPositionLimit[position])
+    return JointLimits(
+        lower,
+        upper,
+        abs(_stated(model.upperVelocityLimit[rate])) or np.inf,
+        abs(_stated(model.upperEffortLimit[rate])) or np.inf,
+    )
+
+
+def _stated(limit: float) -> float:
+    """Return a limit, infinite where Pinocchio has put the largest double for none."""
+    largest = np.finfo(np.float64).max
+    return float(limit) if abs(limit) < largest else float(np.copysign(np.inf, limit))
+
+
+def _link(model: Any, k: int) -> Link:
+    frames = _bodies(model, k)
+    body = model.inertias[k]
+    nominal = InertialParameters.from_central(body.mass, body.lever, body.inertia)
+    name = cast(str, frames[0].name) if frames else f"link_of_{model.names[k]}"
+    com = body.lever if body.mass > 0.0 else None
+    sheet = Datasheet(mass=body.mass if body.mass > 0.0 else None, com=com)
+    return Link(name, nominal, sheet, tuple(_frame(frame) for frame in frames[1:]))
+
+
+def _bodies(model: Any, k: int) -> list[Any]:
+    """Frames of the links that joint ``k`` moves, its own one first."""
+    import pinocchio as pin
+
+    return [
+        frame
+        for frame in model.frames
+        if frame.parentJoint == k and frame.type == pin.FrameType.BODY
+    ]
+
+
+def _frame(frame: Any) -> FixedFrame:
+    place = frame.placement
+    return FixedFrame(frame.name, snapped(place.rotation), place.translation)

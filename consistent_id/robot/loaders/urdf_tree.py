@@ -1,0 +1,84 @@
+"""How the links and joints of a URDF hang together, before anything is loaded."""
+
+from collections.abc import Iterator
+
+from consistent_id.robot.loaders.findings import Finding
+from consistent_id.robot.loaders.xml import Element
+from consistent_id.robot.parameters import did_you_mean
+
+
+def tree_findings(root: Element) -> Iterator[Finding]:
+    """Find what keeps links and joints from being one tree."""
+    links = {link.name: link for link in root.all("link")}
+    if not links:
+        yield Finding(root.line, "error", "the robot has no <link>")
+        return
+    carried: dict[str, Element] = {}
+    for joint in root.all("joint"):
+        where = f"joint {joint.name!r}"
+        for end in ("parent", "child"):
+            name = _end(joint, end)
+            if name and name not in links:
+                near = did_you_mean(name, links)
+                sentence = f"{where}: no {end} link named {name!r}; {near}"
+                yield Finding(joint.line, "error", sentence)
+        child = _end(joint, "child")
+        if child in carried:
+            first = carried[child]
+            yield Finding(
+                joint.line,
+                "error",
+                f"{where}: link {child!r} already hangs on joint {first.name!r} (line "
+                f"{first.line}); closed loops are not supported, cut one of the two",
+            )
+        elif child:
+            carried[child] = joint
+    yield from _root_findings(root, links, carried)
+
+
+def _root_findings(
+    root: Element, links: dict[str, Element], carried: dict[str, Element]
+) -> Iterator[Finding]:
+    roots = [link for name, link in links.items() if name not in carried]
+    for extra in roots[1:]:
+        yield Finding(
+            extra.line,
+            "error",
+            f"link {extra.name!r} hangs on no joint, and neither does "
+            f"{roots[0].name!r} (line {roots[0].line}); a robot has one root",
+        )
+    for name, joint in carried.items():
+        path = [name]
+        while path[-1] in carried:
+            path.append(_end(carried[path[-1]], "parent"))
+            if path[-1] in path[:-1]:
+                break
+        if path[-1] == name and name == min(path):
+            loop = " < ".join(path)
+            sentence = f"joint {joint.name!r}: its links carry one another: {loop}"
+            yield Finding(joint.line, "error", sentence)
+
+
+def joints_between(root: Element, base: str | None, tip: str | None) -> frozenset[str]:
+    """Return the names of the joints from `base` to `tip`, or to all that it carries.
+
+    Links that are fixed to one another count as one.
+    """
+    above = {_end(joint, "child"): joint for joint in root.all("joint")}
+    start = base
+    while start in above and above[start].attributes.get("type") == "fixed":
+        start = _end(above[start], "parent")
+    found: set[str] = set()
+    for link in [tip] if tip is not None else list(above):
+        names: list[str] = []
+        while link != start and link in above and len(names) < len(above):
+            names.append(above[link].name)
+            link = _end(above[link], "parent")
+        if start is None or link == start:
+            found |= set(names)
+    return frozenset(found)
+
+
+def _end(joint: Element, end: str) -> str:
+    element = joint.child(end)
+    return "" if element is None else element.attributes.get("link", "")

@@ -1,0 +1,172 @@
+"""Bodies as points of an unconstrained space: the log-Cholesky parametrisation.
+
+Ten variables ``theta`` give a body, and every body with mass and thickness has its
+``theta`` [Rucker2022]_.  In the central form used here
+
+``m = exp(theta_0)``, ``c = theta_1..3``, central second moments ``m L L^T``
+
+=====  ==========================================================
+index  variable
+=====  ==========================================================
+0      ``log m``
+1-3    ``cx, cy, cz``
+4-6    ``log L11, log L22, log L33``
+7-9    ``L21, L31, L32``, of the lower triangular ``L``
+=====  ==========================================================
+
+so that a mass or a centre of mass that is known is a variable left out.  The
+pseudo-inertia is ``J = m [[L L^T + c c^T, c], [c^T, 1]]``, positive definite whatever
+``theta``.  Flat bodies lie infinitely far away: ``log Lii -> -inf``.
+
+The map keeps units: with masses and lengths in typical ones, so are its variables.
+"""
+
+from itertools import product
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from consistent_id._support.arrays import Array, frozen
+from consistent_id.errors import ModelError
+from consistent_id.robot.inertia import inertial_vector, pseudo_inertia
+
+MASS, COM, DIAGONAL, BELOW = 0, slice(1, 4), slice(4, 7), slice(7, 10)
+"""Places of ``log m``, ``c``, ``log Lii`` and the entries of ``L`` below them."""
+
+# Z, shape (9,), with <Z, Sigma> = sum_i g_i x_i for bodies of which only Sigma moves.
+_DUAL_BASIS = inertial_vector(
+    [np.pad((E + E.T) / 2, (0, 1)) for E in np.eye(9).reshape(9, 3, 3)]
+).T
+
+# Rows and columns of L at which variables 4..9 stand.
+_ROWS, _COLUMNS = (0, 1, 2, 1, 2, 2), (0, 1, 2, 0, 0, 1)
+
+
+def body_from_log_cholesky(theta: ArrayLike) -> Array:
+    """Return the inertial parameters of the bodies with these variables.
+
+    Parameters
+    ----------
+    theta : array_like, shape (..., 10)
+        In the order of this module, [log kg, m, log m, m].
+
+    Returns
+    -------
+    ndarray, shape (..., 10)
+        In the convention of `consistent_id.robot.inertia`.
+
+    Examples
+    --------
+    >>> print(body_from_log_cholesky([0, 0.5, 0, 0, *np.log([0.1, 0.1, 0.1]), 0, 0, 0]))
+    [1.   0.5  0.   0.   0.02 0.   0.27 0.   0.   0.27]
+    """
+    return inertial_vector(_pseudo_inertia(np.asarray(theta, dtype=np.float64)))
+
+
+def log_cholesky_jacobian(theta: ArrayLike) -> Array:
+    """Return the derivatives of `body_from_log_cholesky`, exactly.
+
+    With ``T = [[1, c], [0, 1]]`` and ``J = m T diag(L L^T, 1) T^T``:
+
+    ``dJ/d log m = J``, ``dJ/dc_i = m (e_i (c, 1)^T + (c, 1) e_i^T)`` and
+    ``dJ/dL_ij = m (e_i l_j^T + l_j e_i^T)``, ``l_j`` the columns of ``L``.
+
+    Returns
+    -------
+    ndarray, shape (..., 10, 10)
+        Rows: inertial parameters; columns: variables.
+    """
+    theta = np.asarray(theta, dtype=np.float64)
+    L = _factor(theta)
+    d = np.zeros((*theta.shape, 4, 4))  # dJ, one matrix per variable
+    d[..., MASS, :, :] = _pseudo_inertia(theta)
+    mass = np.exp(theta[..., MASS])[..., None]
+    for i in range(3):
+        d[..., 1 + i, i, :3] = mass * theta[..., COM]
+        d[..., 1 + i, i, 3] = mass[..., 0]
+    for index, (i, j) in enumerate(zip(_ROWS, _COLUMNS, strict=True), start=4):
+        own = L[..., i, j, None] if i == j else 1.0  # dLii / d log Lii
+        d[..., index, i, :3] = mass * own * L[..., :, j]
+    rest = d[..., 1:, :, :]
+    d[..., 1:, :, :] = rest + np.swapaxes(rest, -1, -2)
+    return np.swapaxes(inertial_vector(d), -1, -2)
+
+
+def log_cholesky_curvature(theta: ArrayLike, gradient: ArrayLike) -> Array:
+    """Return ``sum_i g_i d2x_i / dtheta dtheta``, exactly.
+
+    With ``<Z, J(x)> = g.x``, the second derivatives of ``<Z, J>`` are its first along
+    ``log m``; ``2 m Z_ij`` between ``c_i`` and ``c_j``, and between entries ``i`` and
+    ``j`` of one column of ``L``; a diagonal's logarithm adds its first derivative.
+
+    Parameters
+    ----------
+    theta, gradient : array_like, shape (..., 10)
+        Variables; the derivatives ``g`` of any function by the inertial parameters.
+
+    Returns
+    -------
+    ndarray, shape (..., 10, 10)
+    """
+    theta, g = np.asarray(theta, dtype=float), np.asarray(gradient, dtype=float)
+    slope = np.einsum("...i,...ij->...j", g, log_cholesky_jacobian(theta))
+    Z = g @ _DUAL_BASIS  # of J's upper left block
+    Z = 2.0 * np.exp(theta[..., MASS])[..., None, None] * Z.reshape(*g.shape[:-1], 3, 3)
+    own = np.ones((*theta.shape[:-1], 6))  # dLij by its variable
+    own[..., :3] = np.exp(theta[..., DIAGONAL])
+    H = np.zeros((*theta.shape, 10))
+    H[..., MASS, :] = H[..., :, MASS] = slope
+    H[..., COM, COM] = Z
+    for a, b in product(range(6), repeat=2):
+        if _COLUMNS[a] == _COLUMNS[b]:
+            between = Z[..., _ROWS[a], _ROWS[b]] * own[..., a] * own[..., b]
+            H[..., 4 + a, 4 + b] = between
+    H[..., range(4, 7), range(4, 7)] += slope[..., DIAGONAL]
+    return H
+
+
+def log_cholesky_from_body(vector: ArrayLike) -> Array:
+    """Return the variables of a body: the inverse of `body_from_log_cholesky`.
+
+    Parameters
+    ----------
+    vector : array_like, shape (10,)
+        Inertial parameters with a positive definite pseudo-inertia.
+
+    Raises
+    ------
+    ModelError
+        If no body with mass and thickness has them.
+    """
+    J = pseudo_inertia(frozen(vector, (10,), "inertial parameters", ModelError))
+    mass = J[3, 3]
+    if mass <= 0.0:
+        raise ModelError(f"the mass is {mass:g} kg, expected more than zero")
+    c = J[:3, 3] / mass
+    try:
+        L = np.linalg.cholesky(J[:3, :3] / mass - np.outer(c, c))
+    except np.linalg.LinAlgError:
+        raise ModelError(
+            "the body is flat, or no body at all: its pseudo-inertia has eigenvalues "
+            f"from {np.linalg.eigvalsh(J)[0]:.1e}, expected more than zero"
+        ) from None
+    entries = L[_ROWS, _COLUMNS]
+    entries[:3] = np.log(entries[:3])
+    return np.concatenate([[np.log(mass)], c, entries])
+
+
+def _factor(theta: Array) -> Array:
+    L = np.zeros((*theta.shape[:-1], 3, 3))
+    L[..., _ROWS[:3], _COLUMNS[:3]] = np.exp(theta[..., DIAGONAL])
+    L[..., _ROWS[3:], _COLUMNS[3:]] = theta[..., BELOW]
+    return L
+
+
+def _pseudo_inertia(theta: Array) -> Array:
+    """``J = C C^T`` with ``C = sqrt(m) [[L, c], [0, 1]]``: no difference is taken."""
+    C = np.zeros((*theta.shape[:-1], 4, 4))
+    C[..., :3, :3] = _factor(theta)
+    C[..., :3, 3] = theta[..., COM]
+    C[..., 3, 3] = 1.0
+    mass = np.exp(theta[..., MASS])[..., None, None]
+    return np.asarray(mass * (C @ np.swapaxes(C, -1, -2)))

@@ -1,0 +1,272 @@
+"""The robot: a tree of joints and links, with what the datasheet says of them."""
+
+from dataclasses import dataclass, field, replace
+from typing import Literal, Self, get_args
+
+import numpy as np
+
+from consistent_id._support.arrays import Array, Matrix, Vector, frozen
+from consistent_id.errors import ModelError
+from consistent_id.robot.inertia import InertialParameters
+from consistent_id.robot.parameters import did_you_mean
+
+JointKind = Literal["revolute", "continuous", "prismatic"]
+
+STANDARD_GRAVITY = (0.0, 0.0, -9.81)
+_ORTHONORMAL = 1e-9  # entries of R^T R - 1; what a double rotation chain accumulates
+
+
+@dataclass(frozen=True, slots=True)
+class JointLimits:
+    """Bounds of a joint's motion; infinite where the source states none.
+
+    `lower`, `upper` in rad or m, `velocity` in rad/s or m/s, `effort` in N m or N.
+    """
+
+    lower: float = -np.inf
+    upper: float = np.inf
+    velocity: float = np.inf
+    effort: float = np.inf
+
+    def __post_init__(self) -> None:
+        if not self.lower <= self.upper:
+            raise ModelError(f"joint limits: lower {self.lower} > upper {self.upper}")
+        for name in ("velocity", "effort"):
+            if not getattr(self, name) >= 0.0:
+                raise ModelError(f"joint limits: {name} is {getattr(self, name)} < 0")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Joint:
+    """A joint that turns about, or slides along, a fixed axis.
+
+    Parameters
+    ----------
+    name : str
+    kind : {"revolute", "continuous", "prismatic"}
+    parent : int
+        Index of the link that carries the joint; -1 for the base.
+    rotation : array_like, shape (3, 3)
+        Orientation of the joint frame in the parent link's frame.
+    translation : array_like, shape (3,), [m]
+        Origin of the joint frame in the parent link's frame.
+    axis : array_like, shape (3,)
+        Unit vector in the joint frame, which moves with the child link.
+    limits : JointLimits
+    """
+
+    name: str
+    kind: JointKind
+    parent: int
+    rotation: Matrix
+    translation: Vector
+    axis: Vector
+    limits: JointLimits = field(default_factory=JointLimits)
+
+    def __post_init__(self) -> None:
+        where = f"joint {self.name!r}"
+        if self.kind not in get_args(JointKind):
+            known = ", ".join(get_args(JointKind))
+            raise ModelError(f"{where}: kind {self.kind!r}, expected one of {known}")
+        rotation = _rotation(self.rotation, where)
+        axis = frozen(self.axis, (3,), f"{where}: axis", ModelError)
+        length = np.linalg.norm(axis)
+        if length == 0.0:
+            raise ModelError(f"{where}: axis is zero, expected a direction")
+        translation = frozen(
+            self.translation, (3,), f"{where}: translation", ModelError
+        )
+        object.__setattr__(self, "rotation", rotation)
+        object.__setattr__(self, "translation", translation)
+        axis = frozen(axis / length, (3,), "axis")
+        object.__setattr__(self, "axis", axis)
+
+
+def _rotation(matrix: Matrix, where: str) -> Matrix:
+    rotation = frozen(matrix, (3, 3), f"{where}: rotation", ModelError)
+    if abs(rotation.T @ rotation - np.eye(3)).max() > _ORTHONORMAL:
+        raise ModelError(f"{where}: rotation is not orthonormal")
+    if np.linalg.det(rotation) < 0.0:
+        raise ModelError(f"{where}: rotation is a reflection (determinant -1)")
+    return rotation
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Datasheet:
+    """What is known of a link before any measurement.
+
+    Parameters
+    ----------
+    mass : float, optional, [kg]
+    mass_bounds : (float, float), optional, [kg]
+    com : array_like, shape (3,), optional, [m]
+        Centre of mass in the link frame.
+    com_box : array_like, shape (2, 3), optional, [m]
+        Lower and upper corner of a box that holds the centre of mass.
+    """
+
+    mass: float | None = None
+    mass_bounds: tuple[float, float] | None = None
+    com: Vector | None = None
+    com_box: Matrix | None = None
+
+    def __post_init__(self) -> None:
+        if self.mass is not None and not 0.0 <= self.mass < np.inf:
+            raise ModelError(f"datasheet mass is {self.mass} kg, expected 0 or more")
+        if self.mass_bounds is not None:
+            low, high = self.mass_bounds
+            if not 0.0 <= low <= high:
+                raise ModelError(
+                    f"datasheet mass bounds are [{low}, {high}] kg, "
+                    "expected 0 <= lower <= upper"
+                )
+        if self.com is not None:
+            com = frozen(self.com, (3,), "datasheet com", ModelError)
+            object.__setattr__(self, "com", com)
+        if self.com_box is not None:
+            box = frozen(self.com_box, (2, 3), "datasheet com_box", ModelError)
+            if (box[0] > box[1]).any():
+                raise ModelError(f"datasheet com_box: lower {box[0]} > upper {box[1]}")
+            object.__setattr__(self, "com_box", box)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FixedFrame:
+    """Where a link without a joint of its own, such as a tool, is fixed.
+
+    `rotation`, shape (3, 3), and `translation`, shape (3,) [m], place the frame in that
+    of the link it is fixed to.
+    """
+
+    name: str
+    rotation: Matrix
+    translation: Vector
+
+    def __post_init__(self) -> None:
+        where = f"frame {self.name!r}"
+        translation = frozen(
+            self.translation, (3,), f"{where}: translation", ModelError
+        )
+        object.__setattr__(self, "rotation", _rotation(self.rotation, where))
+        object.__setattr__(self, "translation", translation)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Link:
+    """A moving body: its name, nominal parameters if known, and datasheet.
+
+    `merged` names the links of the model's file that are fixed to this one, and are
+    part of it.
+    """
+
+    name: str
+    nominal: InertialParameters | None = None
+    datasheet: Datasheet = field(default_factory=Datasheet)
+    merged: tuple[FixedFrame, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RobotModel:
+    """An immutable tree of moving links; joint ``k`` moves link ``k``.
+
+    Fixed joints are merged when a model is loaded, so every link here moves.
+
+    Parameters
+    ----------
+    name : str
+    joints : tuple of Joint
+        Parents come before their children.
+    links : tuple of Link
+    gravity : array_like, shape (3,), [m/s^2]
+        Gravitational acceleration in the base frame.
+    ground : tuple of FixedFrame
+        Links of the model's file that do not move.
+
+    Raises
+    ------
+    ModelError
+        If names repeat, a parent does not precede its child, or nothing moves.
+    """
+
+    name: str
+    joints: tuple[Joint, ...]
+    links: tuple[Link, ...]
+    gravity: Vector = STANDARD_GRAVITY  # type: ignore[assignment]
+    ground: tuple[FixedFrame, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not self.joints:
+            raise ModelError(f"robot {self.name!r} has no moving joint")
+        if len(self.joints) != len(self.links):
+            raise ModelError(
+                f"robot {self.name!r}: {len(self.joints)} joints, but "
+                f"{len(self.links)} links; each joint moves one link"
+            )
+        for what, names in (("joint", self.joint_names), ("link", self.link_names)):
+            repeated = sorted({name for name in names if names.count(name) > 1})
+            if repeated:
+                raise ModelError(f"robot {self.name!r}: {what} names repeat {repeated}")
+        for k, joint in enumerate(self.joints):
+            if not -1 <= joint.parent < k:
+                raise ModelError(
+                    f"joint {joint.name!r} (index {k}) has parent link {joint.parent}, "
+                    "expected one that comes before it"
+                )
+        gravity = frozen(self.gravity, (3,), "gravity", ModelError)
+        object.__setattr__(self, "gravity", gravity)
+
+    def __len__(self) -> int:
+        return len(self.joints)
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the joints, in order."""
+        return tuple(joint.name for joint in self.joints)
+
+    @property
+    def link_names(self) -> tuple[str, ...]:
+        """Names of the moving links, in order."""
+        return tuple(link.name for link in self.links)
+
+    @property
+    def nominal(self) -> Array | None:
+        """Nominal inertial parameters, shape (10 links,), or None if any is unknown."""
+        known = [link.nominal.vector for link in self.links if link.nominal is not None]
+        return np.concatenate(known) if len(known) == len(self.links) else None
+
+    def with_datasheet(self, datasheets: dict[str, Datasheet]) -> Self:
+        """Return the model with the datasheets of the named links replaced.
+
+        Raises
+        ------
+        ModelError
+            If a name is not that of a moving link.
+        """
+        for name in datasheets:
+            if name not in self.link_names:
+                near = did_you_mean(name, self.link_names)
+                raise ModelError(f"no moving link named {name!r}; {near}")
+        links = tuple(
+            replace(link, datasheet=datasheets.get(link.name, link.datasheet))
+            for link in self.links
+        )
+        return replace(self, links=links)
+
+    def carrier(self, name: str) -> int:
+        """Return the index of the moving link that `name` is, or is fixed to.
+
+        Of what does not move, it is -1.
+
+        Raises
+        ------
+        ModelError
+            If the model knows no such link.
+        """
+        carriers = {frame.name: -1 for frame in self.ground}
+        for k, link in enumerate(self.links):
+            carriers |= {frame.name: k for frame in link.merged}
+        carriers |= {link: k for k, link in enumerate(self.link_names)}
+        if name not in carriers:
+            near = did_you_mean(name, carriers)
+            raise ModelError(f"robot {self.name!r}: no link named {name!r}; {near}")
+        return carriers[name]

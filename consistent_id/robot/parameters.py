@@ -1,0 +1,105 @@
+"""Names, units and places of the parameters in the vector that is estimated."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+from consistent_id.errors import ProblemError
+from consistent_id.robot.inertia import INERTIAL_NAMES, INERTIAL_UNITS
+
+DRIVE_NAMES = (
+    "viscous",
+    "coulomb",
+    "coulomb_positive",
+    "coulomb_negative",
+    "stribeck",
+    "load_friction",
+    "offset",
+    "rotor_inertia",
+    "spring",
+)
+COUPLING_NAMES = ("coupling_viscous", "coupling_coulomb", "coupling_rotor_inertia")
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterLayout:
+    """Where each parameter stands: ten per link, then drive terms and couplings.
+
+    Parameters
+    ----------
+    links : tuple of str
+        Names of the moving links; link ``k`` owns entries ``10 k .. 10 k + 9``.
+    drive : tuple of (str, str)
+        Joint and term, such as ``("elbow", "viscous")``, in order; after them, two
+        joints and the term they share, ``("elbow+wrist", "coupling_viscous")``.
+    drive_units : tuple of str
+        Unit of each drive term.
+
+    Examples
+    --------
+    >>> layout = ParameterLayout(("arm",), (("elbow", "viscous"),), ("N m s/rad",))
+    >>> layout.names[0], layout.names[-1], len(layout)
+    ('arm.m', 'elbow.viscous', 11)
+    >>> layout.index("arm.Izz")
+    9
+    """
+
+    links: tuple[str, ...]
+    drive: tuple[tuple[str, str], ...] = ()
+    drive_units: tuple[str, ...] = ()
+    names: tuple[str, ...] = field(init=False)
+    units: tuple[str, ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        if len(self.drive) != len(self.drive_units):
+            raise ProblemError(
+                f"{len(self.drive)} drive terms, but {len(self.drive_units)} units"
+            )
+        inertial = [f"{link}.{name}" for link in self.links for name in INERTIAL_NAMES]
+        names = (*inertial, *(f"{joint}.{term}" for joint, term in self.drive))
+        repeated = {name for name in names if names.count(name) > 1}
+        if repeated:
+            raise ProblemError(f"parameter names are not unique: {sorted(repeated)}")
+        object.__setattr__(self, "names", names)
+        units = (*INERTIAL_UNITS * len(self.links), *self.drive_units)
+        object.__setattr__(self, "units", units)
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    @property
+    def inertial_size(self) -> int:
+        """Number of inertial parameters, ten per link."""
+        return 10 * len(self.links)
+
+    def link_slice(self, link: int) -> slice:
+        """Entries of the ten parameters of the link with this index."""
+        return slice(10 * link, 10 * link + 10)
+
+    def index(self, name: str) -> int:
+        """Return the place of a parameter by its name.
+
+        Raises
+        ------
+        ProblemError
+            If there is no such parameter; the message lists near names.
+        """
+        try:
+            return self.names.index(name)
+        except ValueError:
+            near = did_you_mean(name, self.names)
+            raise ProblemError(f"no parameter named {name!r}; {near}") from None
+
+    def drive_indices(self, term: str) -> tuple[int, ...]:
+        """Entries of one drive term, such as ``"viscous"``, over all joints."""
+        start = self.inertial_size
+        return tuple(start + i for i, (_, t) in enumerate(self.drive) if t == term)
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """Return a hint that lists the known names nearest to a wrong one."""
+    import difflib
+
+    known = list(known)
+    near = difflib.get_close_matches(name, known, n=3, cutoff=0.4) or known[:8]
+    more = "" if len(near) == len(known) else f" (of {len(known)})"
+    return f"known: {', '.join(near)}{more}" if known else "there are none"

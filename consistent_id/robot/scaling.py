@@ -1,0 +1,99 @@
+"""Typical sizes of parameters, by which problems are made dimensionless."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from consistent_id._support.arrays import Array, Vector
+from consistent_id.robot.inertia import InertialParameters
+from consistent_id.robot.model import RobotModel
+
+_MASSLESS = 1e-3  # mass of a link stated to have none, over the mean of the others
+_FLAT = 1e-3  # ratio of thickness to length below which a nominal body is none
+_THICK = 0.1  # ratio that a reference body is then given
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinkScales:
+    """Typical mass [kg] and length [m] of each link."""
+
+    mass: Vector
+    length: Vector
+
+    @property
+    def units(self) -> Vector:
+        """Typical size of each inertial parameter, shape (10 links,)."""
+        m, d = self.mass, self.length
+        rows = np.column_stack([m, m * d, m * d, m * d, *[m * d**2 for _ in range(6)]])
+        return rows.ravel()
+
+    @property
+    def root(self) -> Array:
+        """Square roots of the pseudo-inertias' diagonals, shape (links, 4)."""
+        r = np.sqrt(self.mass)
+        return np.column_stack([r * self.length] * 3 + [r])
+
+
+def link_scales(robot: RobotModel) -> LinkScales:
+    """Return each link's typical mass and length.
+
+    Mass: of the datasheet, else nominal, else the mean of those known, else 1 kg; a
+    thousandth of that mean for a link whose nominal mass is zero.
+    Length: the distance to the farthest joint that the link carries, else to the joint
+    that carries it, but no less than a tenth of the robot's longest.
+    """
+    known = [_known_mass(robot, k) for k in range(len(robot))]
+    stated = [m for m in known if m is not None]
+    typical = float(np.mean(stated)) if stated else 1.0
+    # A link that the model states to be massless is one, nearly; an unknown one is not.
+    guess = [
+        typical if link.nominal is None else _MASSLESS * typical for link in robot.links
+    ]
+    mass = np.array([g if m is None else m for m, g in zip(known, guess, strict=True)])
+
+    reach = np.array([np.linalg.norm(joint.translation) for joint in robot.joints])
+    length = reach.copy()
+    for k in range(len(robot)):
+        carried = [r for j, r in zip(robot.joints, reach, strict=True) if j.parent == k]
+        length[k] = max([*carried, 0.0]) or reach[k]
+    longest = float(length.max()) or 1.0
+    return LinkScales(mass, np.maximum(length, 0.1 * longest))
+
+
+def reference_bodies(robot: RobotModel) -> Array:
+    """Return a consistent body for each link, shape (links, 10).
+
+    The nominal one where it is known; where it is flat, as of point masses, or no body,
+    its vanishing extents are raised to a tenth of the link's length.  Else a ball of
+    the link's typical mass and length about the datasheet's centre of mass.
+    """
+    scales = link_scales(robot)
+    bodies = []
+    for link, m, d in zip(robot.links, scales.mass, scales.length, strict=True):
+        if link.nominal is not None and link.nominal.mass > 0.0:
+            bodies.append(_thickened(link.nominal, m, d).vector)
+            continue
+        com = np.zeros(3) if link.datasheet.com is None else link.datasheet.com
+        ball = InertialParameters.from_central(m, com, 0.1 * m * d**2 * np.eye(3))
+        bodies.append(ball.vector)
+    return np.array(bodies)
+
+
+def _known_mass(robot: RobotModel, k: int) -> float | None:
+    link = robot.links[k]
+    if link.datasheet.mass:
+        return link.datasheet.mass
+    if link.nominal is not None and link.nominal.mass > 0.0:
+        return link.nominal.mass
+    return None
+
+
+def _thickened(body: InertialParameters, m: float, d: float) -> InertialParameters:
+    """Give a body's vanishing extents a tenth of a length `d`."""
+    inertia = body.central_inertia
+    sigma = np.trace(inertia) / 2 * np.eye(3) - inertia
+    moments, axes = np.linalg.eigh(sigma)
+    flat = moments < m * (_FLAT * d) ** 2
+    sigma = axes @ np.diag(np.where(flat, m * (_THICK * d) ** 2, moments)) @ axes.T
+    thick = np.trace(sigma) * np.eye(3) - sigma
+    return InertialParameters.from_central(body.mass, body.com, thick)

@@ -1,0 +1,3 @@
+"""Preparation of recordings, under the name by which users know it."""
+
+from consistent_id.recordings.signals import *  # noqa: F403

@@ -1,0 +1,180 @@
+"""The shell tool, run as a user would; files it writes are whole and readable."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from consistent_id import ConsistentIdError, Estimate, load_problem
+from consistent_id.cli import main
+
+RX60 = "problems/rx60"
+
+
+def test_compare_tells_the_story_of_the_rx60_and_draws_it(tmp_path, capsys):
+    assert main(["compare", RX60, "--output", str(tmp_path)]) == 0
+    out = capsys.readouterr().out
+    for fact in (
+        "a2^2 m3 + m2 a2c^2 + B2",
+        "alpha1 + alpha2 - alpha8 - alpha13",
+        "impossible",
+        "least squares as published",
+        "certified",
+    ):
+        assert fact in out
+    record = json.loads((tmp_path / "comparison.json").read_text())
+    assert [v["answer"] for v in record["published"]["vectors"]] == ["impossible"] * 7
+    assert record["published"]["ranks"][1]["rank"] == 11
+    methods = {e["method"]: e for e in record["estimates"]}
+    error = {m: e["validation"][0]["stacked"] for m, e in methods.items()}
+    assert error["constrained"] < error["least squares"]
+    assert methods["constrained"]["verdict"] == "certified"
+    assert "| parameter |" in (tmp_path / "comparison.md").read_text()
+    for name in ("motion", "torque_training_1", "torque_validation_1"):
+        picture = (tmp_path / f"{name}.png").read_bytes()
+        assert picture.startswith(b"\x89PNG")
+        assert len(picture) > 20_000  # an empty set of axes is smaller
+
+
+def test_results_are_the_same_for_the_same_seed(tmp_path, capsys):
+    records = []
+    for name in ("a", "b"):
+        main(["compare", RX60, "--output", str(tmp_path / name)])
+        record = json.loads((tmp_path / name / "comparison.json").read_text())
+        records.append([e["validation"] for e in record["estimates"]])
+    capsys.readouterr()
+    assert records[0] == records[1]
+
+
+def test_info_shows_the_robot_and_its_base_parameters(capsys):
+    assert main(["info", RX60]) == 0
+    out = capsys.readouterr().out
+    assert "15 of 30 (structural rank)" in out
+    assert "link1.m" in out  # without effect on torque
+    assert main(["info", RX60, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)[0]["header"][0] == "joint"
+
+
+def test_identify_writes_estimates_that_can_be_read_back(tmp_path, capsys):
+    assert main(["identify", RX60, "--json", "--output", str(tmp_path)]) == 0
+    printed = json.loads(capsys.readouterr().out)["estimates"]
+    assert "constrained" in [e["method"] for e in printed]
+    from consistent_id import base_parameters
+
+    model = load_problem(RX60).model
+    estimate = Estimate.load(
+        tmp_path / "constrained.json", model, base_parameters(model)
+    )
+    (record,) = [e for e in printed if e["method"] == "constrained"]
+    assert estimate["link2.m"] == record["parameters"]["link2.m"]["value"]
+    assert estimate.certificate.verdict == "certified"
+
+
+@pytest.mark.parametrize("content", ["{", "[]", '{"parameters": {"a": 1}}', "null"])
+def test_a_damaged_estimate_is_refused(tmp_path, content):
+    from consistent_id import ProblemError, base_parameters
+
+    file = tmp_path / "estimate.json"
+    file.write_text(content)
+    model = load_problem(RX60).model
+    with pytest.raises(ProblemError, match=r"estimate\.json"):
+        Estimate.load(file, model, base_parameters(model))
+
+
+def test_wrong_input_ends_with_2_and_says_what_to_do(tmp_path, capsys):
+    (tmp_path / "problem.toml").write_text('name = "x"\n[model]\nurfd = "a.urdf"\n')
+    assert main(["info", str(tmp_path)]) == 2
+    message = capsys.readouterr().err
+    assert "urfd" in message
+    assert "$.model" in message
+    assert main(["info", str(tmp_path / "nowhere")]) == 2
+
+
+def test_wrong_usage_ends_with_2(capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["frobnicate"])
+    assert ended.value.code == 2
+    capsys.readouterr()
+
+
+def test_an_interrupt_ends_with_130_and_leaves_nothing_half_written(
+    tmp_path, capsys, monkeypatch
+):
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("consistent_id.cli.commands.run_study", interrupted)
+    assert main(["compare", RX60, "--output", str(tmp_path / "out")]) == 130
+    assert not (tmp_path / "out").exists()
+    capsys.readouterr()
+
+
+def test_help_does_not_load_solvers():
+    code = (
+        "import sys; from consistent_id.cli.tool import tool_parser;"
+        "tool_parser().format_help();"
+        "heavy = {'cvxpy', 'casadi', 'pinocchio', 'scipy', 'matplotlib'};"
+        "sys.exit(bool(heavy & set(sys.modules)))"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_every_error_of_the_package_has_one_root():
+    import consistent_id
+
+    errors = [getattr(consistent_id, n) for n in consistent_id.__all__ if "Error" in n]
+    assert len(errors) == 8
+    assert all(issubclass(error, ConsistentIdError) for error in errors)
+
+
+@pytest.mark.parametrize(
+    "form", ["urdf", "mjcf", "json", "pin", "numpy", "casadi", "c"]
+)
+def test_an_estimate_is_exported_for_other_programmes(form, rx60_estimate, capsys):
+    if form == "mjcf":
+        pytest.importorskip("mujoco")
+    file = rx60_estimate.with_name("rx60.out")
+    arguments = ["export", RX60, "--format", form, "--output", str(file), "--json"]
+    assert main([*arguments, "--estimate", str(rx60_estimate)]) == 0
+    record = json.loads(capsys.readouterr().out)
+    assert (record["verdict"], record["written"]) == ("certified", str(file))
+    assert file.stat().st_size > 1000
+
+
+def test_a_source_is_for_formats_that_have_one(rx60_estimate, capsys):
+    arguments = ["--format", "c", "--output", "x", "--estimate", str(rx60_estimate)]
+    assert main(["export", RX60, *arguments, "--source", "robot.urdf"]) == 2
+    assert "a source is for URDF and MJCF" in capsys.readouterr().err
+
+
+def test_what_is_refused_is_not_exported_unless_told(rx60_estimate, capsys):
+    text = rx60_estimate.read_text().replace('"certified"', '"refused"')
+    rx60_estimate.write_text(text)
+    file = rx60_estimate.with_name("rx60.c")
+    arguments = ["export", RX60, "--format", "c", "--output", str(file)]
+    arguments += ["--estimate", str(rx60_estimate)]
+    assert main(arguments) == 1
+    assert not file.exists()
+    assert "is refused" in capsys.readouterr().err
+    assert main([*arguments, "--allow-refused", "--dry-run"]) == 0
+    assert not file.exists()
+    assert main([*arguments, "--allow-refused"]) == 0
+    assert "verdict refused" in file.read_text()
+    capsys.readouterr()
+
+
+@pytest.fixture(scope="module")
+def _rx60_estimate(tmp_path_factory):
+    from consistent_id.cli.commands_export import estimate_for_export
+
+    estimate = estimate_for_export(load_problem(RX60))
+    return estimate.save(tmp_path_factory.mktemp("rx60") / "estimate.json")
+
+
+@pytest.fixture
+def rx60_estimate(_rx60_estimate, tmp_path):
+    """The constrained estimate of the RX-60, in a file of its own."""
+    file = tmp_path / "estimate.json"
+    file.write_bytes(_rx60_estimate.read_bytes())
+    return file

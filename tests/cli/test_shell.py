@@ -1,0 +1,220 @@
+"""The shell tool on a robot and a log; what it prints, to whom, and how it ends."""
+
+import io
+import json
+import logging
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from logged import write_arm
+
+from consistent_id import load_problem
+from consistent_id.cli import main
+from consistent_id.cli.colour import coloured, wants_colour
+from consistent_id.cli.time_limit import OutOfTime, within
+from consistent_id.cli.tool import tool_parser
+
+COMMANDS = [
+    "init",
+    "info",
+    "check",
+    "excite",
+    "identify",
+    "compare",
+    "export",
+    "repair",
+    "report",
+    "reproduce",
+    "completion",
+]
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory):
+    return [str(path) for path in write_arm(tmp_path_factory.mktemp("arm"))]
+
+
+def test_a_robot_and_a_log_are_identified_by_one_command(arm, tmp_path, capsys):
+    folder = tmp_path / "out"
+    assert main(["identify", *arm, "--output", str(folder)]) == 0
+    out = capsys.readouterr().out
+    assert out.startswith("arm: ")
+    assert "certified" in out.splitlines()[0]
+    assert "position: q_{joint}" in out
+    assert "Nothing suspicious was found" in out
+    assert "fore.Izz" in out
+    assert load_problem(folder).missing == ()
+    record = json.loads((folder / "comparison.json").read_text())
+    (constrained,) = [e for e in record["estimates"] if e["method"] == "constrained"]
+    assert constrained["validation"][0]["stacked"] < 0.05
+    assert (folder / "constrained.json").exists()
+
+
+def test_a_dry_run_writes_nothing(arm, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["identify", *arm, "--output", "out", "--dry-run", "--json"]) == 0
+    record = json.loads(capsys.readouterr().out)
+    assert record["format"] == "consistent_id study 1"
+    assert record["findings"] is not None
+    assert main(["init", *arm, "--dry-run"]) == 0
+    assert "[[data.recordings]]" in capsys.readouterr().out
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_init_writes_a_problem_that_compare_works_through(
+    arm, tmp_path, capsys, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    assert main(["init", *arm]) == 0
+    assert "next: consistent-id compare problem.toml" in capsys.readouterr().out
+    assert main(["compare", "problem.toml", "--quiet"]) == 0
+    assert capsys.readouterr() == ("", "")
+    assert (tmp_path / "results" / "log" / "comparison.md").exists()
+
+
+def test_the_quiet_hear_no_warnings_and_others_do_later(arm, tmp_path, capsys):
+    urdf = tmp_path / "arm.urdf"
+    urdf.write_text(Path(arm[0]).read_text().replace('xyz="0 1 0"', 'xyz="0 2 0"'))
+    logger = logging.getLogger("consistent_id")
+    heard = []
+    handler = logging.Handler()
+    handler.emit = heard.append
+    logger.addHandler(handler)
+    try:
+        main(["init", str(urdf), arm[1], "--dry-run", "--quiet"])
+        assert heard == []
+        main(["init", str(urdf), arm[1], "--dry-run"])
+        assert heard != []
+    finally:
+        logger.removeHandler(handler)
+    capsys.readouterr()
+
+
+def test_init_does_not_write_over_a_file_unless_told(arm, tmp_path, capsys):
+    file = tmp_path / "problem.toml"
+    file.write_text("mine")
+    assert main(["init", *arm, "--output", str(file)]) == 2
+    assert "--force" in capsys.readouterr().err
+    assert file.read_text() == "mine"
+    assert main(["init", *arm, "--output", str(file), "--force", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["text"] == file.read_text()
+
+
+def test_a_faulty_log_is_told_with_the_verdict(arm, tmp_path, capsys):
+    rows = [row.split(",") for row in Path(arm[1]).read_text().splitlines()]
+    for row in rows[1:]:
+        row[4] = str(-float(row[4]))
+    log = tmp_path / "log.csv"
+    log.write_text("\n".join(map(",".join, rows)) + "\n")
+    main(["identify", arm[0], str(log)])
+    head = capsys.readouterr().out.split("\n\n")[0]
+    assert "the log seems faulty (torque sign" in head
+
+
+def test_what_the_problem_file_says_is_not_taken_from_the_shell(capsys):
+    assert main(["identify", "problems/rx60", "--torque-gain", "2"]) == 2
+    assert "--torque-gain is for a robot and a log" in capsys.readouterr().err
+
+
+def test_one_command_goes_from_a_robot_and_a_log_to_a_report(arm, tmp_path, capsys):
+    file = tmp_path / "report.html"
+    assert main(["identify", *arm, "--report", str(file)]) == 0
+    assert file.read_text().lower().startswith("<!doctype html>")
+    assert f"written: {file}" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_has_examples(command, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main([command, "--help"])
+    assert ended.value.code == 0
+    out = capsys.readouterr().out
+    assert f"examples:\n  consistent-id {command}" in out
+    assert "--json" in out
+    assert "--quiet" in out
+
+
+def test_every_example_is_understood(capsys):
+    parser = tool_parser()
+    for command in COMMANDS:
+        with pytest.raises(SystemExit):
+            main([command, "--help"])
+        examples = capsys.readouterr().out.split("examples:\n")[1].splitlines()
+        for example in examples:
+            words = example.split(" > ")[0].split()
+            assert parser.parse_args(words[1:]).command == command
+
+
+def test_the_package_runs_as_a_module_and_says_its_version():
+    done = subprocess.run(
+        [sys.executable, "-m", "consistent_id", "--version"],
+        check=True,
+        capture_output=True,
+        text=True,
+    )
+    assert done.stdout.strip() == "0.1.0"
+
+
+def test_work_that_takes_too_long_is_given_up_with_3(arm, capsys, monkeypatch):
+    def slow(*_, **__):
+        time.sleep(5.0)
+
+    monkeypatch.setattr("consistent_id.cli.commands.run_study", slow)
+    limit = ["--time-limit", "0.2", "--dry-run"]
+    assert main(["compare", "problems/rx60", *limit]) == 3
+    assert "not done within 0.2 s" in capsys.readouterr().err
+
+
+def test_a_time_limit_ends_with_the_work():
+    with within(0.05):
+        pass
+    time.sleep(0.1)
+    with pytest.raises(OutOfTime), within(0.05):
+        time.sleep(1.0)
+
+
+@pytest.mark.parametrize("limit", ["0", "-1", "inf", "nan", "soon"])
+def test_a_time_limit_is_a_positive_number(limit, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["compare", "problems/rx60", "--time-limit", limit])
+    assert ended.value.code == 2
+    capsys.readouterr()
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+def test_verdicts_are_coloured_for_a_terminal_alone(monkeypatch):
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    monkeypatch.setenv("TERM", "xterm")
+    assert wants_colour(Terminal())
+    assert not wants_colour(io.StringIO())
+    monkeypatch.setenv("NO_COLOR", "1")
+    assert not wants_colour(Terminal())
+    monkeypatch.delenv("NO_COLOR")
+    monkeypatch.setenv("TERM", "dumb")
+    assert not wants_colour(Terminal())
+
+
+def test_colours_take_nothing_away_and_do_not_touch_other_words():
+    text = "arm: refused\n  uncertified  certified  certifiedly\n"
+    shown = coloured(text)
+    assert shown.count("\x1b[31m") == 1
+    assert shown.count("\x1b[32m") == 1
+    assert shown.count("\x1b[33m") == 1
+    for code in (0, 1, 31, 32, 33):
+        shown = shown.replace(f"\x1b[{code}m", "")
+    assert shown == text
+
+
+def test_progress_is_shown_to_whoever_watches(monkeypatch, capsys):
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    assert main(["compare", "problems/rx60", "--dry-run", "--json"]) == 0
+    captured = capsys.readouterr()
+    json.loads(captured.out)
+    assert "shadow prices" in captured.err

@@ -1,0 +1,149 @@
+"""Comparisons: errors by hand, mass matrices of Pinocchio, verdicts, tables."""
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from robots import random_robot, random_states
+
+from consistent_id import (
+    DHRow,
+    DriveTerms,
+    GearCoupling,
+    ProblemError,
+    Recording,
+    TorqueModel,
+    build_regression,
+    compare,
+    constrained_least_squares,
+    from_modified_dh,
+    least_squares,
+    simulate_torque,
+)
+from consistent_id._support.tables import Table
+from consistent_id.comparison.base_bodies import in_words
+from consistent_id.comparison.comparison import torque_error
+from consistent_id.regression.mass_matrix import mass_matrices, random_poses
+from consistent_id.report.summary import comparison_tables
+
+
+def _estimates(seed=0, noise=4.0):
+    rng = np.random.default_rng(seed)
+    reference, robot = random_robot(rng, 3)
+    model = TorqueModel(robot, DriveTerms(rotor_inertia=True))
+    truth = np.concatenate([robot.nominal, [0.2, 0.3, 0.4]])
+    logs = []
+    for _ in range(2):
+        states = random_states(rng, 3, 300)
+        motion = Recording(robot.joint_names, np.arange(300) / 100, *states)
+        logs.append(simulate_torque(model, truth, motion, noise=noise, rng=rng))
+    regression = build_regression(model, logs[0])
+    plain = least_squares(model, regression)
+    bodily = constrained_least_squares(model, regression)
+    return reference, model, truth, logs, (plain, bodily)
+
+
+def test_errors_are_those_computed_by_hand():
+    _, _, _, logs, (plain, _) = _estimates()
+    error = torque_error(plain, logs[1])
+    rest = logs[1].torque - plain.predict(logs[1])
+    assert np.allclose(error.mse, np.mean(rest**2, axis=0))
+    assert np.allclose(error.rms, np.sqrt(error.mse))
+    assert error.stacked == pytest.approx(
+        np.sqrt(np.sum(rest**2) / np.sum(logs[1].torque ** 2))
+    )
+    assert np.allclose(
+        error.relative, error.rms / np.sqrt(np.mean(logs[1].torque ** 2, axis=0))
+    )
+
+
+def test_mass_matrices_are_those_of_pinocchio_with_rotor_inertia_added():
+    reference, model, truth, _, _ = _estimates()
+    data = reference.createData()
+    q = np.random.default_rng(1).uniform(-2, 2, (5, 3))
+    for M, pose in zip(mass_matrices(model, truth, q), q, strict=True):
+        expected = pin.crba(reference, data, pose)
+        expected = np.triu(expected) + np.triu(expected, 1).T + np.diag([0.2, 0.3, 0.4])
+        assert np.allclose(M, expected, atol=1e-12 * abs(expected).max())
+
+
+def test_mass_matrices_have_coupled_rotors_and_no_spring():
+    robot = from_modified_dh("arm", [DHRow(0.0, 0.1), DHRow(1.0, 0.1)])
+    drive = DriveTerms(offset=True, spring=True, rotor_inertia=True)
+    coupling = GearCoupling("joint1", "joint2", rotor_inertia=True)
+    model = TorqueModel(robot, drive, (coupling,))
+    x = np.zeros(len(model.layout))
+    x[20:] = [5.0, 0.4, 9.0, 7.0, 0.3, 8.0, 0.2]
+    q = random_poses(model, 3, seed=0)
+    expected = np.tile([[0.4, 0.2], [0.2, 0.3]], (3, 1, 1))
+    assert np.allclose(mass_matrices(model, x, q), expected, rtol=0, atol=1e-13)
+
+
+def test_the_constrained_robot_is_consistent_and_its_mass_matrix_positive():
+    _, _, _, logs, estimates = _estimates()
+    comparison = compare(estimates, [logs[1]], training=[logs[0]])
+    bodily = comparison["constrained"]
+    assert bodily.verdict == "certified"
+    assert all(bodily.consistent_links)
+    assert bodily.least_mass_eigenvalue > 0.0
+    assert bodily.base_feasibility.answer == "consistent"
+
+
+def test_base_parameters_of_no_body_are_refused_however_well_they_fit():
+    _, _, truth, logs, (plain, _) = _estimates()
+    impossible = truth.copy()
+    impossible[20:30] *= -1.0  # the last link has negative mass and inertia
+    anti = replace(plain, parameters=impossible, method="anti-body")
+    (report,) = compare([anti], [logs[1]]).reports
+    assert report.estimate.certificate.verdict == "certified"
+    assert report.verdict == "refused"
+    assert "j2" in report.base_feasibility.summary
+
+
+def test_comparing_nothing_or_different_models_is_refused():
+    _, _, _, logs, (plain, _) = _estimates()
+    with pytest.raises(ProblemError, match="no estimate"):
+        compare([], logs)
+    rng = np.random.default_rng(5)
+    _, robot = random_robot(rng, 3)
+    model = TorqueModel(robot)
+    states = random_states(rng, 3, 100)
+    log = Recording(robot.joint_names, np.arange(100) / 100, *states)
+    other = simulate_torque(model, robot.nominal, log)
+    foreign = least_squares(model, build_regression(model, other))
+    with pytest.raises(ProblemError, match="different parameters"):
+        compare([plain, foreign], logs)
+    with pytest.raises(ProblemError, match="there are: least squares"):
+        compare([plain], logs)["constrained"]
+
+
+@pytest.mark.parametrize(
+    ("vector", "words"),
+    [
+        ([-1.0, 0, 0, 0, 1, 0, 1, 0, 0, 1], "mass -1 kg is not positive"),
+        ([1.0, 0, 0, 0, 5, 0, 1, 0, 0, 1], "exceeds the sum of the other two, 2, by 3"),
+        ([1.0, 0, 0, 0, 1, 0, 1, 0, 0, 1], "a body could have"),
+    ],
+)
+def test_violations_are_said_in_words(vector, words):
+    assert words in in_words(np.array(vector, dtype=float))
+
+
+def test_tables_align_numbers_and_escape_bars_in_markdown():
+    table = Table("T", ("name", "value"), (("a|b", "1.5"), ("c", "-20")))
+    assert table.text().splitlines() == [
+        "T",
+        "  name  value",
+        "  a|b     1.5",
+        "  c       -20",
+    ]
+    assert "| a\\|b | 1.5 |" in table.markdown()
+    assert "| --- | ---: |" in table.markdown()
+
+
+def test_the_comparison_table_has_a_row_per_estimate_and_recording():
+    _, _, _, logs, estimates = _estimates()
+    tables = comparison_tables(compare(estimates, logs))
+    assert [len(t.rows) for t in tables[:5]] == [2] * 5  # RMS and MSE twice, bodies
+    assert tables[0].rows[1][0] == "constrained"

@@ -1,0 +1,182 @@
+"""Certificates and proofs: closed forms, wrong points, bodies and none."""
+
+import numpy as np
+import pytest
+from experiments import experiment, pendulum
+from robots import random_body
+
+from consistent_id import (
+    InertialParameters,
+    SolverError,
+    base_feasibility,
+    base_parameters,
+)
+from consistent_id.constraints.cones.certificate import certify, solve_certified
+from consistent_id.constraints.cones.feasibility import find_interior
+from consistent_id.constraints.cones.least_norm import (
+    ConeSolution,
+    LeastNorm,
+    solve_least_norm,
+)
+from consistent_id.constraints.cones.programmes import Multipliers
+from consistent_id.constraints.cones.sets import ConicSet, SemidefiniteBlock
+
+
+def _triangular(seed, size=3):
+    """Nearest positive semidefinite matrix as a cone problem, with its known answer."""
+    rng = np.random.default_rng(seed)
+    A = rng.normal(size=(size, size))
+    A = A + A.T
+    pairs = [(i, j) for i in range(size) for j in range(i, size)]
+    basis = np.zeros((len(pairs), size, size))
+    for n, (i, j) in enumerate(pairs):
+        basis[n, i, j] = basis[n, j, i] = 1.0
+    weight = np.array([1.0 if i == j else np.sqrt(2.0) for i, j in pairs])
+    block = SemidefiniteBlock("X", basis, np.zeros((size, size)), np.ones(size))
+    domain = ConicSet.semidefinite([block], len(pairs))
+    target = np.array([A[i, j] for i, j in pairs])
+    values, vectors = np.linalg.eigh(A)
+    nearest = (vectors * np.maximum(values, 0.0)) @ vectors.T
+    answer = np.array([nearest[i, j] for i, j in pairs])
+    return LeastNorm(np.diag(weight), weight * target, domain), answer
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_the_nearest_semidefinite_matrix_is_the_one_with_its_negative_part_cut(seed):
+    problem, answer = _triangular(seed)
+    solution, optimality = solve_certified(problem, np.zeros(6), reference=0.5)
+    assert optimality.verdict == "certified"
+    # The objective is strongly convex, so its gap bounds the distance to the answer;
+    # 1e-7 is what violation may add.
+    excess = optimality.gap * max(optimality.objective, 0.5)
+    distance = np.linalg.norm(problem.G @ (solution.u - answer))
+    assert distance <= np.sqrt(2.0 * excess) + 1e-7
+
+
+def test_a_point_that_is_not_optimal_is_not_certified():
+    from dataclasses import replace
+
+    problem, answer = _triangular(3)
+    solution = solve_least_norm(problem)
+    worse = replace(solution, u=1.01 * answer)
+    gap = certify(problem, worse, np.zeros(6)).gap
+    excess = 0.5 * np.linalg.norm(problem.G @ worse.u - problem.g) ** 2
+    excess -= 0.5 * np.linalg.norm(problem.G @ answer - problem.g) ** 2
+    assert gap * (0.5 * np.linalg.norm(problem.G @ worse.u - problem.g) ** 2) >= excess
+    assert certify(problem, worse, np.zeros(6)).verdict == "uncertified"
+
+
+def test_a_point_outside_is_not_certified():
+    from dataclasses import replace
+
+    problem, answer = _triangular(4)
+    solution = solve_least_norm(problem)
+    outside = replace(solution, u=answer - 1e-3)
+    assert certify(problem, outside, np.zeros(6)).verdict == "uncertified"
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_base_parameters_of_a_body_are_consistent_with_a_witness(seed):
+    model, truth, _ = experiment(50 + seed, samples=2)
+    base = base_parameters(model)
+    answer = base_feasibility(model, base, base.projection @ truth)
+    assert answer.answer == "consistent"
+    witness = answer.parameters
+    assert np.allclose(base.projection @ witness, base.projection @ truth, atol=1e-5)
+    for body in witness[:40].reshape(-1, 10):
+        assert InertialParameters(body).is_consistent(tolerance=1e-7)
+
+
+def test_a_pendulum_of_negative_inertia_is_proven_impossible():
+    model, truth, _ = pendulum()
+    base = base_parameters(model)
+    values = base.projection @ truth
+    values[base.names.index("link1.Izz")] = -0.1
+    answer = base_feasibility(model, base, values)
+    assert answer.answer == "impossible"
+    assert answer.proof.bound < 0.0
+    assert [v.link for v in answer.violations] == ["link1"]
+
+
+def test_the_proof_of_impossibility_counts_the_same_for_every_candidate():
+    model, truth, _ = pendulum()
+    base = base_parameters(model)
+    values = base.projection @ truth
+    values[base.names.index("link1.Izz")] = -0.1
+    proof = base_feasibility(model, base, values).proof
+    # <Z, J> over candidates: all have these base parameters; none can make it >= 0.
+    P = base.projection
+    null = np.linalg.svd(P)[2][len(P) :].T
+    rng = np.random.default_rng(0)
+    from consistent_id.robot.inertia import pseudo_inertia
+    from consistent_id.robot.scaling import link_scales
+
+    root = link_scales(model.robot).root[0]
+    for _ in range(20):
+        x = base.lift(values) + null @ rng.normal(size=null.shape[1])
+        J = pseudo_inertia(x[:10]) / np.outer(root, root)
+        assert np.sum(proof.multipliers[0] * J) < -1e-3
+
+
+def test_an_empty_set_is_proven_empty_and_a_full_one_is_not():
+    block = SemidefiniteBlock("x", np.ones((1, 1, 1)), np.array([[-1.0]]), np.ones(1))
+    low = ConicSet.at_most(np.array([[1.0]]), np.array([0.5]), ["x <= 0.5"])
+    empty = ConicSet.semidefinite([block], 1) & low
+    assert find_interior(empty).proves_empty
+    # x >= 1 + t and x <= 0.5 - t meet at t = -0.25.
+    assert find_interior(empty).depth == pytest.approx(-0.25, abs=1e-5)
+    high = ConicSet.at_most(np.array([[1.0]]), np.array([2.0]), ["x <= 2"])
+    assert not find_interior(ConicSet.semidefinite([block], 1) & high).proves_empty
+
+
+def test_consistency_survives_a_change_of_frame():
+    rng = np.random.default_rng(60)
+    body = random_body(rng)
+    Q, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    moved = body.transformed(Q * np.sign(np.linalg.det(Q)), rng.normal(size=3))
+    assert body.is_consistent()
+    assert moved.is_consistent()
+
+
+def test_base_parameters_of_wild_size_are_judged_too():
+    model, truth, _ = experiment(70, samples=2)
+    base = base_parameters(model)
+    rng = np.random.default_rng(71)
+    for size in (1e3, 1e6, 1e9):
+        wild = size * rng.normal(size=len(base))
+        assert base_feasibility(model, base, wild).answer == "impossible"
+        bodily = base_feasibility(model, base, size * (base.projection @ truth))
+        assert bodily.answer == "consistent"
+
+
+def test_a_failing_solver_leaves_the_question_open(monkeypatch):
+    model, truth, _ = experiment(72, joints=2, samples=2)
+
+    def fails(*_args, **_options):
+        raise SolverError("out of order")
+
+    monkeypatch.setattr(
+        "consistent_id.constraints.cones.feasibility.solve_cones", fails
+    )
+    base = base_parameters(model)
+    answer = base_feasibility(model, base, base.projection @ truth)
+    assert answer.answer == "undecided"
+    assert "neither" in answer.summary
+
+
+@pytest.mark.parametrize("kind", ["block", "row"])
+def test_slack_that_a_multiplier_pays_for_counts_into_the_gap(kind):
+    # Least (u + 1)^2 / 2 over u >= 0: the optimum is 0.  At u = 0.5 the multiplier 1.5
+    # explains the whole gradient, so the gap is complementarity alone: 1.5 * 0.5.
+    if kind == "block":
+        block = SemidefiniteBlock("u", np.ones((1, 1, 1)), np.zeros((1, 1)), np.ones(1))
+        domain = ConicSet.semidefinite([block], 1)
+        multipliers = Multipliers(np.zeros(0), np.zeros(0), (np.array([[1.5]]),))
+    else:
+        domain = ConicSet.at_most(np.array([[-1.0]]), np.zeros(1), ["u >= 0"])
+        multipliers = Multipliers(np.zeros(0), np.array([1.5]), ())
+    problem = LeastNorm(np.eye(1), np.array([-1.0]), domain)
+    point = ConeSolution(np.array([0.5]), multipliers, "made up", 0.0, 0.0)
+    optimality = certify(problem, point, np.zeros(1))
+    assert optimality.stationarity == pytest.approx(0.0, abs=1e-15)
+    assert optimality.gap * optimality.objective == pytest.approx(0.75)

@@ -1,0 +1,179 @@
+"""The solver's own form, its fallbacks, and a second formulation and solver."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from consistent_id import SolverError
+from consistent_id.constraints.cones.certificate import certify, solve_certified
+from consistent_id.constraints.cones.least_norm import LeastNorm, solve_least_norm
+from consistent_id.constraints.cones.programmes import (
+    Ball,
+    ConeRows,
+    lower_bound,
+    set_rows,
+    smat,
+    solve_cones,
+    svec,
+)
+from consistent_id.constraints.cones.second_opinion import FORMULATIONS, solve_anew
+from consistent_id.constraints.cones.sets import ConicSet, SemidefiniteBlock
+
+
+def _projection(seed, size=4):
+    """Nearest matrix to a random one with X >= 0, trace X = 1 and X_00 <= 0.1."""
+    rng = np.random.default_rng(seed)
+    A = rng.normal(size=(size, size))
+    basis = np.array([smat(e) for e in np.eye(size * (size + 1) // 2)])
+    block = SemidefiniteBlock("X", basis, np.zeros((size, size)), np.ones(size))
+    trace = np.trace(basis, axis1=1, axis2=2)
+    width = len(basis)
+    domain = (
+        ConicSet.semidefinite([block], width)
+        & ConicSet.equal(trace[None], np.ones(1), ["trace"])
+        & ConicSet.at_most(basis[:, 0, 0][None], np.array([0.1]), ["X_00"])
+    )
+    return LeastNorm(np.eye(width), svec(A + A.T), domain)
+
+
+@given(st.integers(1, 6), st.integers(0, 2**31))
+def test_stacking_keeps_inner_products_and_can_be_undone(size, seed):
+    A, B = np.random.default_rng(seed).normal(size=(2, size, size))
+    A, B = A + A.T, B + B.T
+    assert svec(A) @ svec(B) == pytest.approx(np.sum(A * B))
+    assert np.allclose(smat(svec(A)), A, atol=1e-14)
+
+
+def test_a_linear_programme_has_its_known_answer_and_multipliers():
+    # Least -x - 2y over x + y <= 1, x >= 0, y >= 0: y = 1, multiplier 2 of the sum.
+    A = np.array([[1.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
+    rows = [ConeRows("nonnegative", A, np.array([1.0, 0.0, 0.0]))]
+    point = solve_cones(np.array([-1.0, -2.0]), rows, tolerance=1e-10)
+    assert point.x == pytest.approx([0.0, 1.0], abs=1e-8)
+    assert point.duals[0] == pytest.approx([2.0, 1.0, 0.0], abs=1e-8)
+
+
+def test_what_has_no_solution_gives_no_point():
+    A = np.array([[1.0], [-1.0]])
+    rows = [ConeRows("nonnegative", A, np.array([0.0, -1.0]))]
+    with pytest.raises(SolverError, match="Infeasible"):
+        solve_cones(np.zeros(1), rows)
+
+
+def test_numbers_that_are_none_are_a_solver_error():
+    rows = [ConeRows("nonnegative", np.array([[np.nan]]), np.zeros(1))]
+    with pytest.raises(SolverError):
+        solve_cones(np.ones(1), rows)
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+@pytest.mark.parametrize("seed", range(4))
+def test_another_formulation_and_another_solver_agree(seed, formulation):
+    problem = _projection(seed)
+    mine = solve_least_norm(problem)
+    theirs = solve_anew(problem, formulation)
+    # A strongly convex objective: both are within the root of their gaps.
+    scale = max(certify(problem, mine, np.zeros(10)).objective, 0.5)
+    within = [
+        np.sqrt(2.0 * scale * certify(problem, s, np.zeros(10), reference=0.5).gap)
+        for s in (mine, theirs)
+    ]
+    assert np.linalg.norm(theirs.u - mine.u) <= sum(within) + 1e-7
+    for solution in (mine, theirs):
+        rest = problem.G.T @ (problem.G @ solution.u - problem.g)
+        multipliers = solution.multipliers
+        rest = rest + problem.domain.A_eq.T @ multipliers.equal
+        rest = rest + problem.domain.A_in.T @ multipliers.at_most
+        (block,) = problem.domain.blocks
+        rest -= np.tensordot(block.coefficients, multipliers.blocks[0], axes=2)
+        assert np.linalg.norm(rest) < 1e-4
+    assert certify(problem, theirs, np.zeros(10), reference=0.5).gap < 1e-6
+
+
+@pytest.mark.parametrize("working", FORMULATIONS)
+def test_the_next_way_is_taken_when_one_fails(working, monkeypatch):
+    def fails(*_args, **_options):
+        raise SolverError("out of order")
+
+    def one_works(problem, formulation):
+        return solve_anew(problem, formulation) if formulation == working else fails()
+
+    monkeypatch.setattr(
+        "consistent_id.constraints.cones.certificate.solve_least_norm", fails
+    )
+    monkeypatch.setattr(
+        "consistent_id.constraints.cones.certificate.solve_anew", one_works
+    )
+    problem = _projection(7)
+    solution, optimality = solve_certified(problem, np.zeros(10), reference=0.5)
+    assert optimality.verdict == "certified"
+    assert solution.u == pytest.approx(solve_least_norm(problem).u, abs=1e-5)
+
+
+def test_when_nothing_works_each_failure_is_told_once(monkeypatch):
+    def fails(*_args, **_options):
+        raise SolverError("out of order")
+
+    monkeypatch.setattr(
+        "consistent_id.constraints.cones.certificate.solve_least_norm", fails
+    )
+    monkeypatch.setattr("consistent_id.constraints.cones.certificate.solve_anew", fails)
+    with pytest.raises(SolverError, match=r"^out of order$"):
+        solve_certified(_projection(7), np.zeros(10))
+
+
+def test_the_origin_and_a_wide_ball_do_not_change_the_answer():
+    problem = _projection(5)
+    plain = solve_least_norm(problem)
+    moved = solve_least_norm(
+        problem, origin=np.full(10, 3.0), within=Ball(np.ones(10), 100.0)
+    )
+    assert moved.u == pytest.approx(plain.u, abs=1e-6)
+    assert moved.multipliers.equal == pytest.approx(plain.multipliers.equal, abs=1e-5)
+
+
+def test_a_narrow_ball_is_kept_to():
+    # Nearest to 5 within 2 of the origin, where nothing else holds it.
+    problem = LeastNorm(np.eye(1), np.array([5.0]), ConicSet.everything(1))
+    inside = solve_least_norm(problem, within=Ball(np.zeros(1), 2.0))
+    assert inside.u == pytest.approx([2.0], abs=1e-6)
+
+
+def test_rows_on_one_parameter_hold_to_the_last_digit():
+    A = np.array([[0.0, 2.0], [1.0, 1.0]])
+    low = ConicSet.at_most(-np.eye(2)[:1], np.zeros(1), ["x >= 0"])
+    domain = ConicSet.equal(A, np.array([3.0, 4.0]), ["2 y = 3", "sum"]) & low
+    assert domain.snapped(np.array([-1e-12, 1.5 + 1e-12])).tolist() == [0.0, 1.5]
+    assert domain.snapped(np.array([0.3, 1.5])).tolist() == [0.3, 1.5]
+
+
+@settings(deadline=None)  # the first solve imports the solver
+@given(st.integers(0, 2**31), st.sampled_from([0.0, 1e-6, 0.1, 10.0]))
+def test_a_lower_bound_is_below_every_feasible_point_whatever_the_multipliers(
+    seed, disturbance
+):
+    rng = np.random.default_rng(seed)
+    domain = _projection(seed % 5).domain
+    ball = Ball(0.3 * rng.normal(size=10), 5.0)
+    rows = [*set_rows(domain), ball.rows()]
+    cost = rng.normal(size=10)
+    point = solve_cones(cost, rows)
+    duals = [z + disturbance * rng.normal(size=len(z)) for z in point.duals]
+    bound = lower_bound(cost, rows, duals, ball)
+    if disturbance == 0.0:
+        assert bound == pytest.approx(cost @ point.x, abs=1e-5)
+    for _ in range(20):
+        # Of trace one and X_00 at most 0.1, as the set demands.
+        root = rng.normal(size=(4, 4)) * [0.01, 1, 1, 1]
+        X = root.T @ root / np.sum(root**2)
+        assert domain.violation(svec(X)) < 1e-12
+        assert np.linalg.norm(svec(X) - ball.centre) < ball.radius
+        assert bound <= cost @ svec(X) + 1e-12
+
+
+def test_equalities_take_up_what_other_multipliers_leave():
+    # On x + y = 1 alone, x + y is 1; the ball has no say in it.
+    rows = [ConeRows("zero", np.array([[1.0, 1.0]]), np.ones(1))]
+    bound = lower_bound(np.ones(2), rows, [np.array([7.0])], Ball(np.zeros(2), 1e6))
+    assert bound == pytest.approx(1.0, abs=1e-8)

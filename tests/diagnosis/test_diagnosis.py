@@ -1,0 +1,430 @@
+"""The data detective, on logs whose one fault is known."""
+
+import importlib.util
+import sys
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from consistent_id import (
+    Datasheet,
+    DHRow,
+    DriveTerms,
+    FixedMasses,
+    ParameterBounds,
+    Recording,
+    TorqueModel,
+    base_parameters,
+    build_regression,
+    constrained_least_squares,
+    from_modified_dh,
+)
+from consistent_id.diagnosis import Diagnosis, Finding, diagnose
+from consistent_id.diagnosis.clock import clock_findings, velocity_findings
+from consistent_id.diagnosis.coverage import (
+    rank_findings,
+    saturation_findings,
+    standstill_findings,
+)
+from consistent_id.diagnosis.jackknife import jackknifed
+from consistent_id.diagnosis.linearise import linearised
+from consistent_id.diagnosis.repeats import leak_findings, repeated_share
+from consistent_id.diagnosis.small_shifts import estimate_shifts
+
+DRIVE = DriveTerms(viscous=True, coulomb="tanh", velocity_scale=0.02, offset=True)
+
+
+@cache
+def _logs():
+    path = Path(__file__).parents[2] / "benchmarks" / "detective_logs.py"
+    spec = importlib.util.spec_from_file_location("detective_logs", path)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["detective_logs"] = module  # dataclasses look themselves up there
+    spec.loader.exec_module(module)
+    return module
+
+
+@cache
+def _arm():
+    """Four joints, shoulder to wrist, with a datasheet."""
+    rows = [
+        DHRow(0, 0, 0.3),
+        DHRow(-np.pi / 2, 0),
+        DHRow(0, 0.5, 0.1),
+        DHRow(np.pi / 2, 0.05, 0.4),
+    ]
+    robot = from_modified_dh("arm", rows)
+    sheet = {
+        name: Datasheet(mass=mass, com=com)
+        for name, mass, com in zip(
+            robot.link_names,
+            (8.0, 6.0, 4.0, 2.0),
+            ([0, 0, -0.1], [0.2, 0, 0.1], [0, -0.1, 0.05], [0.05, 0, 0.1]),
+            strict=True,
+        )
+    }
+    return TorqueModel(robot.with_datasheet(sheet), DRIVE)
+
+
+@cache
+def _partly():
+    """Return the arm of which two joints have no usable torque."""
+    return replace(_arm(), torque_joints=("joint1", "joint2"))
+
+
+@cache
+def _case(seed):
+    return _logs().clean(_arm(), np.random.default_rng(seed))
+
+
+def _clean(seed):
+    return _case(seed).log
+
+
+@cache
+def _estimated(seed, spoil):
+    """Return shifts of a spoilt and prepared log, and the log."""
+    model, log = _arm(), _logs().prepared(spoil(_clean(seed)))
+    base = base_parameters(model)
+    regression = build_regression(model, log)
+    weighted = regression.weighted(regression.torque_rms)
+    x = constrained_least_squares(model, weighted, base=base).parameters
+    return estimate_shifts(linearised(model, x, log, base))
+
+
+def _diagnosed(log, validation=(), model=None):
+    return diagnose(model or _arm(), log, validation, prepare=_logs().prepared)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_clean_log_is_not_accused(seed):
+    assert _diagnosed(_clean(seed)).suspicious == ()
+
+
+@pytest.mark.parametrize(
+    "fault",
+    [
+        "degrees",
+        "torque reversed",
+        "torque channels exchanged",
+        "position channels exchanged",
+        "torque in kN m",
+        "zero off by 90 degrees",
+        "zero off by 4 to 10 degrees",
+        "torque late by 40 to 100 ms",
+        "torque of one joint zero",
+        "one joint does not move",
+    ],
+)
+def test_a_fault_that_only_the_torque_tells_is_found_as_what_it_is(fault):
+    kind, inject = _logs().FAULTS[fault]
+    found = _diagnosed(inject(_case(5), np.random.default_rng(1)).log)
+    assert {f.kind for f in found.suspicious} == {kind}
+    assert all(f.advice and f.statement for f in found.findings)
+
+
+def _three_degrees(log):
+    return replace(log, position=log.position + np.radians([0.0, 3.0, 0.0, 0.0]))
+
+
+def test_a_zero_off_by_a_known_angle_is_measured():
+    shifts = _estimated(2, _three_degrees)
+    assert np.degrees(shifts.offsets[1]) == pytest.approx(-3.0, abs=0.3)
+    assert shifts.offset_errors[1] < np.radians(0.3)
+    assert int(np.argmin(shifts.misfits)) == 1
+    # About gravity, or of the last body, no zero can be told.
+    assert np.isinf(shifts.offset_errors[[0, 3]]).all()
+
+
+def test_zeros_that_the_log_would_not_tell_are_noted():
+    (note,) = _diagnosed(_clean(0)).of("hidden zero")
+    assert note.severity == "note"
+    assert "joint1 (by any angle)" in note.statement
+    assert "joint4 (by any angle)" in note.statement
+    assert "joint2" not in note.statement
+
+
+def test_two_zeros_that_hide_each_other_are_told():
+    log = _clean(2)
+    moved = log.position + np.radians([0.0, 6.0, -7.0, 0.0])
+    found = _diagnosed(replace(log, position=moved)).of("offset zero")
+    assert {f.where for f in found} == {"joint2", "joint3"}
+    sizes = {f.where: f.statement for f in found}
+    assert "6 degrees smaller" in sizes["joint2"]
+    assert "7 degrees larger" in sizes["joint3"]
+
+
+@pytest.mark.parametrize("late", [6, -6])
+def test_a_lag_is_measured_with_its_sign(late):
+    def delayed(log):
+        rolled = replace(log, torque=np.roll(log.torque, late, axis=0))
+        return rolled.samples(slice(10, -10))
+
+    # Six samples at 200 Hz; linearisation and friction leave a fifth.
+    assert _estimated(4, delayed).lag == pytest.approx(late / 200.0, rel=0.2)
+    words = [f.statement for f in _diagnosed(delayed(_clean(4))).of("lag")]
+    assert words and ("later" if late > 0 else "earlier") in words[0]
+
+
+def test_standard_errors_cover_the_scatter_of_estimates():
+    rng = np.random.default_rng(0)
+    A = rng.normal(size=(2, 400, 15))
+    truth = rng.normal(size=15)
+    fits = [jackknifed(A, A @ truth + rng.normal(size=(2, 400))) for _ in range(200)]
+    scatter = np.std([f.solution for f in fits], axis=0)
+    stated = np.sqrt(np.mean([f.errors**2 for f in fits], axis=0))
+    # Two hundred draws know a scatter to 5 %; the jackknife is a little too careful.
+    np.testing.assert_allclose(stated / scatter, 1.05, atol=0.2)
+
+
+def test_what_the_data_leave_open_has_no_standard_error():
+    rng = np.random.default_rng(0)
+    A = rng.normal(size=(1, 100, 3))
+    A = np.concatenate([A, A[:, :, :1] + A[:, :, 1:2], 0 * A[:, :, :1]], axis=2)
+    fit = jackknifed(A, rng.normal(size=(1, 100)))
+    assert np.isinf(fit.errors).tolist() == [True, True, False, True, True]
+
+
+@pytest.mark.parametrize("nonsense", [0.0, 1.0])
+def test_torque_that_the_model_does_without_is_not_looked_at(nonsense):
+    log = _clean(1)
+    torque = log.torque.copy()
+    noise = np.random.default_rng(9).normal(size=(len(log), 2))
+    torque[:, 2:] = nonsense * noise
+    log = replace(log, torque=torque)
+    assert _diagnosed(log, model=_partly()).suspicious == ()
+    reversed_ = replace(log, torque=torque * [1.0, -1.0, 1.0, 1.0])
+    (finding,) = _diagnosed(reversed_, model=_partly()).suspicious
+    assert (finding.kind, finding.where) == ("torque sign", "joint2")
+
+
+def test_a_dead_torque_channel_is_told_and_stops_nothing():
+    log = _clean(0)
+    torque = log.torque * [1.0, 1.0, 0.0, 1.0]
+    (finding,) = _diagnosed(replace(log, torque=torque)).suspicious
+    assert (finding.kind, finding.where) == ("dead channel", "joint3")
+    assert finding.recording == log.name
+
+
+def test_masses_that_no_log_can_have_are_the_datasheets_fault():
+    masses = [FixedMasses({"link4": 3.0}), ParameterBounds({"link4.m": (9.0, 10.0)})]
+    found = diagnose(_arm(), _clean(0), prepare=_logs().prepared, constraints=masses)
+    assert [f.kind for f in found.faults] == ["datasheet"]
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1e3, "milli"), (1e6, "micro")])
+def test_a_clock_that_is_not_in_seconds_is_told_with_its_unit(factor, unit):
+    log = _clean(0)
+    (finding,) = clock_findings(replace(log, time=log.time * factor))
+    assert unit in finding.statement
+    assert clock_findings(log) == []
+
+
+def test_a_fast_clock_in_milliseconds_shows_in_the_velocity():
+    log = _clean(0)
+    fast = replace(log, time=np.linspace(0, 0.2, len(log)) * 1e3)
+    (finding,) = velocity_findings(replace(fast, velocity=fast.velocity * 100))
+    assert finding.kind == "clock"
+
+
+def test_velocities_that_are_reversed_or_anothers_are_told():
+    log = _clean(0)
+    velocity = log.velocity.copy()
+    velocity[:, 2] *= -1
+    (finding,) = velocity_findings(replace(log, velocity=velocity))
+    assert (finding.kind, finding.where) == ("velocity sign", "joint3")
+    swapped = log.velocity[:, [1, 0, 2, 3]]
+    found = velocity_findings(replace(log, velocity=swapped))
+    assert {f.kind for f in found} == {"channel order"}
+
+
+def test_torque_that_stays_at_its_limit_is_saturated():
+    log = _clean(0)
+    limit = 0.6 * abs(log.torque[:, 1]).max()
+    clipped = log.torque.copy()
+    clipped[:, 1] = np.clip(clipped[:, 1], -limit, limit)
+    (finding,) = saturation_findings(replace(log, torque=clipped))
+    assert finding.where == "joint2"
+    assert f"{limit:.4g}" in finding.statement
+    assert saturation_findings(log) == []
+
+
+def test_rests_are_counted():
+    log = _logs().resting(_case(0), np.random.default_rng(0)).log
+    (finding,) = standstill_findings(log)
+    assert "50%" in finding.statement or "51%" in finding.statement
+    assert standstill_findings(_clean(0)) == []
+
+
+def test_validation_that_repeats_the_training_is_a_leak():
+    case = _logs().repeated(_case(0), np.random.default_rng(0))
+    (finding,) = leak_findings([case.log], case.validation)
+    assert (finding.kind, finding.severity) == ("leak", "fault")
+    assert finding.statement.startswith("100%")
+    assert leak_findings([case.log], [_clean(1)]) == []
+
+
+def test_a_period_repeated_at_another_rate_and_not_quite_is_a_leak():
+    case = _logs().repeated(_case(1), np.random.default_rng(0))
+    (period,) = case.validation
+    thin = period.samples(slice(None, None, 3))
+    off = replace(thin, position=thin.position + 1e-3 * np.ptp(thin.position, axis=0))
+    assert repeated_share(off, case.log) == 1.0
+    far = replace(thin, position=thin.position + 1e-2 * np.ptp(thin.position, axis=0))
+    assert repeated_share(far, case.log) < 0.1
+
+
+def test_a_log_that_starts_where_another_did_is_no_fault():
+    case = _logs().repeated(_case(0), np.random.default_rng(0))
+    (period,), other = case.validation, _clean(1)
+    start = period.samples(slice(0, 150))
+    rest = other.position + start.position[-1] - other.position[0]
+    joined = Recording(
+        other.joints,
+        np.arange(150 + len(other)) / 200.0,
+        np.vstack([start.position, rest]),
+    )
+    (finding,) = leak_findings([case.log], [joined])
+    assert finding.severity == "note"
+
+
+def test_validation_is_looked_at_too():
+    log, other = _clean(0), _clean(1)
+    wrong = replace(other, torque=other.torque * [1.0, -1.0, 1.0, 1.0], name="held")
+    (finding,) = _diagnosed(log, [wrong]).suspicious
+    assert (finding.kind, finding.recording) == ("torque sign", "held")
+    motion = replace(other, torque=None)
+    assert _diagnosed(log, [motion]).recordings == (log.name,)
+
+
+@pytest.mark.parametrize("joint", [1, 3])
+def test_what_the_data_leave_open_is_named(joint):
+    case = _case(0)
+    moves = np.where(np.arange(4) == joint, 0.0, 1.0)[:, None]
+    motion = replace(
+        case.motion, sine=moves * case.motion.sine, cosine=moves * case.motion.cosine
+    )
+    held = replace(case, motion=motion)
+    log = _logs().logged(held, _logs().times(), np.random.default_rng(1))
+    prepared = _logs().prepared(replace(log, velocity=None))
+    base = base_parameters(_arm())
+    (finding,) = rank_findings(_arm(), prepared, base)
+    still = f"joint{joint + 1}"
+    assert finding.where == still
+    assert f"of {len(base)} base parameters (structural rank)" in finding.statement
+    # Nothing is learnt of the friction of a joint that does not move.
+    assert f"{still}.viscous" in finding.statement
+    assert rank_findings(_arm(), _logs().prepared(case.log), base) == []
+
+
+def test_findings_are_ranked_by_gravity():
+    note = Finding("a", "note", "x", "s", "do")
+    fault = Finding("b", "fault", "x", "s", "do")
+    warning = Finding("c", "warning", "x", "s", "do")
+    found = Diagnosis((note, warning, fault))
+    assert [f.kind for f in found.findings] == ["b", "c", "a"]
+    assert found.of("c") == (warning,)
+
+
+ARM_URDF = """<robot name="arm">
+<link name="base"/>
+<link name="upper"><inertial><origin xyz="0.2 0.05 0"/><mass value="5"/>
+<inertia ixx="0.05" iyy="0.2" izz="0.2" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="fore"><inertial><origin xyz="0.15 0 0.05"/><mass value="3"/>
+<inertia ixx="0.03" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/>
+<axis xyz="0 1 0"/><limit lower="-2" upper="2" velocity="3" effort="200"/></joint>
+<joint name="elbow" type="revolute"><parent link="upper"/><child link="fore"/>
+<origin xyz="0.4 0 0"/><axis xyz="0 0 1"/>
+<limit lower="-2" upper="2" velocity="3" effort="200"/></joint>
+</robot>"""
+
+
+PROBLEM = """name = "periods"
+description = "One motion, twice."
+source = "simulated"
+licence = "none"
+[model]
+urdf = "arm.urdf"
+[drive]
+viscous = true
+coulomb = "tanh"
+velocity_scale = 0.02
+offset = true
+[constraints]
+masses = "datasheet"
+[data]
+folder = "."
+torque_joints = ["shoulder"]
+[data.columns]
+torque = "tau_{joint}"
+[data.preparation]
+motion_cutoff = 8.0
+torque_cutoff = 8.0
+[[data.recordings]]
+file = "log.csv"
+role = "training"
+rows = [1, 2000]
+[[data.recordings]]
+file = "log.csv"
+role = "validation"
+rows = [2001, 4000]
+"""
+
+
+def _arm_in(folder):
+    """Write the arm of two joints, and return a clean log of it."""
+    from consistent_id import load_urdf
+
+    (folder / "arm.urdf").write_text(ARM_URDF)
+    model = TorqueModel(load_urdf(folder / "arm.urdf"), DRIVE)
+    return _logs().clean(model, np.random.default_rng(3)).log
+
+
+def test_a_problem_whose_validation_repeats_its_training_is_told(tmp_path):
+    from consistent_id import load_problem
+    from consistent_id.cli.commands import check_problem
+
+    log = _arm_in(tmp_path)
+    # The elbow's torque was not recorded: there is no column for it.
+    table = np.column_stack([log.time, log.position, log.torque[:, 0]])
+    names = "time,q_shoulder,q_elbow,tau_shoulder"
+    np.savetxt(tmp_path / "log.csv", table, delimiter=",", header=names, comments="")
+    (tmp_path / "problem.toml").write_text(PROBLEM)
+    found, shown = check_problem(load_problem(tmp_path))
+    assert [f.kind for f in found.suspicious] == ["leak"]
+    assert "log.csv (10 to 20 s)" in found.findings[0].recording
+    assert "repeats log.csv (0 to 9.995 s)" in shown.text()
+
+
+@pytest.mark.parametrize(("sign", "code"), [(1.0, 0), (-1.0, 1)])
+def test_the_shell_checks_a_log_without_a_problem_file(tmp_path, capsys, sign, code):
+    from consistent_id.cli import main
+
+    log = _arm_in(tmp_path)
+    torque = log.torque * [1.0, sign]
+    table = np.column_stack([log.time, log.position, torque])
+    names = "time,q_shoulder,q_elbow,tau_shoulder,tau_elbow"
+    np.savetxt(tmp_path / "log.csv", table, delimiter=",", header=names, comments="")
+    arguments = ["check", str(tmp_path / "arm.urdf"), str(tmp_path / "log.csv")]
+    assert main(arguments) == code
+    out = capsys.readouterr().out
+    assert ("torque sign" in out and "elbow" in out) == (code == 1)
+    assert main([*arguments, "--json"]) == code
+
+
+def test_the_shell_checks_a_log_without_the_torque_of_some_joints(tmp_path, capsys):
+    from consistent_id.cli import main
+
+    log = _arm_in(tmp_path)
+    missing = np.full(len(log), np.nan)
+    table = np.column_stack([log.time, log.position, log.torque[:, 0], missing])
+    names = "time,q_shoulder,q_elbow,tau_shoulder,tau_elbow"
+    np.savetxt(tmp_path / "log.csv", table, delimiter=",", header=names, comments="")
+    arguments = ["check", str(tmp_path / "arm.urdf"), str(tmp_path / "log.csv")]
+    assert main(arguments) == 2
+    assert main([*arguments, "--torque-joints", "shoulder"]) == 0
+    assert "Nothing suspicious was found in log.csv" in capsys.readouterr().out

@@ -1,0 +1,124 @@
+"""Weights by cross-validation: what the data say of the nominal robot, and honestly."""
+
+import numpy as np
+import pytest
+from robots import random_body, random_robot, random_states
+
+from consistent_id import (
+    PhysicalConsistency,
+    ProblemError,
+    Recording,
+    TorqueModel,
+    constrained_least_squares,
+    joint_noise,
+    simulate_torque,
+)
+from consistent_id.constraints.priors import Penalty
+from consistent_id.estimation.cross_validation import cross_validated
+from consistent_id.regression.segments import merged, segment_regressions
+
+WEIGHTS = 10.0 ** np.arange(2, -7, -1)
+BODIES = (PhysicalConsistency(),)
+
+
+def simulated(seed, right, samples, noise, joints=3, count=12):
+    """Weighted segments and recording of a robot that is the nominal one, or not."""
+    rng = np.random.default_rng(seed)
+    _, robot = random_robot(rng, joints)
+    model = TorqueModel(robot)
+    other = np.concatenate([random_body(rng).vector for _ in range(joints)])
+    truth = robot.nominal if right else other
+    states = random_states(rng, joints, samples)
+    log = Recording(robot.joint_names, np.arange(samples) / 100, *states)
+    sigma = noise * simulate_torque(model, truth, log).torque.std(axis=0) + 1e-9
+    log = simulate_torque(model, truth, log, noise=sigma, rng=rng)
+    segments = segment_regressions(model, log, count=count)
+    weights = joint_noise(model, merged(segments))
+    return model, [s.weighted(weights) for s in segments], log
+
+
+@pytest.mark.parametrize("distance", ["pullback", "euclidean", "entropic"])
+@pytest.mark.parametrize("seed", range(2))
+def test_a_wrong_nominal_robot_gets_little_weight_where_data_are_rich(seed, distance):
+    model, segments, _ = simulated(seed, right=False, samples=1500, noise=0.02)
+    path = cross_validated(
+        model, segments, constraints=BODIES, distance=distance, weights=WEIGHTS
+    )
+    assert path.penalty.distance == distance
+    assert path.penalty.weight <= 1e-2
+    assert all(path.certified)
+
+
+@pytest.mark.parametrize("distance", ["pullback", "euclidean", "entropic"])
+@pytest.mark.parametrize("seed", range(2))
+def test_a_right_one_gets_much_where_data_are_scarce_and_noisy(seed, distance):
+    model, segments, _ = simulated(seed, right=True, samples=60, noise=1.0)
+    path = cross_validated(
+        model, segments, constraints=BODIES, distance=distance, weights=WEIGHTS
+    )
+    assert path.penalty.weight >= 0.1
+    assert path.error[path.best] < path.error[-1]
+
+
+def test_the_error_of_a_fold_is_that_of_predicting_its_samples():
+    model, segments, log = simulated(3, right=False, samples=240, noise=0.3)
+    path = cross_validated(
+        model, segments, constraints=BODIES, weights=[1e-2, 1.0], folds=4
+    )
+    assert path.weights.tolist() == [1.0, 1e-2]
+    assert path.errors.shape == (2, 4)
+    # The second fold of four: segments 3 to 5 of twelve, samples 60 to 119.
+    others = merged([*segments[:3], *segments[6:]])
+    held_out = log.samples(slice(60, 120))
+    sigma = segments[0].sigma
+
+    def least(regression):
+        R = regression.stacked()
+        x = np.linalg.lstsq(R[:, :-1], R[:, -1], rcond=1e-12)[0]
+        return np.sum((R[:, :-1] @ x - R[:, -1]) ** 2)
+
+    for weight, errors in zip(path.weights, path.errors, strict=True):
+        # A weight is in units of the residual of all data.
+        own = Penalty(weight * least(merged(segments)) / least(others))
+        estimate = constrained_least_squares(
+            model, others, constraints=BODIES, prior=own
+        )
+        rest = (held_out.torque - estimate.predict(held_out)) / sigma
+        assert errors[1] == pytest.approx(np.sqrt(np.mean(rest**2)), rel=1e-4)
+
+
+def test_the_path_is_the_estimates_with_all_data():
+    model, segments, log = simulated(4, right=False, samples=240, noise=0.3)
+    path = cross_validated(model, segments, constraints=BODIES, weights=WEIGHTS)
+    for i in (2, 5):
+        estimate = constrained_least_squares(
+            model,
+            merged(segments),
+            constraints=BODIES,
+            prior=Penalty(path.weights[i], path.distance),
+        )
+        size = np.maximum(abs(estimate.parameters), 1.0)
+        assert (abs(path.parameters[i] - estimate.parameters) <= 1e-3 * size).all()
+        rest = (log.torque - estimate.predict(log)) / segments[0].sigma
+        assert path.misfits[i] == pytest.approx(np.sqrt(np.mean(rest**2)), rel=1e-6)
+    assert (np.diff(path.misfits) <= 1e-6).all()
+    assert (np.diff(path.distances) >= -1e-4).all()
+    assert path.error == pytest.approx(np.sqrt(np.mean(path.errors**2, axis=1)))
+    assert path.best == np.argmin(path.error)
+
+
+def test_the_number_of_workers_does_not_matter(monkeypatch):
+    model, segments, _ = simulated(5, right=False, samples=120, noise=0.3)
+    first = cross_validated(model, segments, constraints=BODIES, weights=[0.1])
+    monkeypatch.setattr("consistent_id.estimation.cross_validation._WORKERS", 1)
+    again = cross_validated(model, segments, constraints=BODIES, weights=[0.1])
+    assert np.array_equal(again.errors, first.errors)
+
+
+def test_folds_and_weights_that_are_none_are_refused():
+    model, segments, _ = simulated(6, right=True, samples=60, noise=0.3)
+    with pytest.raises(ProblemError, match="1 folds of 1 segments"):
+        cross_validated(model, segments[:1])
+    for weights in ([], [0.0, 1.0], [-1.0]):
+        with pytest.raises(ProblemError, match="positive"):
+            cross_validated(model, segments, weights=weights)

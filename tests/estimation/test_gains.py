@@ -1,0 +1,150 @@
+"""Drive gains, from currents and a load of known mass."""
+
+import os
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from loaded import GAINS, LOAD, runs
+from ur10e_loads import prepared, ur10e_runs
+
+from consistent_id import (
+    ProblemError,
+    RecordingError,
+    SolverError,
+    identify_gains,
+    identify_payload,
+)
+
+KNOWN = {"load.m": LOAD.mass}
+AXES = ("hx", "hy", "hz")
+
+
+def _found(noise, seed=0, known=KNOWN, **options):
+    model, unloaded, loaded = runs(noise, seed, gains=GAINS)
+    return identify_gains(model, loaded, unloaded, known=known, **options)
+
+
+def test_gains_are_exact_without_noise():
+    found = _found(0.0)
+    assert np.allclose(found.gains, GAINS, rtol=1e-7)
+    assert np.allclose(found.linear, GAINS, rtol=1e-7)
+    assert found.identifiable
+    load = found.parameters[found.robot.load_slice]
+    assert np.allclose(load, LOAD.vector, rtol=0, atol=1e-6)
+
+
+def test_gains_are_recovered_within_their_errors_where_least_squares_is_biased():
+    misses, bias = [], []
+    for seed in range(12):
+        found = _found(0.05, seed)
+        misses.append((found.gains - GAINS) / found.standard_errors)
+        bias.append(found.linear / GAINS - 1.0)
+    # 48 errors in units of their standard errors, not independent of each other.
+    assert 0.4 < np.mean(np.square(misses)) < 1.8
+    assert abs(np.mean(misses)) < 0.6
+    # Noise on the regressor shrinks the solution.
+    assert np.mean(bias, axis=0).max() < -0.01
+    assert np.mean(bias) < -0.03
+
+
+def test_the_whole_load_known_tells_more_than_its_mass():
+    every = {f"load.{n}": v for n, v in zip(AXES, LOAD.vector[1:4], strict=True)}
+    more = _found(0.05, known=KNOWN | every)
+    assert (more.standard_errors < _found(0.05).standard_errors).all()
+    assert np.allclose(more.gains, GAINS, rtol=0.05)
+
+
+def test_without_a_known_mass_only_ratios_are_told():
+    found = _found(0.02, known={})
+    assert not found.identifiable
+    assert "absolute scale is open" in found.verdict
+    assert np.isinf(found.standard_errors).all()
+    ratios = found.gains / found.gains[0]
+    assert np.allclose(ratios, GAINS / GAINS[0], rtol=0.05)
+
+
+def test_a_loaded_run_alone_does_not_tell_the_scale():
+    model, _, loaded = runs(0.02, gains=GAINS)
+    # Whatever the robot's last link weighs, the load may be part of it.
+    found = identify_gains(model, loaded, [], known=KNOWN)
+    assert not found.identifiable
+    assert "absolute scale is open" in found.verdict
+
+
+def test_what_is_not_known_well_enough_is_named():
+    found = _found(0.3, accuracy=1e-3)
+    assert not any(found.identified)
+    assert "j2" in found.verdict
+    assert "heavier" in found.verdict
+    assert "10 % or better" not in found.verdict
+
+
+def test_gains_refuse_what_does_not_fit():
+    model, unloaded, loaded = runs(0.02, gains=GAINS)
+    with pytest.raises(ProblemError, match="no parameter named"):
+        identify_gains(model, loaded, unloaded, known={"load.weight": 1.0})
+    dead = [
+        replace(log, torque=log.torque * [1.0, 1.0, 0.0, 1.0])
+        for log in (loaded, unloaded)
+    ]
+    with pytest.raises(RecordingError, match="zero throughout for j2"):
+        identify_gains(model, *dead, known=KNOWN)
+
+
+def test_exchanged_runs_settle_on_nothing():
+    model, unloaded, loaded = runs(0.05, gains=GAINS)
+    with pytest.raises(SolverError, match="exchanged"):
+        identify_gains(model, unloaded, loaded, known=KNOWN)
+
+
+real = pytest.mark.skipif(
+    "CONSISTENT_ID_DATASETS" not in os.environ,
+    reason="CONSISTENT_ID_DATASETS does not name the folder of recordings",
+)
+
+
+@real
+def test_the_ur10es_gains_lie_between_the_published_ones():
+    problem, loaded, unloaded = ur10e_runs((1.0,) * 6)
+    found = identify_gains(problem.model, loaded, unloaded, known={"load.m": 2.805})
+    low = np.array([10.0, 10.6956, 8.4566, 9.0029, 9.48, 10.1232])
+    high = np.array([14.87, 13.26, 11.13, 10.62, 11.03, 11.47])
+    assert (low < found.gains).all()
+    assert (found.gains < high).all()
+    # The first axis is vertical: it never feels the weight that fixes the scale.
+    relative = found.standard_errors / found.gains
+    assert relative.argmax() == 0
+    assert relative[1:].max() < 0.03
+
+
+@real
+def test_gains_from_one_load_weigh_the_other_of_the_ur10e(tmp_path):
+    problem, loaded, unloaded = ur10e_runs((1.0,) * 6)
+    gains = identify_gains(
+        problem.model, loaded, unloaded, known={"load.m": 2.805}
+    ).gains
+    other = [
+        _moving(file, gains, tmp_path)
+        for file in (
+            "payload/ur-20_02_19_15harm50secLoad.parquet",
+            "identification/ur-20_02_19_15harm50sec.parquet",
+        )
+    ]
+    found = identify_payload(problem.model, *other, constraints=problem.constraints)
+    # The mass is known to 2.805 kg; the published gains say 2.34 and 3.04 kg.
+    assert found.free.mass == pytest.approx(2.805, abs=0.03)
+    assert found.standard_errors[0] < 0.04
+    assert found.body.mass == pytest.approx(2.805, abs=0.03)
+
+
+def _moving(file, gains, folder):
+    """A run without its first rows, of which one is garbage, and standstill."""
+    import pyarrow.parquet as pq
+
+    table = pq.read_table(os.environ["CONSISTENT_ID_DATASETS"] + "/ur10e/" + file)
+    copy = folder / "rows.parquet"
+    pq.write_table(table.slice(6), copy)
+    _, log = prepared(copy, gains)
+    moving = np.flatnonzero(abs(log.velocity).max(axis=1) > 0.05)
+    return log.samples(slice(moving[0], moving[-1]))

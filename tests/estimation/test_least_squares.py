@@ -1,0 +1,178 @@
+"""Least squares: SciPy's answer, known truth, standard errors, open directions."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.linalg
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from robots import random_robot, random_states
+
+from consistent_id import (
+    DriveTerms,
+    NotExcitedError,
+    Recording,
+    TorqueModel,
+    base_parameters,
+    build_regression,
+    huber,
+    joint_noise,
+    least_squares,
+    simulate_torque,
+    weighted_least_squares,
+)
+from consistent_id.estimation.least_squares import solve_linear
+
+
+def _experiment(seed, joints=3, samples=2000, noise=0.0, drive=None):
+    rng = np.random.default_rng(seed)
+    _, robot = random_robot(rng, joints)
+    model = TorqueModel(robot, drive or DriveTerms(viscous=True, offset=True))
+    q, dq, ddq = random_states(rng, joints, samples)
+    time = np.arange(samples) / 100
+    motion = Recording(robot.joint_names, time, q, dq, ddq)
+    drive_values = rng.uniform(0.5, 2.0, len(model.layout) - 10 * joints)
+    truth = np.concatenate([robot.nominal, drive_values])
+    return model, truth, simulate_torque(model, truth, motion, noise=noise, rng=rng)
+
+
+def test_without_noise_the_true_base_parameters_come_back():
+    model, truth, log = _experiment(0)
+    estimate = least_squares(model, build_regression(model, log))
+    expected = estimate.base.projection @ truth
+    # Condition number below 1e3, so ten digits are left of sixteen.
+    assert np.allclose(
+        estimate.base_values, expected, rtol=0, atol=1e-10 * abs(expected).max()
+    )
+    assert estimate.undetermined == ()
+    assert estimate.certificate.verdict == "certified"
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    seed=st.integers(0, 10**6),
+    rows=st.integers(3, 12),
+    columns=st.integers(1, 8),
+    rank=st.integers(1, 8),
+)
+def test_the_linear_solution_is_that_of_scipys_complete_decomposition(
+    seed, rows, columns, rank
+):
+    rng = np.random.default_rng(seed)
+    rank = min(rank, rows, columns)
+    A = rng.normal(size=(rows, rank)) @ rng.normal(size=(rank, columns))
+    b = rng.normal(size=rows)
+    expected, _, found, _ = scipy.linalg.lstsq(A, b, cond=1e-10)
+    singular = np.linalg.svd(A, compute_uv=False)
+    if singular[rank - 1] < 1e-4 * singular[0]:
+        return  # rank is then a matter of taste
+    solution = solve_linear(A, b)
+    assert solution.rank == found == rank
+    # Ten digits are lost at the most, at a condition number of 1e4 and its square.
+    assert np.allclose(
+        solution.x, expected, rtol=0, atol=1e-6 * (1 + abs(expected).max())
+    )
+    assert abs(A @ solution.null_space).max(initial=0.0) <= 1e-6 * abs(A).max()
+
+
+def test_rank_does_not_depend_on_units():
+    rng = np.random.default_rng(1)
+    A = rng.normal(size=(20, 3)) @ rng.normal(size=(3, 5))
+    units = 10.0 ** np.array([-6, 3, 0, -3, 6])
+    assert solve_linear(A, A[:, 0]).rank == 3
+    assert solve_linear(A * units, A[:, 0]).rank == 3
+
+
+def test_open_directions_are_named_and_the_smallest_solution_is_taken():
+    # Columns 0 and 1 stand only as a sum; 2 alone.
+    A = np.array([[1.0, 1.0, 0.0], [2.0, 2.0, 1.0], [0.0, 0.0, 3.0], [1.0, 1.0, 1.0]])
+    solution = solve_linear(A, A @ np.array([3.0, 1.0, 2.0]))
+    assert solution.rank == 2
+    assert np.allclose(solution.x, [2.0, 2.0, 2.0])
+    assert np.allclose(solution.null_space[:, 0], [1.0, -1.0, 0.0])
+
+
+def test_a_resting_robot_leaves_inertia_open_and_says_so():
+    model, truth, _ = _experiment(3, joints=2, drive=DriveTerms())
+    q = np.random.default_rng(0).uniform(-2, 2, (50, 2))
+    rest = Recording(model.robot.joint_names, np.arange(50.0), q, 0 * q, 0 * q)
+    log = simulate_torque(model, truth, rest)
+    estimate = least_squares(model, build_regression(model, log))
+    assert estimate.undetermined
+    assert any("determine" in note for note in estimate.notes)
+    assert np.isinf(estimate.standard_errors).any()
+    assert np.allclose(estimate.predict(rest), log.torque, atol=1e-9)
+
+
+def test_nothing_moves_and_nothing_weighs_is_refused():
+    with pytest.raises(NotExcitedError, match="excites no parameter"):
+        solve_linear(np.zeros((5, 3)), np.ones(5))
+
+
+@pytest.mark.parametrize("sigma", [[1.0, 1.0], [0.5, 0.05], [0.2, 0.1]])
+def test_standard_errors_are_the_scatter_over_repeated_experiments(sigma):
+    # Whatever the weights, right or wrong: the errors are of the estimator as used.
+    model, _, log = _experiment(4, joints=2, samples=300)
+    base = base_parameters(model)
+    rng = np.random.default_rng(5)
+    noise = np.array([0.5, 0.05])
+    estimates = []
+    for _ in range(300):
+        shaken = replace(log, torque=log.torque + rng.normal(size=(300, 2)) * noise)
+        regression = build_regression(model, shaken).weighted(sigma)
+        estimates.append(least_squares(model, regression, base=base))
+    scatter = np.std([e.base_values for e in estimates], axis=0, ddof=1)
+    stated = np.mean([e.standard_errors for e in estimates], axis=0)
+    # A standard deviation of 300 has itself a relative error of 4 %; five of them.
+    assert np.allclose(stated, scatter, rtol=0.2)
+
+
+def test_weights_follow_each_joints_noise_and_reduce_the_scatter():
+    model, truth, log = _experiment(6, joints=2, samples=400)
+    base = base_parameters(model)
+    rng = np.random.default_rng(7)
+    noise = np.array([2.0, 0.02])
+    errors = {"plain": [], "weighted": []}
+    for _ in range(40):
+        noisy = simulate_torque(model, truth, log, noise=noise, rng=rng)
+        regression = build_regression(model, noisy)
+        # 400 samples: 3.5 %; five of them.
+        assert joint_noise(model, regression, base=base) == pytest.approx(
+            noise, rel=0.18
+        )
+        for name, solve in (
+            ("plain", least_squares),
+            ("weighted", weighted_least_squares),
+        ):
+            estimate = solve(model, regression, base=base)
+            errors[name].append(estimate.base_values - base.projection @ truth)
+    plain, weighted = (np.sqrt(np.mean(np.square(e))) for e in errors.values())
+    assert weighted < plain
+
+
+def test_hubers_loss_shrugs_off_outliers_that_ruin_least_squares():
+    model, truth, log = _experiment(8, noise=0.1)
+    torque = log.torque.copy()
+    rng = np.random.default_rng(9)
+    torque[rng.random(torque.shape) < 0.03] += 100.0
+    spoiled = replace(log, torque=torque)
+    base = base_parameters(model)
+    expected = base.projection @ truth
+    plain = least_squares(model, build_regression(model, spoiled), base=base)
+    robust = huber(model, spoiled, base=base)
+    assert robust.certificate.verdict == "certified"
+    error = np.linalg.norm(robust.base_values - expected)
+    assert error < 0.1 * np.linalg.norm(plain.base_values - expected)
+
+
+def test_hubers_estimate_zeroes_the_gradient_of_hubers_loss():
+    model, _, log = _experiment(10, joints=2, samples=500, noise=0.3)
+    estimate = huber(model, log, tolerance=1e-8, iterations=100)
+    residual = (log.torque - estimate.predict(log)) / estimate.sigma
+    psi = np.clip(residual, -1.345, 1.345)
+    Y = model.regressor(log.position, log.velocity, log.acceleration)
+    gradient = np.einsum("jps,sj->p", Y, psi / estimate.sigma)
+    size = np.einsum("jps,sj->p", abs(Y), abs(psi) / estimate.sigma)
+    # The iteration stops at a change of 1e-8 of each joint's scale.
+    assert abs(gradient).max() <= 1e-6 * size.max()

@@ -1,0 +1,179 @@
+"""Loads, from runs with them and without."""
+
+import os
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from loaded import LOAD, arm, runs, with_load
+from robots import random_states
+from ur10e_loads import ur10e_runs
+
+from consistent_id import (
+    Datasheet,
+    DriveTerms,
+    Link,
+    ModelError,
+    NotExcitedError,
+    ParameterBounds,
+    ProblemError,
+    RecordingError,
+    TorqueModel,
+    TotalMass,
+    build_regression,
+    identify_payload,
+)
+from consistent_id.estimation.load.loaded_robot import loaded_robot
+from consistent_id.robot.inertia import INERTIAL_NAMES
+from consistent_id.robot.loaders.urdf import from_pinocchio
+
+
+def test_the_loads_columns_give_pinocchios_torque():
+    bare, model = arm()
+    loaded = with_load(bare)
+    robot = loaded_robot(model, Link("load"))
+    x = np.zeros(len(robot.model.layout))
+    x[:40], x[robot.load_slice] = model.robot.nominal, LOAD.vector
+    states = random_states(np.random.default_rng(0), 4, 10)
+    for pin_model, carries in ((bare, False), (loaded, True)):
+        data = pin_model.createData()
+        expected = [pin.rnea(pin_model, data, *s) for s in zip(*states, strict=True)]
+        mine = model.predict(robot.parameters(x, loaded=carries), *states)
+        assert np.allclose(mine, expected, rtol=0, atol=1e-11)
+
+
+def test_regressions_of_both_runs_fit_what_fits_each():
+    model, unloaded, loaded = runs(0.1)
+    robot = loaded_robot(model, Link("load"))
+    apart = [build_regression(model, log) for log in (unloaded, loaded)]
+    both = robot.regression([unloaded], [loaded])
+    x = np.random.default_rng(1).normal(size=len(robot.model.layout))
+    squares = sum(
+        one.residual_rms(robot.parameters(x, loaded=k == 1)) ** 2 * one.counts
+        for k, one in enumerate(apart)
+    )
+    assert np.allclose(both.residual_rms(x) ** 2 * both.counts, squares, rtol=1e-10)
+    with pytest.raises(NotExcitedError, match="no motion"):
+        robot.regression([], [])
+    still = replace(loaded, velocity=None)
+    with pytest.raises(ProblemError, match="differentiated"):
+        robot.predict(x, still, loaded=True)
+
+
+def test_loaded_gears_feel_the_load():
+    bare, model = arm()
+    terms = DriveTerms(coulomb="sign", load_friction=True)
+    robot = loaded_robot(TorqueModel(model.robot, terms), Link("load", LOAD))
+    states = random_states(np.random.default_rng(0), 4, 10)
+    for pin_model, carries in ((bare, False), (with_load(bare), True)):
+        data = pin_model.createData()
+        torque = [
+            pin.rnea(pin_model, data, *s).copy() for s in zip(*states, strict=True)
+        ]
+        torque_model = robot.torque_model(loaded=carries)
+        Y = torque_model.regressor(*states)
+        for j, column in enumerate(torque_model.layout.drive_indices("load_friction")):
+            expected = np.sign(states[1][:, j]) * abs(np.array(torque)[:, j])
+            assert np.allclose(Y[j, column], expected, rtol=0, atol=1e-11)
+
+
+def test_a_load_is_recovered_without_noise():
+    found = identify_payload(*_loaded_first(runs(0.0)))
+    assert np.allclose(found.free.vector, LOAD.vector, rtol=0, atol=1e-8)
+    assert np.allclose(found.body.vector, LOAD.vector, rtol=0, atol=1e-4)
+    assert found.open == ()
+
+
+def test_a_load_is_recovered_within_its_errors():
+    misses = []
+    for seed in range(5):
+        found = identify_payload(*_loaded_first(runs(0.05, seed)))
+        misses.append((found.free.vector - LOAD.vector) / found.standard_errors)
+        assert found.estimate.certificate.verdict == "certified"
+        assert found.body.is_consistent()
+        assert found.body.mass == pytest.approx(3.0, rel=0.05)
+    # 50 errors in units of their standard errors, not independent of each other.
+    assert 0.5 < np.mean(np.square(misses)) < 1.8
+
+
+def test_a_known_mass_is_kept_and_sharpens_the_rest():
+    model, loaded, unloaded = _loaded_first(runs(0.05))
+    sheet = Datasheet(mass=3.0, com_box=[[-0.2] * 3, [0.2] * 3])
+    found = identify_payload(model, loaded, unloaded, load=Link("box", None, sheet))
+    assert found.body.mass == pytest.approx(3.0, rel=1e-8)
+    assert np.allclose(found.body.com, LOAD.com, atol=0.02)
+    assert found.estimate["box.m"] == found.body.mass
+    residual = found.predict(loaded) - loaded.torque
+    assert np.linalg.norm(residual) < 0.08 * np.linalg.norm(loaded.torque)
+
+
+def test_exchanged_runs_are_noticed_by_the_loads_weight():
+    model, unloaded, loaded = runs(0.02)
+    with pytest.raises(RecordingError, match=r"-3\.?\d* \+- .*exchanged"):
+        identify_payload(model, unloaded, loaded)
+
+
+def test_constraints_on_the_robot_leave_the_load_alone_and_the_reverse():
+    model, loaded, unloaded = _loaded_first(runs(0.02))
+    found = identify_payload(
+        model,
+        loaded,
+        unloaded,
+        constraints=[TotalMass(14.0, 14.0)],  # 5 + 4 + 3 + 2, without the load
+        load_constraints=[ParameterBounds({"load.m": (3.05, 9.0)})],
+    )
+    masses = found.estimate.links[:, 0]
+    assert masses[:4].sum() == pytest.approx(14.0, rel=1e-6)
+    assert masses[4] == pytest.approx(3.05, rel=1e-3)
+
+
+def test_what_a_motion_cannot_tell_of_a_load_is_open():
+    bare, _ = arm()
+    for k in range(4, 1, -1):  # one joint turns about the vertical
+        bare.inertias[k].setZero()
+    vertical = pin.Model()
+    joint = vertical.addJoint(0, pin.JointModelRZ(), pin.SE3.Identity(), "j0")
+    vertical.appendBodyToJoint(joint, bare.inertias[1], pin.SE3.Identity())
+    model = TorqueModel(from_pinocchio(vertical), DriveTerms(viscous=True))
+    _, log, other = runs(0.01)
+    one, two = (x.of(("j0",)) for x in (log, other))
+    found = identify_payload(model, two, one)
+    assert "load.m" in found.open
+    assert "load.Izz" not in found.open
+    assert len(found.open) == len(INERTIAL_NAMES) - 1
+
+
+def test_the_carrier_is_the_tip_or_is_named():
+    _, model = arm()
+    assert loaded_robot(model, Link("load")).carrier == 3
+    name = model.robot.link_names[1]
+    assert loaded_robot(model, Link("load"), carrier=name).carrier == 1
+    with pytest.raises(ModelError, match="no link named 'hand'"):
+        loaded_robot(model, Link("load"), carrier="hand")
+
+
+def _loaded_first(logs):
+    model, unloaded, loaded = logs
+    return model, loaded, unloaded
+
+
+@pytest.mark.skipif(
+    "CONSISTENT_ID_DATASETS" not in os.environ,
+    reason="CONSISTENT_ID_DATASETS does not name the folder of recordings",
+)
+def test_the_ur10es_load_weighs_as_much_as_its_gains_are_right():
+    # It weighs 2.805 kg; the authors' gains make it 2.44 kg and the other published
+    # set 3.08 kg, with standard errors of 0.02 kg: gains, not noise, are in question.
+    masses = []
+    for gains in (None, (14.87, 13.26, 11.13, 10.62, 11.03, 11.47)):
+        problem, loaded, unloaded = ur10e_runs(gains)
+        found = identify_payload(
+            problem.model, loaded, unloaded, constraints=problem.constraints
+        )
+        assert found.estimate.certificate.verdict == "certified"
+        assert found.body.is_consistent()
+        assert found.standard_errors[0] < 0.03
+        masses.append(found.body.mass)
+    assert masses[0] == pytest.approx(2.44, abs=0.03)
+    assert masses[1] == pytest.approx(3.08, abs=0.03)

@@ -1,0 +1,199 @@
+"""Penalised fits: an independent minimiser, weak duality, invariants, convergence."""
+
+from dataclasses import replace
+from typing import get_args
+
+import numpy as np
+import pytest
+from experiments import DRIVE
+from robots import random_body, random_robot, random_states
+from scipy.optimize import minimize
+
+from consistent_id import (
+    DriveTerms,
+    InertialParameters,
+    NonNegativeDrive,
+    PhysicalConsistency,
+    Recording,
+    TorqueModel,
+    build_regression,
+    simulate_torque,
+)
+from consistent_id.constraints.cones.programmes import Multipliers
+from consistent_id.constraints.distances import nominal_distance
+from consistent_id.constraints.priors import Distance
+from consistent_id.estimation.penalised import _certified, _proven, penalised_fit
+from consistent_id.estimation.scaled_fit import REFERENCE, scaled_fit
+from consistent_id.regression.base import base_parameters
+from consistent_id.robot.inertia import PSEUDO_INERTIA_BASIS, pseudo_inertia
+from consistent_id.robot.log_cholesky import (
+    body_from_log_cholesky,
+    log_cholesky_from_body,
+    log_cholesky_jacobian,
+)
+
+BODIES = (PhysicalConsistency(margin=0.0), NonNegativeDrive())
+
+
+def noisy(seed, joints, drive=DRIVE, noise=0.1, samples=200):
+    """A robot other than the nominal one, and noise relative to its torque."""
+    rng = np.random.default_rng(seed)
+    _, robot = random_robot(rng, joints)
+    model = TorqueModel(robot, drive)
+    states = random_states(rng, joints, samples)
+    log = Recording(robot.joint_names, np.arange(samples) / 100, *states)
+    others = [random_body(rng).vector for _ in range(joints)]
+    extra = rng.uniform(0.1, 1.0, len(model.layout) - 10 * joints)
+    truth = np.concatenate([*others, extra])
+    sigma = noise * simulate_torque(model, truth, log).torque.std(axis=0) + 1e-9
+    log = simulate_torque(model, truth, log, noise=sigma, rng=rng)
+    return model, build_regression(model, log).weighted(sigma)
+
+
+def dimensionless(model, regression, distance="entropic", constraints=BODIES):
+    fit = scaled_fit(model, regression, base_parameters(model), constraints)
+    return fit, nominal_distance(model, distance, fit.unit)
+
+
+def objective(fit, distance, weight, u):
+    return (fit.excess(u) + weight * distance.squared(u)) / 2
+
+
+def entropic_optimum_by_bfgs(model, regression, weight):
+    """Minimise over log-Cholesky variables; returns parameters and objective."""
+    R = regression.stacked()
+    A, b = R[:, :-1], R[:, -1]
+    free = np.linalg.lstsq(A, b, rcond=1e-12)[0]
+    A, b = A / np.linalg.norm(A @ free - b), b / np.linalg.norm(A @ free - b)
+    nominal = [link.nominal for link in model.robot.links]
+    inverses = [np.linalg.inv(body.pseudo_inertia) for body in nominal]
+
+    def cost(theta):
+        theta = theta.reshape(-1, 10)
+        x = body_from_log_cholesky(theta)
+        rest = A @ x.ravel() - b
+        value, slope = rest @ rest / 2, (A.T @ rest).reshape(-1, 10)
+        for k, inverse in enumerate(inverses):
+            J = pseudo_inertia(x[k])
+            ratio = J @ inverse
+            value += weight * (np.trace(ratio) - np.linalg.slogdet(ratio)[1] - 4.0)
+            pull = inverse - np.linalg.inv(J)
+            slope[k] += weight * np.tensordot(PSEUDO_INERTIA_BASIS, pull, axes=2)
+        return value, np.einsum("ki,kij->kj", slope, log_cholesky_jacobian(theta))
+
+    def flat(theta):
+        value, slope = cost(theta)
+        return value, slope.ravel()
+
+    start = np.concatenate([log_cholesky_from_body(body.vector) for body in nominal])
+    found = minimize(
+        flat, start, jac=True, method="BFGS", options={"gtol": 1e-9, "maxiter": 5000}
+    )
+    return body_from_log_cholesky(found.x.reshape(-1, 10)).ravel(), found.fun
+
+
+@pytest.mark.parametrize("weight", [1e-2, 1.0, 100.0])
+@pytest.mark.parametrize("seed", range(2))
+def test_the_entropic_optimum_is_that_of_a_smooth_search_over_bodies(seed, weight):
+    model, regression = noisy(seed, joints=2, drive=DriveTerms())
+    fit, distance = dimensionless(model, regression, constraints=BODIES[:1])
+    found = penalised_fit(fit, distance, weight)
+    x, value = entropic_optimum_by_bfgs(model, regression, weight)
+    assert found.optimality.verdict == "certified"
+    # Both leave out or keep what no parameters explain: half the residual squared.
+    mine = objective(fit, distance, weight, found.solution.u)
+    assert mine == pytest.approx(value - fit.residual**2 / 2, rel=1e-6, abs=1e-9)
+    assert found.solution.u == pytest.approx(x / fit.unit, rel=1e-3, abs=1e-3)
+
+
+def test_without_constraints_a_quadratic_distance_has_the_normal_equations_answer():
+    model, regression = noisy(3, joints=3)
+    fit, distance = dimensionless(model, regression, "pullback", constraints=())
+    G, g = distance.local(distance.nominal)
+    expected = np.linalg.solve(
+        fit.M.T @ fit.M + 0.5 * G.T @ G, fit.M.T @ fit.z + 0.5 * G.T @ g
+    )
+    found = penalised_fit(fit, distance, 0.5)
+    assert found.optimality.verdict == "certified"
+    assert found.solution.u == pytest.approx(expected, abs=1e-5)
+
+
+@pytest.mark.parametrize("distance", get_args(Distance))
+def test_a_firmer_belief_brings_the_robot_nearer_and_costs_fit(distance):
+    model, regression = noisy(4, joints=3)
+    fit, to_nominal = dimensionless(model, regression, distance)
+    path = [penalised_fit(fit, to_nominal, w) for w in 10.0 ** np.arange(2, -7, -2)]
+    # Up to what a relative gap of 1e-6 leaves open.
+    assert (np.diff([f.squared_distance for f in path]) >= -1e-4).all()
+    assert (np.diff([f.excess for f in path]) <= 1e-4).all()
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_the_gap_bounds_what_any_point_is_worse_than_the_best(seed):
+    rng = np.random.default_rng(seed)
+    model, regression = noisy(seed, joints=2)
+    fit, distance = dimensionless(model, regression)
+    weight = 10.0 ** rng.uniform(-3, 1)
+    best = penalised_fit(fit, distance, weight)
+    least = objective(fit, distance, weight, best.solution.u)
+    others = [random_body(rng).vector for _ in range(2)]
+    other = np.append(np.concatenate(others), rng.uniform(0, 2, 6)) / fit.unit
+    duals = best.solution.multipliers
+    blocks = tuple(Z + 1e-3 * rng.uniform() * np.eye(4) for Z in duals.blocks)
+    coarse = Multipliers(duals.equal, duals.at_most * rng.uniform(0.5, 2), blocks)
+    for share in (1e-6, 1e-3, 0.1, 1.0):
+        u = (1 - share) * best.solution.u + share * other
+        excess = objective(fit, distance, weight, u) - least
+        for multipliers in (duals, coarse):
+            wrong = replace(best.solution, u=u, multipliers=multipliers)
+            judged = _certified(fit, distance, weight, wrong)
+            gap = judged.gap * max(judged.objective, REFERENCE)
+            assert gap >= excess * (1 - 1e-6) - 1e-9
+            if excess > 1e-5 * max(judged.objective, REFERENCE):
+                assert judged.verdict == "uncertified"
+
+
+def test_a_point_that_is_no_body_is_not_certified():
+    model, regression = noisy(5, joints=2)
+    fit, distance = dimensionless(model, regression)
+    solution = penalised_fit(fit, distance, 1.0).solution
+    judged = _certified(fit, distance, 1.0, replace(solution, u=-solution.u))
+    assert judged.verdict == "uncertified"
+
+
+def test_multipliers_too_coarse_for_a_proof_are_asked_for_again():
+    model, regression = noisy(8, joints=3)
+    fit, distance = dimensionless(model, regression)
+    solution = penalised_fit(fit, distance, 1e-3).solution
+    coarse = replace(solution, multipliers=solution.multipliers.times(0.9))
+    assert _certified(fit, distance, 1e-3, coarse).verdict == "uncertified"
+    again, optimality = _proven(fit, distance, 1e-3, coarse)
+    assert optimality.verdict == "certified"
+    assert again.u == pytest.approx(solution.u, abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("joints", "seed", "weight"), [(7, 0, 1.0), (7, 2, 1e-6), (9, 1, 1e-2)]
+)
+def test_newton_converges_on_long_robots_and_every_link_is_strictly_a_body(
+    joints, seed, weight
+):
+    model, regression = noisy(seed, joints)
+    fit, distance = dimensionless(model, regression)
+    found = penalised_fit(fit, distance, weight)
+    assert found.optimality.verdict == "certified"
+    links = (found.solution.u * fit.unit)[: 10 * joints].reshape(-1, 10)
+    for body in map(InertialParameters, links):
+        values = np.linalg.eigvalsh(body.pseudo_inertia)
+        assert values[0] > 1e-9 * values[-1]
+
+
+def test_where_newton_starts_does_not_matter():
+    model, regression = noisy(6, joints=3)
+    fit, distance = dimensionless(model, regression)
+    rng = np.random.default_rng(6)
+    bodies = np.concatenate([random_body(rng).vector for _ in range(3)])
+    start = np.append(bodies, np.ones(9)) / fit.unit
+    here = penalised_fit(fit, distance, 0.1)
+    there = penalised_fit(fit, distance, 0.1, start=start)
+    assert there.solution.u == pytest.approx(here.solution.u, abs=1e-5)

@@ -1,0 +1,87 @@
+"""Rows of distances: each pose and pair once, with slopes by finite differences."""
+
+import numpy as np
+from excited import arm, arm_limits
+
+from consistent_id import Body, Box, Capsule, Sphere, build_scene
+from consistent_id.excitation import clearance_guard
+from consistent_id.excitation.basis import FourierBasis
+from consistent_id.excitation.clearance_guard import ClearanceGuard
+from consistent_id.excitation.guards import EVERY, Place, guard_rows, guard_values
+from consistent_id.motion.collisions import separation as separations
+from consistent_id.motion.collisions.bodies import plane
+from consistent_id.motion.collisions.separation import nearest
+
+
+def guarded():
+    robot = arm(3)
+    bodies = [
+        Body("upper", Capsule(0.04, 0.2), "link2", translation=[0.2, 0.0, 0.0]),
+        Body("fore", Capsule(0.03, 0.2), "link3", translation=[0.2, 0.0, 0.0]),
+        Body("post", Box((0.1, 0.1, 2.0)), translation=[0.7, 0.3, 0.0]),
+        Body("lamp", Sphere(0.1), translation=[0.3, -0.2, 0.4]),
+        plane(-0.4),
+    ]
+    return ClearanceGuard(build_scene(robot, bodies))
+
+
+def moving(guard, times=9):
+    limits = arm_limits(guard.scene.robot)
+    basis = FourierBasis(limits, np.array([0.2, 0.4, 0.6]), 5.0, True)
+    rng = np.random.default_rng(0)
+    variables = 0.2 * rng.normal(size=(basis.size, 3))
+    return basis, np.linspace(0.0, 4.5, times), variables
+
+
+def mixed(guard, times=9):
+    """Every time as a whole, and some pairs at some of the times."""
+    places = {Place(t, EVERY) for t in range(times)}
+    places |= {Place(t, t % len(guard.scene.pairs)) for t in range(0, times, 2)}
+    return sorted(places)
+
+
+def test_rows_are_the_distances_of_the_pairs_and_their_smooth_maximum():
+    guard = guarded()
+    basis, time, variables = moving(guard)
+    places = mixed(guard)
+    values = guard_values(guard, places, basis, time, variables)
+    motion = basis.motion(variables, time)
+    slack = nearest(guard.scene, motion[0], within=0.1).slack
+    near = (guard.spare - slack) / 0.1
+    assert np.allclose(guard.measure(motion), near, rtol=1e-12, atol=1e-12)
+    smooth = np.log(np.exp(20.0 * near).sum(axis=1)) / 20.0
+    for value, (t, item) in zip(values, places, strict=True):
+        expected = smooth[t] if item == EVERY else near[t, item]
+        assert np.isclose(value, expected, rtol=1e-9, atol=1e-9)
+
+
+def test_values_alone_are_those_with_slopes_which_are_finite_differences():
+    guard = guarded()
+    basis, time, variables = moving(guard)
+    places = mixed(guard)
+    values, jacobian = guard_rows(guard, places, basis, time, variables)
+    assert np.array_equal(values, guard_values(guard, places, basis, time, variables))
+    direction = np.random.default_rng(1).normal(size=variables.shape)
+    step = 1e-6
+    ahead, behind = (
+        guard_values(guard, places, basis, time, variables + s * direction)
+        for s in (step, -step)
+    )
+    change = (ahead - behind) / (2.0 * step)
+    near = values > -1.0  # beyond, distances are only bounded, and so are their slopes
+    assert near.sum() >= 5
+    assert np.allclose((jacobian @ direction.ravel())[near], change[near], rtol=1e-5)
+
+
+def test_a_pair_at_a_time_is_looked_at_once_however_many_rows_ask(monkeypatch):
+    guard = guarded()
+    basis, time, variables = moving(guard)
+    asked = []
+
+    def counted(*given):
+        asked.append(len(given[3]))
+        return separations.separation(*given)
+
+    monkeypatch.setattr(clearance_guard, "separation", counted)
+    guard_rows(guard, mixed(guard), basis, time, variables)
+    assert asked == [len(time) * len(guard.scene.pairs)]

@@ -1,0 +1,259 @@
+"""What a problem file says of surroundings is kept, from the start pose and back."""
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from consistent_id import ProblemError, load_problem, prove_clearance
+from consistent_id.cli import main
+from consistent_id.excitation.asked_scene import asked_scene
+from consistent_id.excitation.design import design_trajectory
+from consistent_id.excitation.excite import excite, planned_tables, write_excited
+from consistent_id.motion.collisions.separation import nearest
+
+SHARE = Path(pin.__file__).parents[4] / "share"
+ROBOTS = SHARE / "example-robot-data" / "robots"
+
+ARM = """
+name = "arm"
+[model]
+modified_dh = [
+    {{ alpha_deg = 0.0, a = 0.0, lower = -3.0, upper = 3.0, velocity = 2.0 }},
+    {{ alpha_deg = 90.0, a = 0.0, lower = -1.5, upper = 1.5, velocity = 2.0 }},
+    {{ alpha_deg = 0.0, a = 0.6, lower = -2.5, upper = 2.5, velocity = 2.0 }},
+]
+[constraints]
+masses = "free"
+[excitation]
+duration = 6.0
+harmonics = 3
+refine = "none"
+{excitation}
+[excitation.limits]
+acceleration = 6.0
+[excitation.scene]
+robot = "bodies"
+clearance = 0.01
+{scene}
+bodies = [
+    {{ name = "upper arm", link = "link2", capsule = {{ radius = 0.05, ends = [[0.0, 0.0, 0.0], [0.6, 0.0, 0.0]] }} }},
+    {{ name = "forearm", link = "link3", capsule = {{ radius = 0.04, length = 0.5 }}, position = [0.25, 0.0, 0.0], rpy_deg = [0.0, 90.0, 0.0] }},
+    {bodies}
+]
+"""  # noqa: E501
+WALL = '{ name = "wall", box = { size = [0.1, 3.0, 3.0] }, position = [0.75, 0, 0] },'
+
+# One joint that lifts an arm past a post which stands in its way at zero.
+LEVER = """
+name = "lever"
+[model]
+modified_dh = [
+    {{ alpha_deg = 90.0, a = 0.0, lower = -3.0, upper = 3.0, velocity = 2.0 }},
+]
+[constraints]
+masses = "free"
+[excitation]
+duration = 4.0
+harmonics = 2
+refine = "none"
+{excitation}
+[excitation.limits]
+acceleration = 6.0
+[excitation.scene]
+robot = "bodies"
+bodies = [
+    {{ name = "arm", link = "link1", capsule = {{ radius = 0.02, ends = [[0.1, 0.0, 0.0], [0.6, 0.0, 0.0]] }} }},
+    {{ name = "post", cylinder = {{ radius = 0.05, length = 1.0 }}, position = [0.5, 0.0, 0.0], rpy_deg = [90.0, 0.0, 0.0] }},
+]
+"""  # noqa: E501
+
+
+def _problem(folder, text, **parts):
+    defaults = {"excitation": "", "scene": "", "bodies": ""}
+    (folder / "problem.toml").write_text(text.format(**defaults | parts))
+    return load_problem(folder)
+
+
+def test_a_wall_is_kept_clear_of_which_the_same_design_without_it_runs_through(
+    tmp_path,
+):
+    problem = _problem(tmp_path, ARM, bodies=WALL)
+    found = excite(problem, starts=1, workers=1, time_limit=60.0)
+    report = found.design.proof.clearance
+    assert report.holds and report.proven >= 0.01
+    assert [whole.holds for whole in found.clearances] == [True, True]
+    blind = design_trajectory(
+        problem.model,
+        found.design.form,
+        found.design.aim,
+        limits=found.design.limits,
+        starts=1,
+        workers=1,
+        time_limit=60.0,
+    )
+    through = prove_clearance(found.design.demands.scene, blind.trajectory)
+    assert through.violated and "wall" in (through.first, through.second)
+    assert found.design.condition.value < 3.0 * blind.condition.value
+
+
+def test_rods_reach_from_one_end_to_the_other(tmp_path):
+    post = '{ name = "post", sphere = { radius = 0.1 }, position = [0, 0, 1] },'
+    scene = asked_scene(_problem(tmp_path, ARM, bodies=post))
+    pairs = {scene.names(p): k for k, p in enumerate(scene.pairs)}
+    near = nearest(scene, [[0.0, np.pi / 2, 0.0], [0.0, 0.0, np.pi / 2]])
+    first = near.distance[:, pairs["upper arm", "post"]]
+    # Upright it ends at 0.6 m; level, it is nearest at its beginning.
+    np.testing.assert_allclose(first, [0.4 - 0.05 - 0.1, 1.0 - 0.05 - 0.1], atol=1e-6)
+    second = near.distance[:, pairs["forearm", "post"]]
+    far = np.hypot(0.6, 0.5) - 0.04 - 0.1  # from (0.6, 0.5) to (0, 1)
+    np.testing.assert_allclose(second, [-0.04 - 0.1, far], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("parts", "said"),
+    [
+        ({"scene": "ground = true"}, r"excitation.scene.ground"),
+        ({"scene": "floor = 0.0"}, r"unknown field `floor` .*excitation.scene"),
+        ({"scene": "extra = { link9 = 0.1 }"}, r"\[excitation.scene\].*'link9'"),
+        ({"bodies": '{ name = "x" },'}, r"bodies\]\] 3, 'x' needs one of .* has none"),
+        (
+            {"bodies": '{ name = "x", capsule = { radius = 0.1 } },'},
+            "'x': a rod needs length or ends; it has neither",
+        ),
+        (
+            {"bodies": '{ name = "x", link = "link7", sphere = { radius = 0.1 } },'},
+            r"\[excitation.scene\].*no link named 'link7'",
+        ),
+    ],
+)
+def test_errors_name_the_key(tmp_path, parts, said):
+    with pytest.raises(ProblemError, match=said):
+        planned_tables(_problem(tmp_path, ARM, **parts))
+
+
+def test_shapes_of_a_urdf_need_a_urdf(tmp_path):
+    text = LEVER.replace('robot = "bodies"', 'robot = "urdf"')
+    with pytest.raises(ProblemError, match=r"scene\]: robot = \"urdf\", but \[model\]"):
+        planned_tables(_problem(tmp_path, text))
+
+
+def test_a_start_pose_in_an_obstacle_is_refused_before_any_search(tmp_path):
+    problem = _problem(tmp_path, LEVER, excitation="start_pose = { joint1 = 0.0 }")
+    with pytest.raises(ProblemError, match="start_pose: bodies 'arm' and 'post' are -"):
+        planned_tables(problem)
+    problem = _problem(tmp_path, LEVER, excitation="start_pose = { joint7 = 0.0 }")
+    with pytest.raises(ProblemError, match="start_pose: no joint 'joint7'"):
+        planned_tables(problem)
+
+
+def test_a_run_in_through_an_obstacle_is_refused_with_a_pose_that_would_do(tmp_path):
+    options = {"starts": 1, "workers": 1, "time_limit": 60.0}
+    free = excite(_problem(tmp_path, LEVER), **options)
+    side = float(free.design.trajectory.evaluate([0.0])[0, 0, 0])
+    beyond = -1.5 * np.sign(side)
+    pose = f"start_pose = {{ joint1 = {beyond} }}"
+    excited = excite(_problem(tmp_path, LEVER, excitation=pose), **options)
+    assert excited.played is None and excited.design.proof.holds
+    told = excited.refusals[0]
+    assert "run-in: bodies 'arm' and 'post' at " in told
+    assert f"or none: from joint1 = {side:.3f} this path can be reached" in told
+    # The design is not lost, but no motion that collides is written.
+    names = {path.name for path in write_excited(excited, tmp_path / "out")}
+    assert "excitation.json" in names and "trajectory.json" not in names
+
+
+def test_all_that_is_played_is_proven_and_lasts_as_designed(tmp_path):
+    problem = _problem(tmp_path, ARM, bodies=WALL, excitation="rest = false")
+    excited = excite(problem, starts=1, workers=1, time_limit=60.0)
+    for played in (excited.played, excited.validation_played):
+        assert played.proof.holds
+        pieces, demands = played.move.pieces, excited.design.demands
+        worst = min(demands.proof(p).margins.least.relative for p in pieces)
+        assert played.proof.margins.least.relative == pytest.approx(worst)
+        # Run-in and run-out take looks of their own, beyond those at the path.
+        path = demands.proof(played.move.trajectory)
+        assert played.proof.clearance.poses > path.clearance.poses > 0
+        # The validation path repeats after twice that: its other half is not proven.
+        assert played.move.trajectory.duration == pytest.approx(6.0)
+        limits = excited.design.limits
+        time = np.linspace(0.0, played.move.duration, 4001)
+        motion = played.move.evaluate(time)
+        assert (motion[0] <= limits.upper + 1e-9).all()
+        assert (motion[0] >= limits.lower - 1e-9).all()
+        assert (abs(motion[1]) <= limits.velocity + 1e-9).all()
+
+
+@pytest.mark.parametrize(
+    ("excitation", "says"),
+    [
+        ("start_pose = { joint1 = 9.0 }", "joint1 = 9, expected between"),
+        ("start_pose = { jiont1 = 0.0 }", "no joint 'jiont1'"),
+        ("rest = false\nperiods = 2\nbase_frequencies = [0.1, 0.15]", "play it once"),
+    ],
+)
+def test_what_cannot_be_played_is_refused_before_the_search(tmp_path, excitation, says):
+    problem = _problem(tmp_path, ARM, excitation=excitation)
+    with pytest.raises(ProblemError, match=says):
+        excite(problem, starts=1, workers=1, time_limit=60.0)
+
+
+def test_a_dry_run_shows_limits_and_pairs_and_writes_nothing(tmp_path, capsys):
+    _problem(tmp_path, ARM, bodies=WALL)
+    output = tmp_path / "out"
+    asked = ["excite", str(tmp_path), "--dry-run", "--output", str(output)]
+    assert main(asked) == 0
+    told = capsys.readouterr().out
+    assert "from rest to rest" in told and "wall" in told and "10.0" in told
+    assert not output.exists()
+    assert main([*asked, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)[1]["rows"][0][:3] == [
+        "joint1",
+        "-3",
+        "3",
+    ]
+
+
+def test_formats_are_checked_before_the_search_and_written_after(tmp_path, capsys):
+    _problem(tmp_path, LEVER)
+    output = tmp_path / "out"
+    asked = ["excite", str(tmp_path), "--output", str(output), "--starts", "1"]
+    assert main([*asked, "--format", "csv,pdf"]) == 2
+    assert "format 'pdf'" in capsys.readouterr().err and not output.exists()
+    assert main([*asked, "--format", "npz"]) == 0
+    assert "least room between" in capsys.readouterr().out
+    names = {file.name for file in output.iterdir()}
+    assert {"trajectory.json", "trajectory.npz", "excitation.png"} < names
+    assert "trajectory.csv" not in names
+    record = json.loads((output / "excitation.json").read_text())
+    assert record["scene"]["bodies"] == ["arm", "post"]
+    assert record["scene"]["whole_move"]["proven_m"] >= 0.0
+    assert record["stages"][-1]["clearance"]["bodies"] == ["arm", "post"]
+
+
+@pytest.mark.skipif(not ROBOTS.exists(), reason="example-robot-data is missing")
+def test_a_ur10_on_a_floor_keeps_clear_of_it_and_of_itself(tmp_path):
+    file = ROBOTS / "ur_description" / "urdf" / "ur10_joint_limited_robot.urdf"
+    text = f"""
+name = "ur10"
+[model]
+urdf = "{file}"
+joints = ["shoulder_lift_joint", "elbow_joint", "wrist_2_joint"]
+[excitation]
+harmonics = 2
+refine = "none"
+[excitation.scene]
+packages = ["{os.path.relpath(SHARE, tmp_path)}"]
+ground = 0.0
+clearance = 0.02
+allowed = [["ground", "base_link"], ["ground", "shoulder_link"]]
+"""
+    problem = _problem(tmp_path, text.replace("{", "{{").replace("}", "}}"))
+    options = {"starts": 1, "workers": 1, "time_limit": 60.0}
+    found = excite(problem, **options).design
+    assert found.proof.clearance.proven >= 0.0
+    blind = design_trajectory(problem.model, found.form, found.aim, **options)
+    assert prove_clearance(found.demands.scene, blind.trajectory).violated

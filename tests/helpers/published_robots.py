@@ -1,0 +1,17 @@
+"""Robots of the package example-robot-data, if it is there."""
+
+from pathlib import Path
+
+import pinocchio as pin
+
+from consistent_id import lint_urdf
+
+FOLDER = Path(pin.__file__).parents[4] / "share" / "example-robot-data" / "robots"
+NO_ROBOTS = ("quadrotor_base.urdf", "iris_simple.urdf", "ur3.urdf")  # nothing moves
+FILES = sorted(FOLDER.rglob("*.urdf"))
+
+
+def mimics_of(path):
+    """Names of the joints that follow others, from the lint's own sentences."""
+    sentences = [f.sentence for f in lint_urdf(path) if "mimic" in f.sentence]
+    return [sentence.split("'")[1] for sentence in sentences]

@@ -1,0 +1,105 @@
+"""A scene watches what can come together, and says what it does not watch."""
+
+import numpy as np
+import pytest
+
+from consistent_id import (
+    Body,
+    Box,
+    DHRow,
+    JointLimits,
+    ProblemError,
+    Scene,
+    Sphere,
+    build_scene,
+    from_modified_dh,
+    plane,
+)
+from consistent_id.motion.collisions.scene import Pair
+
+ARM = from_modified_dh("arm", [DHRow(0, 0), *[DHRow(np.pi / 2, 0.5)] * 3])
+
+
+def _ball(link, radius=0.1):
+    return Body(f"ball on {link}", Sphere(radius), link, translation=[0.2, 0.0, 0.0])
+
+
+def _watched(scene):
+    return {scene.names(pair) for pair in scene.pairs}
+
+
+def test_adjacent_links_and_bodies_of_one_link_are_not_watched():
+    one, two, three = (_ball(f"link{k}", 0.05) for k in (1, 2, 3))
+    other = Body("other on link1", Sphere(0.05), "link1")
+    scene = build_scene(ARM, [one, other, two, three])
+    assert _watched(scene) == {
+        ("ball on link1", "ball on link3"),
+        ("other on link1", "ball on link3"),
+    }
+
+
+def test_obstacles_are_watched_even_from_the_first_link():
+    stone = Body("stone", Box((0.1, 0.1, 0.1)), translation=[1.0, 0.0, 0.0])
+    scene = build_scene(ARM, [plane(-2.0), stone, _ball("link1")])
+    assert _watched(scene) == {
+        ("ground", "ball on link1"),
+        ("stone", "ball on link1"),
+    }
+
+
+def test_bodies_of_the_robot_that_always_touch_are_told_and_not_watched():
+    scene = build_scene(ARM, [_ball("link1", 0.6), _ball("link3", 0.6)])
+    assert not scene.pairs
+    (note,) = scene.notes
+    assert str(note) == (
+        "ball on link1 and ball on link3, not watched: they touch at 200 of 200 random "
+        "poses"
+    )
+
+
+def test_an_obstacle_that_always_touches_is_refused_unless_it_is_allowed():
+    bodies = [Body("floor", Box((1, 1, 1))), _ball("link1")]
+    with pytest.raises(ProblemError, match="'floor' and 'ball on link1': they touch"):
+        build_scene(ARM, bodies)
+    scene = build_scene(ARM, bodies, allowed=[("floor", "link1")])
+    assert not scene.pairs and "allowed" in scene.notes[0].reason
+
+
+def test_more_room_is_asked_for_a_tool_by_the_name_of_its_link():
+    stone = Body("stone", Sphere(0.1), translation=[3.0, 0.0, 0.0])
+    scene = build_scene(
+        ARM,
+        [stone, _ball("link2", 0.01), _ball("link4", 0.01)],
+        clearance=0.02,
+        extra={"link4": 0.03},
+    )
+    wanted = {scene.names(pair)[1]: pair.wanted for pair in scene.pairs[:2]}
+    assert wanted == {"ball on link2": 0.02, "ball on link4": 0.05}
+
+
+def test_of_bodies_that_are_seldom_far_apart_only_touching_is_unwanted():
+    bodies = [_ball("link1", 0.01), _ball("link3", 0.01)]
+    (pair,) = build_scene(ARM, bodies, clearance=2.0).pairs
+    (note,) = build_scene(ARM, bodies, clearance=2.0).notes
+    assert (
+        pair.wanted == 0.0 and note.watched and "nearer than 2000.0 mm" in note.reason
+    )
+
+
+def test_limits_tell_which_bodies_always_touch():
+    rows = [DHRow(0, 0), DHRow(0, 0.5, limits=JointLimits(3.0, 3.1)), DHRow(0, 0.5)]
+    bodies = [Body("a", Sphere(0.2), "link1"), Body("b", Sphere(0.2), "link3")]
+    assert not build_scene(from_modified_dh("folded", rows), bodies).pairs
+    rows[1] = DHRow(0, 0.5)
+    assert build_scene(from_modified_dh("free", rows), bodies).pairs
+
+
+def test_names_that_nobody_has_are_refused():
+    with pytest.raises(ProblemError, match="named 'link9'; known"):
+        build_scene(ARM, [_ball("link1")], allowed=[("link1", "link9")])
+    with pytest.raises(ProblemError, match="names of bodies repeat: ball on link1"):
+        build_scene(ARM, [_ball("link1"), _ball("link1")])
+    with pytest.raises(ProblemError, match="clearance is -1"):
+        build_scene(ARM, [_ball("link1")], clearance=-1.0)
+    with pytest.raises(ProblemError, match="of 1 bodies"):
+        Scene(ARM, (_ball("link1"),), (Pair(0, 1),))

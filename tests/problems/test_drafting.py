@@ -1,0 +1,248 @@
+"""From a robot and a log to a problem: what is found, and what is called a guess."""
+
+import re
+
+import numpy as np
+import pytest
+from logged import URDF, write_arm
+
+from consistent_id import (
+    ProblemError,
+    RecordingError,
+    load_problem,
+)
+from consistent_id.problems.drafting import draft_problem
+from consistent_id.recordings.log_columns import guess_columns
+from consistent_id.recordings.readers.names import column_names
+from consistent_id.robot.chains import Selection
+
+ARM = ("shoulder", "elbow")
+
+
+def guessed(folder, header, joints=ARM, **options):
+    file = folder / "log.csv"
+    file.write_text(header + "\n" + ",".join("0" for _ in header.split(",")) + "\n")
+    return guess_columns(file, joints, **options)
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("arm")
+    urdf, log = write_arm(folder)
+    return folder, draft_problem(urdf, log)
+
+
+def test_a_draft_finds_the_motion_and_keeps_its_last_part_to_judge_by(arm):
+    _, draft = arm
+    (first, last), (then, end) = draft.training, draft.validation
+    assert 100 < first < 140
+    assert 2260 < end < 2300
+    assert then == last + 1
+    share = (last - first) / (end - first)
+    assert share == pytest.approx(0.7, abs=0.002)
+
+
+def test_a_draft_chooses_its_cutoff_from_the_training_rows(arm):
+    _, draft = arm
+    assert draft.rate == pytest.approx(100.0)
+    assert draft.resample is None
+    assert draft.max_gap is None
+    assert draft.cutoff in (5.0, 7.5, 10.0, 15.0, 20.0)
+    assert "predict each other best" in draft.cutoff_reason
+
+
+def test_the_file_loads_as_the_problem_that_was_drafted(arm):
+    folder, draft = arm
+    (folder / "problem.toml").write_text(draft.text(folder))
+    loaded, drafted = load_problem(folder), draft.problem()
+    assert loaded.table.constraints.masses == "datasheet"
+    assert loaded.model.fingerprint == drafted.model.fingerprint
+    for role in ("training", "validation"):
+        (a,), (b,) = getattr(loaded, role), getattr(drafted, role)
+        np.testing.assert_array_equal(a.torque, b.torque)
+
+
+def test_the_file_says_what_is_a_guess(arm):
+    folder, draft = arm
+    text = draft.text(folder)
+    assert 'urdf = "arm.urdf"' in text
+    assert text.count("GUESS") >= 5
+    assert "the masses of arm.urdf are those of the robot" in text
+
+
+def test_a_file_in_another_folder_names_the_robot_and_the_log_from_there(arm):
+    folder, draft = arm
+    study = folder / "studies" / "first"
+    study.mkdir(parents=True)
+    (study / "problem.toml").write_text(draft.text(study))
+    assert 'file = "../../log.csv"' in (study / "problem.toml").read_text()
+    assert load_problem(study).missing == ()
+
+
+def test_jittered_and_missing_stamps_are_seen(tmp_path):
+    urdf, log = write_arm(tmp_path)
+    rows = log.read_text().splitlines()
+    header, rows = rows[0], [row.split(",") for row in rows[1:]]
+    rng = np.random.default_rng(0)
+    for row in rows:
+        row[0] = f"{float(row[0]) + rng.uniform(0, 1e-3):.6f}"
+    del rows[900:960]
+    log.write_text("\n".join([header, *map(",".join, rows)]) + "\n")
+    draft = draft_problem(urdf, log)
+    assert draft.resample == pytest.approx(100.0, rel=0.01)
+    assert draft.max_gap == pytest.approx(0.1, rel=0.01)
+    assert len(draft.problem().training) == 2
+
+
+def test_without_enough_motion_the_cutoff_is_said_to_be_a_guess(tmp_path):
+    urdf, log = write_arm(tmp_path)
+    lines = log.read_text().splitlines()
+    log.write_text("\n".join(lines[:400]) + "\n")
+    assert "none could be chosen" in draft_problem(urdf, log).cutoff_reason
+
+
+def test_a_log_in_which_nothing_moves_is_refused(tmp_path):
+    urdf, log = write_arm(tmp_path)
+    rows = [f"{k / 100},0.3,0.1,5,1" for k in range(500)]
+    log.write_text("\n".join([log.read_text().splitlines()[0], *rows]) + "\n")
+    with pytest.raises(RecordingError, match="no joint ever moves"):
+        draft_problem(urdf, log)
+
+
+def test_masses_are_free_where_asked_and_where_there_are_none(tmp_path):
+    urdf, log = write_arm(tmp_path)
+    draft = draft_problem(urdf, log, masses="free")
+    assert 'masses = "free"' in draft.text(tmp_path)
+    assert draft.problem().table.constraints.masses == "free"
+    urdf.write_text(re.sub(r"<inertial>.*?</inertial>", "", URDF, flags=re.DOTALL))
+    assert draft_problem(urdf, log).masses == "free"
+
+
+def test_a_joint_that_the_log_does_not_have_is_held(tmp_path):
+    urdf, log = write_arm(tmp_path)
+    log.write_text(log.read_text().replace("q_elbow", "x").replace("tau_elbow", "y"))
+    draft = draft_problem(urdf, log)
+    assert (draft.joints, draft.locked) == (("shoulder",), ("elbow",))
+    assert draft.problem().model.robot.joint_names == ("shoulder",)
+    assert "Held at zero" in draft.text(tmp_path)
+
+
+def test_the_part_that_moves_can_be_said(tmp_path):
+    urdf, log = write_arm(tmp_path)
+    draft = draft_problem(urdf, log, selection=Selection(tip="upper"))
+    assert draft.problem().model.robot.joint_names == ("shoulder",)
+    assert 'tip = "upper"' in draft.text(tmp_path)
+
+
+def test_torque_gains_are_one_or_one_each(tmp_path):
+    urdf, log = write_arm(tmp_path)
+    draft = draft_problem(urdf, log, torque_gain=(2.0, 3.0))
+    assert "torque_gain = [2.0, 3.0]" in draft.text(tmp_path)
+    plain = draft_problem(urdf, log, torque_gain=(2.0,)).problem()
+    assert plain.table.data.torque_gain == 2.0
+    with pytest.raises(ProblemError, match="3 torque gains for 2 joints"):
+        draft_problem(urdf, log, torque_gain=(1.0, 2.0, 3.0))
+
+
+@pytest.mark.parametrize(
+    ("header", "position", "torque"),
+    [
+        ("time,q_shoulder,q_elbow,tau_shoulder,tau_elbow", "q_{joint}", "tau_{joint}"),
+        ("t,q1,q2,tau1,tau2", "q{number}", "tau{number}"),
+        (
+            "timestamp,shoulder/position,elbow/position,shoulder/effort,elbow/effort",
+            "{joint}/position",
+            "{joint}/effort",
+        ),
+        (
+            "Time,Pos[1],Pos[2],Torque[1],Torque[2]",
+            "Pos[{number}]",
+            "Torque[{number}]",
+        ),
+        (
+            "time,shoulder.pos,elbow.pos,joint_1.torque,joint_2.torque",
+            "{joint}.pos",
+            "joint_{number}.torque",
+        ),
+    ],
+)
+def test_columns_are_told_from_their_names(tmp_path, header, position, torque):
+    guess = guessed(tmp_path, header)
+    assert guess.columns.time == header.split(",")[0]
+    assert (guess.columns.position, guess.columns.torque) == (position, torque)
+    assert guess.columns.velocity is None
+    assert guess.joints == ARM
+
+
+def test_numbers_may_begin_with_zero(tmp_path):
+    header = "time,actual_q_0,actual_q_1,target_q_0,target_q_1,torque_0,torque_1"
+    columns = guessed(tmp_path, header).columns
+    assert columns.position == "actual_q_{joint}"
+    assert columns.names == {"0": "shoulder", "1": "elbow"}
+
+
+def test_commands_and_currents_are_not_taken_for_what_was_measured(tmp_path):
+    header = "time,q_cmd_1,q_cmd_2,q1,q2,tau_desired1,tau_desired2,current1,current2"
+    with pytest.raises(RecordingError, match=r"torque.*--torque-gain"):
+        guessed(tmp_path, header)
+    guess = guessed(tmp_path, header, known={"torque": "current{number}"})
+    assert guess.columns.position == "q{number}"
+
+
+def test_what_was_chosen_between_is_said(tmp_path):
+    guess = guessed(tmp_path, "time,q1,q2,motor_q1,motor_q2,tau1,tau2")
+    assert guess.columns.position == "q{number}"
+    assert guess.notes == (
+        "position is taken from q{number}, not from motor_q{number}",
+    )
+
+
+def test_of_joints_whose_names_begin_alike_the_longer_is_meant(tmp_path):
+    joints = tuple(f"joint_{k}" for k in range(1, 12))
+    names = [f"{c}_{j}" for c in ("pos", "effort") for j in joints]
+    guess = guessed(tmp_path, ",".join(["time", *names]), joints)
+    assert guess.columns.position == "pos_{joint}"
+    assert guess.joints == joints
+
+
+def test_a_channel_that_there_is_not_is_refused(tmp_path):
+    with pytest.raises(ProblemError, match="no channel 'torqe'"):
+        guessed(tmp_path, "time,q1,q2", known={"torqe": "tau{number}"})
+
+
+def test_some_joints_may_have_no_torque(tmp_path):
+    columns = guessed(tmp_path, "time,q_shoulder,q_elbow,tau_shoulder").columns
+    assert columns.torque_joints == ("shoulder",)
+
+
+def test_what_cannot_be_told_is_asked_for_with_what_there_is(tmp_path):
+    with pytest.raises(RecordingError, match=r"no column .*a, b.*--position"):
+        guessed(tmp_path, "time,a,b")
+    with pytest.raises(RecordingError, match=r"--time"):
+        guessed(tmp_path, "clock,q1,q2,tau1,tau2")
+
+
+@pytest.mark.parametrize("kind", ["csv", "comment", "npz", "parquet"])
+def test_names_of_columns_are_found(tmp_path, kind):
+    names = ("time", "q 1", "tau_1")
+    if kind == "npz":
+        file = tmp_path / "log.npz"
+        np.savez(file, **{name: np.zeros(3) for name in names})
+    elif kind == "parquet":
+        pa = pytest.importorskip("pyarrow")
+        import pyarrow.parquet as pq
+
+        file = tmp_path / "log.parquet"
+        pq.write_table(pa.table({name: [0.0] for name in names}), file)
+    else:
+        file = tmp_path / "log.csv"
+        mark = "# " if kind == "comment" else ""
+        file.write_text(f"# made by hand\n{mark}{'; '.join(names)}\n0;1;2\n")
+    assert column_names(file) == names
+
+
+def test_of_other_files_the_columns_are_asked_for(tmp_path):
+    with pytest.raises(RecordingError, match="--position"):
+        column_names(tmp_path / "log.h5")
+    with pytest.raises(RecordingError, match="cannot be read"):
+        column_names(tmp_path / "nowhere.csv")

@@ -1,0 +1,263 @@
+"""Delays, clocks, gaps, masks and encoder steps: what is known must be found."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from consistent_id import signals
+from consistent_id.errors import RecordingError
+from consistent_id.recordings.readers import Columns, read_recording
+from consistent_id.recordings.recording import Recording
+
+ORDER = {"position": 0, "velocity": 1, "acceleration": 2, "torque": 0}
+NAMES = ("a", "b", "c")
+DATA = os.environ.get("CONSISTENT_ID_DATASETS", "")
+
+
+def tones(rng, joints=3):
+    """A motion of twelve tones below 3 Hz per joint: any derivative at any time."""
+    f = rng.uniform(0.1, 3.0, (12, joints))
+    size, phase = 0.3 * rng.normal(size=f.shape), rng.uniform(0, 6, f.shape)
+    w = 2 * np.pi * f
+
+    def at(time, order=0):
+        angle = w * time[:, None, None] + phase + order * np.pi / 2
+        return (size * w**order * np.sin(angle)).sum(axis=1)
+
+    return at
+
+
+def log(time, position, **channels):
+    position = position if position.ndim == 2 else position[:, None]
+    return Recording(NAMES[: position.shape[1]], time, position, name="log", **channels)
+
+
+def pair(seed, first, second, rates, noise, seconds=12.0):
+    """Two noisy tracks of one motion, the second late by a random delay."""
+    rng = np.random.default_rng(seed)
+    motion, delay = tones(rng), rng.uniform(-0.2, 0.2)
+    tracks = []
+    for channel, rate, size, late in zip(
+        (first, second), rates, noise, (0.0, delay), strict=True
+    ):
+        time = np.arange(int(seconds * rate)) / rate
+        values = motion(time - late, ORDER[channel])
+        values = values + size * rng.normal(size=values.shape)
+        tracks.append(signals.Track(channel, NAMES, time, values))
+    return (*tracks, delay)
+
+
+CASES = [
+    ("position", "velocity", (500, 500), (1e-4, 0.02)),
+    ("position", "acceleration", (1000, 300), (1e-4, 1.0)),
+    ("acceleration", "position", (300, 1000), (0.5, 1e-4)),
+    ("velocity", "acceleration", (500, 300), (0.01, 0.5)),
+    ("position", "position", (100, 125), (1e-3, 1e-3)),
+    ("torque", "torque", (500, 500), (0.02, 0.02)),
+]
+
+
+@pytest.mark.parametrize(("first", "second", "rates", "noise"), CASES)
+def test_a_delay_is_found_within_a_tenth_of_a_sample(first, second, rates, noise):
+    scores = []
+    for seed in range(5):
+        a, b, delay = pair(seed, first, second, rates, noise)
+        found = signals.estimate_delay(a, b)
+        assert abs(found.seconds - delay) < 0.1 / max(rates)
+        np.testing.assert_allclose(found.gains, 1.0, rtol=0.02)
+        scores.append((found.seconds - delay) / found.standard_error)
+    # The cut-off with the least standard error is chosen, so it is somewhat too small.
+    assert 0.3 < np.sqrt(np.mean(np.square(scores))) < 3.0
+
+
+def test_a_joint_at_rest_says_nothing_and_the_reverse_delay_is_the_negative():
+    a, b, _ = pair(1, "position", "velocity", (200, 200), (1e-4, 0.01))
+    moving = np.array([1.0, 0.0, 1.0])
+    a, b = (signals.Track(x.channel, NAMES, x.time, x.values * moving) for x in (a, b))
+    found, back = signals.estimate_delay(a, b), signals.estimate_delay(b, a)
+    assert found.gains[1] == 0.0 == back.gains[1]
+    assert back.seconds == -found.seconds
+
+
+def test_signals_that_have_no_delay_to_find_are_refused():
+    a, b, _ = pair(0, "position", "velocity", (200, 200), (1e-4, 0.01))
+    other = pair(9, "position", "velocity", (200, 200), (1e-4, 0.01))[1]
+    torque = signals.Track("torque", NAMES, b.time, b.values)
+    late = signals.Track("velocity", NAMES, b.time + 60.0, b.values)
+    for bad, message in (
+        (other, "no delay up to"),
+        (torque, "without a model"),
+        (late, "too little of both"),
+        (signals.Track("velocity", ("x",), b.time, b.values[:, :1]), "no joint in"),
+    ):
+        with pytest.raises(RecordingError, match=message):
+            signals.estimate_delay(a, bad)
+
+
+@pytest.mark.skipif(not (Path(DATA) / "tiago").is_dir() or not DATA, reason="no data")
+def test_tiagos_velocity_comes_some_190_ms_after_its_position():
+    for file in ("identification/first60.parquet", "validation/last40.parquet"):
+        recording = read_recording(
+            Path(DATA) / "tiago" / file,
+            [f"joint {n}" for n in range(1, 9)],
+            Columns(position="q{number}", velocity="dq{number}"),
+        )
+        found = signals.estimate_delay(
+            signals.track(recording, "position"), signals.track(recording, "velocity")
+        )
+        # Joints by themselves: 0.15 s (arm_1) to 0.20 s (arm_2).
+        assert found.seconds == pytest.approx(0.19, abs=0.01)
+        assert found.correlations.min() > 0.99
+
+
+def test_three_clocks_are_brought_to_the_slowest():
+    rng = np.random.default_rng(4)
+    motion, step = tones(rng), 1e-3
+    time, slow = np.arange(12000) * step, np.arange(3600) / 300.0
+    recording = log(time, motion(time), torque=5 * motion(time))
+    late = signals.Track("acceleration", NAMES, slow, motion(slow - 0.0123, 2))
+    delay = signals.estimate_delay(signals.track(recording, "position"), late)
+    both = signals.aligned(recording, late, delay=delay.seconds)
+    assert len(both) < len(late.time) and both.rate == pytest.approx(300.0)
+    inside = slice(300, -300)
+    t = both.time[inside]
+    # A quintic spline through 300 Hz samples of 3 Hz; the filter passes 3 Hz to 1e-9.
+    np.testing.assert_allclose(both.position[inside], motion(t), atol=1e-5)
+    np.testing.assert_allclose(both.torque[inside], 5 * motion(t), atol=5e-5)
+    np.testing.assert_allclose(both.acceleration[inside], motion(t, 2), atol=2e-2)
+
+
+def test_a_channel_that_lags_is_put_right_on_its_own_clock():
+    motion, time = tones(np.random.default_rng(5)), np.arange(2000) / 100.0
+    recording = log(time, motion(time), velocity=motion(time - 0.18, 1))
+    late = signals.track(recording, "velocity")
+    right = signals.aligned(recording, late, delay=0.18)
+    assert (right.time == time[time <= time[-1] - 0.18 + 1e-9]).all()
+    assert (right.position == recording.position[: len(right)]).all()
+    inside = slice(50, -50)
+    # Of a cubic spline through 100 Hz samples of 3 Hz tones: 5/384 (w h)^4 of 50.
+    np.testing.assert_allclose(
+        right.velocity[inside], motion(right.time, 1)[inside], atol=1e-3
+    )
+
+
+def test_clocks_that_do_not_meet_or_have_gaps_are_refused():
+    time = np.arange(500) / 100.0
+    recording = log(time, np.sin(time))
+    far = signals.Track("velocity", ("a",), time + 50.0, np.cos(time)[:, None])
+    with pytest.raises(RecordingError, match="no two samples in common"):
+        signals.aligned(recording, far)
+    keep = np.r_[:200, 300:500]
+    gappy = signals.Track("velocity", ("a",), time[keep], np.cos(time[keep])[:, None])
+    with pytest.raises(RecordingError, match=r"gap of 1\.01 s"):
+        signals.aligned(recording, gappy)
+
+
+def test_parts_between_gaps_hold_every_sample_but_short_runs():
+    time = np.delete(np.arange(1000) / 100.0, [*range(300, 320), *range(325, 360)])
+    recording = log(time, np.sin(time))
+    parts = signals.split_at_gaps(recording, 0.05)
+    assert [len(p) for p in parts] == [300, 5, 640]
+    assert (np.concatenate([p.time for p in parts]) == time).all()
+    assert all(np.diff(p.time).max() < 0.05 for p in parts)
+    assert len(signals.split_at_gaps(recording, 0.05, shortest=0.5)) == 2
+    assert signals.split_at_gaps(recording, 1.0) == (recording,)
+    with pytest.raises(RecordingError, match="none has two samples"):
+        signals.split_at_gaps(recording, 0.05, shortest=100.0)
+
+
+def test_nothing_beyond_a_gap_changes_what_is_derived_before_it():
+    time = np.arange(1000) / 100.0
+    time[500:] += 3.0
+    q = np.sin(time)
+    other = np.where(time > 6.0, 50.0 * time, q)
+
+    def first(values):
+        part = signals.split_at_gaps(log(time, values), 0.1)[0]
+        smooth = signals.low_passed(part, motion_cutoff=5.0)
+        return signals.differentiated(smooth).acceleration
+
+    assert (first(q) == first(other)).all()
+
+
+def test_standstill_is_trimmed_at_both_ends_alone():
+    time = np.arange(1000) / 100.0
+    u = np.clip(time - 2.0, 0.0, 2.0) + np.clip(time - 5.0, 0.0, 2.0)
+    q = 0.5 - 0.5 * np.cos(np.pi * u / 2)
+    recording = signals.differentiated(log(time, q))
+    still = signals.standstill(recording, 1e-3)[:, 0]
+    assert still[:199].all() and still[410:495].all() and not still[220:380].any()
+    part = signals.trim_standstill(recording)
+    assert part.time[0] == pytest.approx(2.0, abs=0.03)
+    assert part.time[-1] == pytest.approx(7.0, abs=0.03)
+    kept = signals.trim_standstill(recording, margin=0.5)
+    assert kept.duration == pytest.approx(part.duration + 1.0, abs=0.011)
+    moving = signals.without(recording, still, shortest=0.5)
+    assert len(moving) == 2
+    with pytest.raises(RecordingError, match="no joint ever moves"):
+        signals.trim_standstill(log(time, 0 * time))
+
+
+@pytest.mark.parametrize("step", [0.0, 1e-3])
+def test_clipped_torque_is_told_from_the_top_of_a_smooth_curve(step):
+    time = np.arange(5000) / 1000.0
+    tau = np.column_stack([np.sin(3 * time), 2 * np.sin(3 * time)])
+    tau[:, 0] = np.clip(tau[:, 0], -0.9, 2.0)
+    if step:
+        tau = np.round(tau / step) * step
+    recording = log(time, tau, torque=tau)
+    mask = signals.saturated(recording)
+    assert (mask[:, 0] == (tau[:, 0] <= -0.9 + 1e-9)).all() and mask[:, 0].any()
+    assert not mask[:, 1].any()
+    known = signals.saturated(recording, [0.9, 5.0])
+    assert known[:, 0].sum() > mask[:, 0].sum() and not known[:, 1].any()
+    weights = signals.row_weights(recording, mask, ("b", "a"))
+    assert (weights[:, 1] == ~mask[:, 0]).all() and weights[:, 0].all()
+
+
+@pytest.mark.parametrize("step", [2e-5, 2 * np.pi / 2**17, 1.534e-5, 1e-3])
+@pytest.mark.parametrize("seed", range(3))
+def test_an_encoders_step_is_found_where_there_is_one(step, seed):
+    time = np.arange(4000) / 1000.0
+    q = tones(np.random.default_rng(seed))(time)
+    coarse = signals.encoder_resolution(log(time, np.round(q / step) * step + 0.1))
+    np.testing.assert_allclose(coarse, step, rtol=1e-5)
+    single = np.float32(np.round(q / 1e-3) * 1e-3).astype(float)
+    np.testing.assert_allclose(
+        signals.encoder_resolution(log(time, single)), 1e-3, rtol=1e-5
+    )
+    assert not signals.encoder_resolution(log(time, q)).any()
+
+
+def test_motion_at_even_speed_and_standstill_have_no_step():
+    time = np.arange(2000) / 1000.0
+    even = np.column_stack([0.3 * time + 1e-3 * np.sin(time), 0 * time])
+    assert not signals.encoder_resolution(log(time, even)).any()
+
+
+def test_a_mask_follows_a_log_through_resampling_and_filters():
+    time = np.arange(1000) * 0.01
+    whole = Recording(("a", "b"), time, np.zeros((1000, 2)))
+    mask = np.zeros((1000, 2), dtype=bool)
+    mask[300:310, 1] = True
+    part = whole.of(("b", "a")).samples(slice(100, 900, 5))
+    for reach, first, last in ((0.0, 3.0, 3.1), (0.2, 2.8, 3.25)):
+        found = signals.mask_onto(whole, mask, part, reach=reach)
+        assert not found[:, 1].any()
+        masked = part.time[found[:, 0]]
+        assert masked[0] == pytest.approx(first)
+        assert masked[-1] == pytest.approx(last)
+    assert not signals.mask_onto(whole, np.zeros(1000, dtype=bool), part).any()
+    with pytest.raises(RecordingError, match="reach is -1"):
+        signals.mask_onto(whole, mask, part, reach=-1.0)
+
+
+def test_masks_that_do_not_fit_are_refused():
+    recording = log(np.arange(50) / 10.0, np.zeros((50, 2)))
+    for bad in (np.zeros(50), np.zeros(49, bool), np.zeros((50, 3), bool)):
+        with pytest.raises(RecordingError, match="expected bool and"):
+            signals.without(recording, bad)
+    with pytest.raises(RecordingError, match="has no torque"):
+        signals.saturated(recording)

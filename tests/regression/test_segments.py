@@ -1,0 +1,49 @@
+"""Segments: nothing lost, nothing twice, nothing mixed."""
+
+import numpy as np
+import pytest
+from experiments import experiment
+from hypothesis import given
+from hypothesis import strategies as st
+
+from consistent_id import NotExcitedError, ProblemError, build_regression
+from consistent_id.regression.segments import _cuts, merged, segment_regressions
+
+
+def test_segments_add_up_to_the_whole_regression():
+    model, truth, log = experiment(0, joints=3, noise=1.0, samples=500)
+    segments = segment_regressions(model, log, count=7)
+    whole, together = build_regression(model, log), merged(segments)
+    assert len(segments) == 7
+    assert together.counts == whole.counts
+    for x in (truth, *np.random.default_rng(0).normal(size=(5, len(truth)))):
+        assert together.residual_rms(x) == pytest.approx(whole.residual_rms(x))
+
+
+@given(st.integers(2, 3000), st.integers(2, 60))
+def test_every_sample_is_in_exactly_one_segment_of_two_or_more(samples, count):
+    cuts = _cuts(samples, max(samples / count, 2.0))
+    assert [i for cut in cuts for i in range(*cut)] == list(range(samples))
+    lengths = [stop - start for start, stop in cuts]
+    assert min(lengths) >= 2
+    assert max(lengths) - min(lengths) <= 2
+    assert len(cuts) == count or len(cuts) == max(samples // 2, 1) < count
+
+
+def test_no_segment_has_samples_of_two_recordings():
+    model, _, log = experiment(1, joints=2, samples=300)
+    parts = [log.samples(slice(0, 250)), log.samples(slice(250, None))]
+    segments = segment_regressions(model, parts, count=6)
+    assert [s.counts[0] for s in segments] == [50, 50, 50, 50, 50, 50]
+    segments = segment_regressions(model, parts, count=2)
+    assert [s.counts[0] for s in segments] == [125, 125, 50]
+
+
+def test_what_cannot_be_cut_is_refused():
+    model, _, log = experiment(2, joints=2, samples=2)
+    with pytest.raises(NotExcitedError, match="2 samples are too few"):
+        segment_regressions(model, log)
+    with pytest.raises(ProblemError, match="count is 1"):
+        segment_regressions(model, log, count=1)
+    with pytest.raises(ProblemError, match="no segments"):
+        merged([])
