@@ -1,6 +1,6 @@
-"""Dynamic parameters of robots, as a real body could have them.
+"""Dynamic-parameter identification of robots, with physically consistent estimates.
 
-Robot model -> recording -> regression -> estimator -> estimate -> comparison; each
+Robot model -> recording -> regression -> estimate -> comparison -> report, export.  Each
 arrow is a function, each noun a frozen value.
 
 Public names are those of ``__init__.pyi``; a name's module is imported when the name is

@@ -1,11 +1,13 @@
 """Imports run one way, room by room, and heavy libraries are imported where used."""
 
 import ast
+import runpy
 from pathlib import Path
 
 import consistent_id
 
 PACKAGE = Path(consistent_id.__file__).parent
+DOCS = Path(__file__).parent.parent / "docs"
 
 # A module imports from its own room and from those before it.
 ROOMS = (
@@ -65,3 +67,29 @@ def test_estimators_do_not_know_casadi():
     for path, tree in _modules().items():
         if path.parts[0] == "estimation":
             assert "casadi" not in _imported(tree)
+
+
+def test_the_drawing_of_the_rooms_is_current():
+    rooms = runpy.run_path(str(DOCS / "rooms.py"))
+    shown = rooms["DRAWING"].read_text()
+    assert shown == rooms["drawing"](), "draw it again: python docs/rooms.py"
+
+
+def test_the_drawing_leaves_out_what_follows_from_other_arrows():
+    reduced = runpy.run_path(str(DOCS / "rooms.py"))["reduced"]
+    graph = {"a": set(), "b": {"a"}, "c": {"a", "b"}, "d": {"a"}, "e": {"c", "d", "a"}}
+    assert reduced(graph) == {
+        "a": set(),
+        "b": {"a"},
+        "c": {"b"},
+        "d": {"a"},
+        "e": {"c", "d"},
+    }
+
+
+def test_files_that_the_page_of_the_rooms_names_exist():
+    page = (DOCS / "architecture.md").read_text()
+    named = [word for word in page.split("`")[1::2] if "/" in word and " " not in word]
+    roots = (PACKAGE, DOCS.parent)
+    assert len(named) > 9
+    assert not [n for n in named if not any((root / n).exists() for root in roots)]

@@ -1,1 +1,1 @@
-"""What every room needs: arrays, files, tables, threads, progress, interrupts."""
+"""Arrays, files, tables, threads, progress and interrupts, for every room."""

@@ -1,1 +1,1 @@
-"""How far to trust an estimate: comparison, uncertainty, prices of constraints."""
+"""How far to trust an estimate: held-out errors, uncertainty, shadow prices."""

@@ -1,4 +1,4 @@
-"""The data detective: what is wrong with a log, before anything is learnt from it."""
+"""What is wrong with a log, found before anything is estimated from it."""
 
 from consistent_id.diagnosis.diagnose import diagnose
 from consistent_id.diagnosis.findings import Diagnosis, Finding

@@ -1,1 +1,1 @@
-"""Estimators: from a regression to an estimate."""
+"""Estimators: from a regression, constraints and a prior to an estimate."""

@@ -1,8 +1,8 @@
-"""Experiments on robots that exist only as numbers, with sensors that err.
+"""Simulated experiments on known robots, with imperfect sensors and controllers.
 
-A robot follows a motion; encoders and a load cell write on one clock, cameras on
-another.  Everything that happens is known, so that what an estimate makes of the logs
-can be judged.
+A robot follows a motion.  Encoders and a load cell write on one clock, cameras on
+another.  All true values are known, so that an estimate from the logs can be compared
+with them.
 """
 
 from consistent_id.laboratory.closed_loop import controlled

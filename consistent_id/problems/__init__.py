@@ -1,1 +1,1 @@
-"""A ``problem.toml``: its tables, the values that they stand for, the study of them."""
+"""The problem file: its tables, the values that they stand for, the study of them."""

@@ -1,1 +1,1 @@
-"""What was measured, or is to be played: recordings, paths, readers, signals."""
+"""Measured logs and paths to play: readers of files, signals made from logs."""

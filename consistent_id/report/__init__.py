@@ -1,4 +1,4 @@
-"""A study as one HTML file: each section a small function of what was found."""
+"""Results for people: tables, figures, and a study as one HTML file."""
 
 from consistent_id.report.advice import Advice, advise
 from consistent_id.report.html import comparison_html, report_html, write_report

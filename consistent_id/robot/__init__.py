@@ -1,1 +1,1 @@
-"""What a robot is: its tree of links, their inertial parameters, files that hold it."""
+"""A robot: its tree of links, their inertial parameters, the files that hold it."""

@@ -1,1 +1,1 @@
-"""Convex sets, programmes over them, and proofs of optimality and emptiness."""
+"""Convex sets, cone programmes, and proofs of optimality and infeasibility."""

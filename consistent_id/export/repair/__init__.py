@@ -1,4 +1,4 @@
-"""Robot descriptions with impossible inertials, made possible with the least change."""
+"""Robot descriptions made physically consistent with the least change."""
 
 from consistent_id.export.repair.account import LinkRepair, Repair
 from consistent_id.export.repair.nearest import NearestInertia, nearest_inertia

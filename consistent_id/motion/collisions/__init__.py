@@ -1,1 +1,1 @@
-"""Bodies that must stay apart: scenes, distances, clearance proven for all time."""
+"""Bodies that must not collide: scenes, distances, clearance proven for all time."""
