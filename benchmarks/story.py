@@ -15,8 +15,8 @@ from consistent_id import load_problem
 from consistent_id._support.tables import Table
 from consistent_id.laboratory.reproduction import PaperStudy, reproduce
 from consistent_id.laboratory.reproduction import section_tables as part
-from consistent_id.laboratory.reproduction.sections import sections_of
-from consistent_id.laboratory.reproduction.study import (
+from consistent_id.laboratory.reproduction.paper_sections import sections_of
+from consistent_id.laboratory.reproduction.paper_study import (
     REPEATED,
     TASKS,
     WITHIN_LIMITS,
@@ -47,7 +47,7 @@ def blocks(study: PaperStudy) -> dict[str, str]:
 
 
 def _found(study: PaperStudy) -> str:
-    place, done = study.place.loudest, study.tasks
+    place, done = study.place.most_scattered, study.tasks
     lines = ["| alpha5 | mean | standard deviation |", "|---|---:|---:|"]
     mean, deviation = study.report.mean[place], study.report.standard_deviation[place]
     lines.append(f"| the paper | {mean:.4f} | {deviation:.4f} |")
@@ -67,7 +67,7 @@ def _excitation(study: PaperStudy) -> str:
         "|---|" + "---:|" * len(names),
     ]
     for name, done in study.with_friction.items():
-        numbers = (f"{e.excited.condition:.1f}" for e in done.experiments)
+        numbers = (f"{e.excitation.condition:.1f}" for e in done.experiments)
         lines.append(f"| {name} | " + " | ".join(numbers) + " |")
     return "\n".join(lines)
 
@@ -128,7 +128,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--write", type=Path, help="page to write the figures into")
     options = parser.parse_args()
-    study = reproduce(load_problem("problems/rx60"), tell=print)
+    study = reproduce(load_problem("problems/rx60"), progress=print)
     measured = blocks(study)
     if not options.write:
         print("\n\n".join(f"{name}\n\n{text}" for name, text in measured.items()))

@@ -1,6 +1,6 @@
 """Dynamic-parameter identification of robots, with physically consistent estimates.
 
-Robot model -> recording -> regression -> estimate -> comparison -> report, export.  Each
+Robot -> recording -> regression -> estimate -> comparison -> report, export.  Each
 arrow is a function, each noun a frozen value.
 
 Public names are those of ``__init__.pyi``; a name's module is imported when the name is

@@ -46,12 +46,12 @@ def run_reproduce(options: argparse.Namespace) -> int:
 
 def _reproduce(options: argparse.Namespace) -> Answer:
     from consistent_id._support.files import require_writable
-    from consistent_id.laboratory.reproduction.record import (
+    from consistent_id.laboratory.reproduction.paper_record import (
         reproduction_record,
         write_reproduction,
     )
-    from consistent_id.laboratory.reproduction.sections import sections_of
-    from consistent_id.laboratory.reproduction.study import FULL, QUICK, reproduce
+    from consistent_id.laboratory.reproduction.paper_sections import sections_of
+    from consistent_id.laboratory.reproduction.paper_study import FULL, QUICK, reproduce
     from consistent_id.problems.problem import load_problem
 
     problem = load_problem(options.problem)
@@ -59,12 +59,12 @@ def _reproduce(options: argparse.Namespace) -> Answer:
     if not options.dry_run:
         require_writable(folder)
 
-    def tell(step: str) -> None:
+    def show(step: str) -> None:
         if shows_progress(options):
             print(f"{step} ...", file=sys.stderr, flush=True)
 
     study = reproduce(
-        problem, QUICK if options.quick else FULL, seed=options.seed, tell=tell
+        problem, QUICK if options.quick else FULL, seed=options.seed, progress=show
     )
     tables = [table for part in sections_of(study) for table in part.tables]
     text = "\n\n".join(table.text() for table in tables)

@@ -1,7 +1,7 @@
 """What is known of a robot before any measurement, as convex sets.
 
-There is one small value per idea.  Each lowers itself to a `ConicSet` over the parameters of a torque model; any number of
-them combine.
+There is one small value per idea.  Each lowers itself to a `ConicSet` over the
+parameters of a torque model; any number of them combine.
 """
 
 from consistent_id.constraints.datasheet import (

@@ -8,9 +8,12 @@ with them.
 from consistent_id.laboratory.closed_loop import controlled
 from consistent_id.laboratory.control import Controller
 from consistent_id.laboratory.experiment import ExperimentLog, Laboratory, perform
-from consistent_id.laboratory.one_clock import OneClock, on_one_clock
-from consistent_id.laboratory.robot import SimulatedRobot, with_friction
 from consistent_id.laboratory.sensors import Cameras, Encoders, LoadCell
+from consistent_id.laboratory.simulated_robot import SimulatedRobot, with_friction
+from consistent_id.laboratory.synchronisation import SynchronisedLog, synchronised
+
+OneClock = SynchronisedLog  # the earlier names
+on_one_clock = synchronised
 
 __all__ = [
     "Cameras",
@@ -19,10 +22,10 @@ __all__ = [
     "ExperimentLog",
     "Laboratory",
     "LoadCell",
-    "OneClock",
     "SimulatedRobot",
+    "SynchronisedLog",
     "controlled",
-    "on_one_clock",
     "perform",
+    "synchronised",
     "with_friction",
 ]

@@ -7,8 +7,8 @@ import numpy as np
 from consistent_id._support.arrays import Array, Vector
 from consistent_id.errors import ProblemError, SolverError
 from consistent_id.laboratory.control import Controller
-from consistent_id.laboratory.robot import SimulatedRobot
 from consistent_id.laboratory.sensors import Encoders
+from consistent_id.laboratory.simulated_robot import SimulatedRobot
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.clocks import uniform_rate
 

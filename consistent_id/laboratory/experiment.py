@@ -9,8 +9,8 @@ from consistent_id._support.arrays import Vector
 from consistent_id.errors import ProblemError
 from consistent_id.laboratory.closed_loop import controlled
 from consistent_id.laboratory.control import Controller
-from consistent_id.laboratory.robot import SimulatedRobot
 from consistent_id.laboratory.sensors import Cameras, Encoders, LoadCell
+from consistent_id.laboratory.simulated_robot import SimulatedRobot
 from consistent_id.recordings.recording import Recording
 
 

@@ -5,20 +5,21 @@ joint moves far; what it passes becomes the first guess at any time.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Array, Vector, checked
 from consistent_id.errors import PathError, ProblemError
-from consistent_id.laboratory.path_refusals import beyond, singular, unreachable
+from consistent_id.laboratory.curves import arc_length
 from consistent_id.laboratory.writer import (
     EXACT,
     Solution,
     Writer,
     curve_slope,
-    polished,
-    settled,
+    nearest_pose,
+    newton_refined,
     task_error,
     with_rates,
 )
@@ -80,7 +81,7 @@ class TaskPath:
 
         progress = self.task.progress(time)
         guess = CubicHermiteSpline(self.nodes, self.positions, self.slopes)
-        q = polished(self.writer, self.task, progress[0], guess(progress[0]))
+        q = newton_refined(self.writer, self.task, progress[0], guess(progress[0]))
         return with_rates(self.writer, self.task, progress, q)
 
     def recording(self, rate: float, name: str = "writing task") -> Recording:
@@ -161,7 +162,7 @@ def _first(writer: Writer, task: WritingTask, home: Vector) -> Vector:
         q = home.copy()
         if number:
             q[places] = rng.uniform(np.minimum(lower, upper), upper)[places]
-        q, left = settled(writer, task, 0.0, q)
+        q, left = nearest_pose(writer, task, 0.0, q)
         nearest = min(nearest, left)
         if left < EXACT * writer.reach:
             q = _wound(robot, q, home)
@@ -170,7 +171,7 @@ def _first(writer: Writer, task: WritingTask, home: Vector) -> Vector:
             outside = q if outside is None else outside
     if outside is not None:
         return outside  # the check says which joint, and by how much
-    raise unreachable(task, 0.0, nearest)
+    raise _unreachable(task, 0.0, nearest)
 
 
 def _wound(robot: RobotModel, q: Vector, home: Vector) -> Vector:
@@ -205,7 +206,7 @@ def _marched(writer: Writer, task: WritingTask, q: Vector) -> TaskPath:
         following = 1.0 if u + step > 1.0 - 1e-12 else u + step
         guess = q + slope * step
         at = np.array([following])
-        new = polished(writer, task, at, guess[None])
+        new = newton_refined(writer, task, at, guess[None])
         left = np.linalg.norm(task_error(writer, task, at, writer.motion(new))[0])
         met = left < 10.0 * EXACT * writer.reach
         if met and abs(new[0] - guess).max() < _STEP:
@@ -226,12 +227,12 @@ def _marched(writer: Writer, task: WritingTask, q: Vector) -> TaskPath:
 
 def _stuck(writer: Writer, task: WritingTask, u: float, q: Vector) -> PathError:
     """Say why the path cannot be followed further: out of reach, or singular."""
-    new, left = settled(writer, task, u, q)
+    new, left = nearest_pose(writer, task, u, q)
     if left > 10.0 * EXACT * writer.reach:
-        return unreachable(task, u, left)
+        return _unreachable(task, u, left)
     progress = np.array([[u], [1.0], [0.0]])
     condition = with_rates(writer, task, progress, new[None]).condition
-    return singular(task, u, float(condition[0]), None)
+    return _singular(task, u, float(condition[0]), None)
 
 
 def _check(path: TaskPath, worst_condition: float) -> None:
@@ -243,7 +244,7 @@ def _check(path: TaskPath, worst_condition: float) -> None:
     near = missed | (found.condition > worst_condition)
     if near.any():
         i = int(np.argmax(near))
-        raise singular(task, float(u[i]), float(found.condition[i]), worst_condition)
+        raise _singular(task, float(u[i]), float(found.condition[i]), worst_condition)
     speed = np.array([joint.limits.velocity for joint in robot.joints])
     excess = {
         "position": _excess(robot, found.motion[0]),
@@ -256,4 +257,53 @@ def _check(path: TaskPath, worst_condition: float) -> None:
             i = int(np.argmax((over > tolerance).any(axis=1)))
             k = path.writer.places[int(np.argmax(over[i]))]
             value = float(found.motion[0 if what == "position" else 1][i, k])
-            raise beyond(task, float(u[i]), robot, k, what, value)
+            raise _beyond(task, float(u[i]), robot, k, what, value)
+
+
+def _beyond(
+    task: WritingTask, u: float, robot: RobotModel, k: int, what: str, value: float
+) -> PathError:
+    """Return the error of a joint beyond its range, or too fast."""
+    joint = robot.joints[k]
+    unit = "m" if joint.kind == "prismatic" else "rad"
+    allowed = f"from {joint.limits.lower:.4g} to {joint.limits.upper:.4g} {unit}"
+    cure = "start from another pose, or move the curve"
+    if what == "velocity":
+        unit += "/s"
+        allowed = f"up to {joint.limits.velocity:.4g} {unit}"
+        cure = "take longer"
+    reason = (
+        f"the {what} of joint {joint.name!r} is {value:.4g} {unit}, allowed is "
+        f"{allowed}; {cure}"
+    )
+    return PathError(reason, joint=joint.name, value=value, **_place(task, u))
+
+
+def _unreachable(task: WritingTask, u: float, left: float) -> PathError:
+    """Return the error of a point that no pose reaches; the nearest is `left` m off."""
+    what = "point" if task.orientation is None else "point and orientation"
+    reason = (
+        f"no pose was found that reaches this {what}; the nearest misses it by "
+        f"{left:.3g} m. Move or shrink the curve"
+    )
+    return PathError(reason, value=left, **_place(task, u))
+
+
+def _singular(
+    task: WritingTask, u: float, condition: float, allowed: float | None
+) -> PathError:
+    """Return the error of a pose in which the point cannot move in some direction."""
+    limit = "" if allowed is None else f", allowed is {allowed:.4g}"
+    reason = (
+        f"the robot is singular or nearly so: the Jacobian's condition number is "
+        f"{condition:.4g}{limit}. Move the curve, or start from another pose"
+    )
+    return PathError(reason, value=condition, **_place(task, u))
+
+
+def _place(task: WritingTask, u: float) -> dict[str, Any]:
+    return {
+        "arc_length": float(arc_length(task.curve, [u])[0]),
+        "time": task.time_at(u),
+        "point": tuple(task.curve.evaluate([u], 0)[0, 0].tolist()),
+    }

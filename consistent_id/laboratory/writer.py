@@ -81,7 +81,7 @@ class Writer:
 
 
 class Solution(NamedTuple):
-    """Joint motion along a task, with what tells how well the task fixes it.
+    """Joint motion along a task, and how well the task determines it.
 
     Attributes
     ----------
@@ -121,7 +121,7 @@ def task_error(
     return np.hstack([missing, writer.reach * rotated]), np.hstack([J, lower])
 
 
-def polished(writer: Writer, task: WritingTask, u: Vector, q: Array) -> Array:
+def newton_refined(writer: Writer, task: WritingTask, u: Vector, q: Array) -> Array:
     """Newton's method at all samples at once, from good guesses."""
     q = q.copy()
     before = np.inf
@@ -183,7 +183,7 @@ def _tangents(writer: Writer, task: WritingTask, u: Vector) -> tuple[Array, Arra
     return np.hstack([slope, turns]), np.hstack([bend, np.zeros_like(turns)])
 
 
-def settled(
+def nearest_pose(
     writer: Writer, task: WritingTask, u: float, q: Vector
 ) -> tuple[Vector, float]:
     """Return the pose nearest to the task that Levenberg's method finds, and its error.

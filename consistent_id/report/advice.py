@@ -10,7 +10,7 @@ from consistent_id.comparison.comparison import Comparison, EstimateReport
 from consistent_id.diagnosis import Diagnosis
 
 _FIRST = ("constrained", "weighted constrained", "cross-validated")
-_WORTH_TELLING = 0.02  # relative difference of held-out errors
+_NOTABLE = 0.02  # relative difference of held-out errors
 _SUSPICIOUS = 0.2  # by which constraints may make the prediction worse than without
 
 Level = Literal["use", "care", "none"]
@@ -43,8 +43,8 @@ def advise(comparison: Comparison, diagnosis: Diagnosis | None = None) -> Advice
     """Choose the estimate to use.
 
     It is the first of constrained, weighted constrained, cross-validated and any other
-    that is certified and all links of which are bodies.  Held-out data have no say: the
-    error on them is that of a choice made without them.
+    that is certified and has physically consistent links only.  Held-out data do not
+    enter the choice: the error on them is that of a choice made without them.
 
     Parameters
     ----------
@@ -64,12 +64,12 @@ def advise(comparison: Comparison, diagnosis: Diagnosis | None = None) -> Advice
         "care" if wrong or contradicted else "use",
         chosen.estimate.method,
         (_own_merits(chosen), *_against(chosen, others)),
-        (*wrong, *contradicted, *_better(chosen, others), *_left_open(chosen)),
+        (*wrong, *contradicted, *_better(chosen, others), *_undetermined(chosen)),
     )
 
 
 def is_usable(report: EstimateReport) -> bool:
-    """Tell whether an estimate is certified and each of its links a body."""
+    """Return whether an estimate is certified and all its links are consistent."""
     return report.verdict == "certified" and all(report.consistent_links)
 
 
@@ -91,7 +91,7 @@ def _chosen(comparison: Comparison) -> EstimateReport | None:
 
 def _own_merits(report: EstimateReport) -> str:
     links, error = len(report.links), held_out_error(report)
-    said = f"all {links} links are bodies, and its optimum is certified"
+    said = f"all {links} links are physically consistent, and its optimum is certified"
     if error is None:
         return said
     return f"{said}; its torque error on held-out motion is {error:.2%}"
@@ -112,15 +112,16 @@ def _compared(report: EstimateReport) -> str:
 
 def _refusal(report: EstimateReport) -> str:
     """Say why an estimate cannot be used."""
-    bodies = report.consistent_links
+    links = report.consistent_links
     said = []
     if report.base_feasibility.answer == "impossible":
-        said.append("proven that no body has its base parameters")
+        said.append("proven: no physically consistent robot has its base parameters")
     elif report.verdict != "certified":
         said.append(f"{report.verdict} ({report.estimate.certificate.reason})")
-    if not all(bodies):
-        said.append(f"{len(bodies) - sum(bodies)} of {len(bodies)} links are no bodies")
-    return ", ".join(said) or "every link is a body here, which nothing ensures"
+    if not all(links):
+        wrong = len(links) - sum(links)
+        said.append(f"{wrong} of {len(links)} links are not physically consistent")
+    return ", ".join(said) or "every link is consistent here, but nothing ensures it"
 
 
 def _contradicted(
@@ -147,28 +148,28 @@ def _better(
     said = [
         f"{r.estimate.method} ({error:.2%})"
         for error, r in rivals
-        if own and error is not None and error < (1 - _WORTH_TELLING) * own
+        if own and error is not None and error < (1 - _NOTABLE) * own
     ]
     if not said:
         return ()
     return (
-        f"as consistent, and nearer to this held-out torque: {', '.join(said)}. The "
-        "choice between them is not made on held-out data",
+        f"equally consistent, and nearer to this held-out torque: {', '.join(said)}. "
+        "The choice between them is not made on held-out data",
     )
 
 
-def _left_open(chosen: EstimateReport) -> tuple[str, ...]:
+def _undetermined(chosen: EstimateReport) -> tuple[str, ...]:
     open_ended = chosen.estimate.undetermined
     edges = [link.link for link in chosen.links if link.edge]
     said = []
     if open_ended:
         said.append(
-            f"{len(open_ended)} combinations of base parameters are left open by the "
-            "data and come from the prior"
+            f"{len(open_ended)} combinations of base parameters are not identifiable "
+            "from the data and come from the prior"
         )
     if edges:
         said.append(
-            f"at the edge of what a body can be: {', '.join(edges)}. Torque is "
-            "predicted all the same; do not rely on their inertias one by one"
+            f"on the boundary of the consistency cone: {', '.join(edges)}. The torque "
+            "prediction stays valid; do not rely on single inertias of these links"
         )
     return tuple(said)

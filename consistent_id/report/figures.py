@@ -18,7 +18,7 @@ def motion_figure(robot: RobotModel, recording: Recording) -> Any:
     """Return a figure of the joints' positions over time."""
     recording = recording.of(robot.joint_names)
     figure, axes = _panels(len(recording.joints), "joint motion: " + recording.name)
-    keep = _thinned(recording)
+    keep = _downsampled(recording)
     for axis, joint, q in zip(axes, robot.joints, recording.position.T, strict=True):
         axis.plot(recording.time[keep], q[keep], color=_COLOURS[0])
         axis.set_ylabel(f"{joint.name}\n[{_unit(joint, 'rad', 'm')}]")
@@ -31,7 +31,7 @@ def torque_figure(recording: Recording, estimates: Sequence[Estimate]) -> Any:
     model = estimates[0].model
     joints = [j for j in model.robot.joints if j.name in model.torque_joints]
     figure, axes = _panels(len(joints), "torque: " + recording.name, columns=2)
-    keep = _thinned(recording)
+    keep = _downsampled(recording)
     time = recording.time[keep]
     measured = recording.of(model.torque_joints).torque
     for j, joint in enumerate(joints):
@@ -86,7 +86,7 @@ def _unit(joint: Joint, turning: str, sliding: str) -> str:
     return sliding if joint.kind == "prismatic" else turning
 
 
-def _thinned(recording: Recording) -> slice:
+def _downsampled(recording: Recording) -> slice:
     return slice(None, None, max(1, int(np.ceil(len(recording) / _POINTS))))
 
 

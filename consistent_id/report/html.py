@@ -10,7 +10,7 @@ from consistent_id.diagnosis import Diagnosis
 from consistent_id.problems.study import Study
 from consistent_id.recordings.recording import Recording
 from consistent_id.report.advice import advise
-from consistent_id.report.findings import Findings
+from consistent_id.report.content import ReportContent
 from consistent_id.report.page import page
 
 
@@ -44,7 +44,7 @@ def report_html(
     '<!doctype html>'
     """
     return page(
-        Findings(
+        ReportContent(
             title=study.problem.name,
             comparison=study.comparison,
             advice=advise(study.comparison, diagnosis),
@@ -112,7 +112,7 @@ def comparison_html(
         See `report_html`.
     """
     return page(
-        Findings(
+        ReportContent(
             title=comparison.model.robot.name,
             comparison=comparison,
             advice=advise(comparison, diagnosis),

@@ -3,22 +3,22 @@
 from collections.abc import Callable
 from functools import lru_cache
 
-from consistent_id.report.certificate import certificate_section
-from consistent_id.report.costs import costs_section
-from consistent_id.report.excitation import excitation_section
-from consistent_id.report.findings import Findings, Section
-from consistent_id.report.friction import friction_section
-from consistent_id.report.health import health_section
-from consistent_id.report.links import links_section
+from consistent_id.report.certificate_section import certificate_section
+from consistent_id.report.content import ReportContent, Section
+from consistent_id.report.costs_section import costs_section
+from consistent_id.report.excitation_section import excitation_section
+from consistent_id.report.friction_section import friction_section
+from consistent_id.report.health_section import health_section
+from consistent_id.report.links_section import links_section
 from consistent_id.report.markup import Html, joined, tag
-from consistent_id.report.parameters import parameters_section
-from consistent_id.report.published import published_section
-from consistent_id.report.reproduce import reproduce_section
-from consistent_id.report.residuals import residuals_section
-from consistent_id.report.torque import torque_section
-from consistent_id.report.verdict import verdict_section
+from consistent_id.report.parameters_section import parameters_section
+from consistent_id.report.published_section import published_section
+from consistent_id.report.reproduce_section import reproduce_section
+from consistent_id.report.residuals_section import residuals_section
+from consistent_id.report.torque_section import torque_section
+from consistent_id.report.verdict_section import verdict_section
 
-SECTIONS: tuple[Callable[[Findings], Section | None], ...] = (
+SECTIONS: tuple[Callable[[ReportContent], Section | None], ...] = (
     verdict_section,
     health_section,
     excitation_section,
@@ -34,22 +34,22 @@ SECTIONS: tuple[Callable[[Findings], Section | None], ...] = (
 )
 
 
-def page(findings: Findings) -> str:
+def page(content: ReportContent) -> str:
     """Return the report as one HTML file that needs nothing else."""
-    found = [section for make in SECTIONS if (section := make(findings)) is not None]
+    found = [section for make in SECTIONS if (section := make(content)) is not None]
     head = tag(
         "head",
         tag("meta", charset="utf-8"),
         tag("meta", name="viewport", content="width=device-width, initial-scale=1"),
         tag("meta", name="color-scheme", content="light dark"),
-        tag("title", f"{findings.title}: identified parameters"),
+        tag("title", f"{content.title}: identified parameters"),
         tag("style", Html(_asset("style.css"))),
     )
     contents = [tag("a", s.name.capitalize(), href=f"#{s.name}") for s in found]
-    robot = findings.model.robot
+    robot = content.model.robot
     header = tag(
         "header",
-        tag("h1", findings.title),
+        tag("h1", content.title),
         tag("p", f"Robot {robot.name}, {len(robot)} joints. Identified parameters."),
     )
     main = tag(

@@ -34,8 +34,8 @@ class Ellipse:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Ellipsoid:
-    """A body's equimomental ellipsoid: of even density, with the same moments.
+class InertiaEllipsoid:
+    """A link's equimomental ellipsoid: of even density, with the same moments.
 
     `centre`, shape (3,), [m]; `Q`, shape (3, 3), [m^2], whose eigenvalues are the
     squares of its semi-axes.
@@ -45,8 +45,8 @@ class Ellipsoid:
     Q: Matrix
 
 
-def equimomental(body: InertialParameters) -> Ellipsoid | None:
-    """Return a body's ellipsoid in its link's frame; None of what is no body.
+def equimomental(body: InertialParameters) -> InertiaEllipsoid | None:
+    """Return a link's ellipsoid in its frame; None if it is not consistent.
 
     ``Q = 5 Sigma_c / m``, ``Sigma_c`` the second moment about the centre of mass.
     """
@@ -57,7 +57,7 @@ def equimomental(body: InertialParameters) -> Ellipsoid | None:
     least, *_, largest = np.linalg.eigvalsh(Q)
     if least < -1e-6 * abs(largest):
         return None
-    return Ellipsoid(body.com, Q)
+    return InertiaEllipsoid(body.com, Q)
 
 
 def view(azimuth: float = AZIMUTH, elevation: float = ELEVATION) -> Matrix:
@@ -68,7 +68,7 @@ def view(azimuth: float = AZIMUTH, elevation: float = ELEVATION) -> Matrix:
     return np.array([right, up])
 
 
-def outline(ellipsoid: Ellipsoid, P: Matrix) -> Ellipse:
+def outline(ellipsoid: InertiaEllipsoid, P: Matrix) -> Ellipse:
     """Return an ellipsoid's outline in a view."""
     squares, axes = np.linalg.eigh(P @ ellipsoid.Q @ P.T)
     (minor, major), along = np.sqrt(np.maximum(squares, 0.0)), axes[:, 1]
@@ -77,7 +77,7 @@ def outline(ellipsoid: Ellipsoid, P: Matrix) -> Ellipse:
     return Ellipse(float(x), float(y), float(major), float(minor), float(angle))
 
 
-def telling_pose(robot: RobotModel, recordings: tuple[Recording, ...]) -> Vector:
+def spread_pose(robot: RobotModel, recordings: tuple[Recording, ...]) -> Vector:
     """Return the recorded pose in which the joints are farthest from each other.
 
     That is, with the largest product of distances; zeros without any recording.

@@ -9,21 +9,21 @@ from collections.abc import Sequence
 import numpy as np
 
 from consistent_id._support.arrays import Array, Vector
+from consistent_id.report.drawn_robot import DrawnLink, Window
 from consistent_id.report.markup import Html, joined, tag
-from consistent_id.report.projection import Ellipsoid, outline, view
-from consistent_id.report.robot_scene import DrawnLink, Window
+from consistent_id.report.projection import InertiaEllipsoid, outline, view
 
 _SIZE = 360  # pixels
-_ROOM = 1.05
+_MARGIN = 1.05
 _THINNEST = 1.5  # pixels of a semi-axis, else nothing is seen
 
 
 def robot_view(links: Sequence[DrawnLink], window: Window, title: str) -> Html:
     """Return a drawing of links, numbered from one.
 
-    Bodies are ellipses, links that are none are crosses.
+    Consistent links are ellipses, other links are crosses.
     """
-    scale = _SIZE / 2 / (_ROOM * window.reach)
+    scale = _SIZE / 2 / (_MARGIN * window.reach)
     middle, half = window.middle, _SIZE / 2
     parts = [
         *(_bone(np.array([a.parent, a.joint]) - middle, scale) for a in links),
@@ -71,8 +71,8 @@ def _joint(point: Vector, scale: float) -> Html:
     return tag("circle", **place, data_p=_numbers(point), class_="joint")
 
 
-def _body(name: str, body: Ellipsoid, middle: Vector, scale: float) -> Html:
-    centred = Ellipsoid(body.centre - middle, body.Q)
+def _body(name: str, body: InertiaEllipsoid, middle: Vector, scale: float) -> Html:
+    centred = InertiaEllipsoid(body.centre - middle, body.Q)
     e = outline(centred, view())
     x, y = e.x * scale, -e.y * scale
     return tag(
@@ -90,14 +90,14 @@ def _body(name: str, body: Ellipsoid, middle: Vector, scale: float) -> Html:
 
 
 def _mark(number: int, link: DrawnLink, middle: Vector, scale: float) -> Html:
-    """Return a body's number at its centre, or a cross at the joint of what is none."""
+    """Return a link's number at its centre; for an inconsistent link a cross."""
     point = link.joint if link.body is None else link.body.centre
     x, y = _seen(point - middle, scale)
     if link.possible:
         parts = [tag("text", number)]
     else:
         parts = [
-            tag("title", f"{link.name}: no body"),
+            tag("title", f"{link.name}: not physically consistent"),
             tag("path", d="M-7 -7L7 7M-7 7L7 -7"),
             tag("text", number, x=11, y=4),
         ]

@@ -12,9 +12,9 @@ from consistent_id.comparison.fit_costs import ConstraintCost
 from consistent_id.comparison.parameter_uncertainty import Uncertainty
 from consistent_id.estimation.cross_validation import RegularisationPath
 from consistent_id.problems.study import Excitation, Study
-from consistent_id.report.published_summary import published_tables
+from consistent_id.report.published_tables import published_tables
 
-_DEAREST = 12  # single constraints shown
+_PRICES = 12  # single constraints shown
 
 
 def study_tables(study: Study) -> list[Table]:
@@ -35,7 +35,7 @@ def excitation_table(excitation: Excitation, training: Sequence[Any]) -> Table:
     """Return rank and condition of the training data."""
     names = ", ".join(f"{r.name} ({len(r)} samples)" for r in training)
     open_ended = excitation.undetermined
-    left_open = (f"left open by the data: {'; '.join(open_ended)}",)
+    note = f"not identifiable from these data: {'; '.join(open_ended)}"
     return Table(
         "Training data",
         ("quantity", "value"),
@@ -45,14 +45,14 @@ def excitation_table(excitation: Excitation, training: Sequence[Any]) -> Table:
             ("determined by the data (data rank)", str(excitation.data_rank)),
             *(("condition number", str(number)) for number in excitation.condition),
         ),
-        left_open if open_ended else (),
+        (note,) if open_ended else (),
     )
 
 
 def cost_table(costs: Sequence[ConstraintCost], joints: Sequence[str]) -> Table:
     """Return what each constraint costs in fit to the training data."""
     return Table(
-        "What each constraint costs in fit (training data, the others held)",
+        "What each constraint costs in fit (training data, all others kept)",
         ("constraint", "misfit", *joints, "verdict"),
         tuple(
             (
@@ -71,10 +71,10 @@ def cost_table(costs: Sequence[ConstraintCost], joints: Sequence[str]) -> Table:
 
 
 def price_table(prices: Sequence[ShadowPrice]) -> Table:
-    """Return what single constraints cost in fit, the dearest first."""
-    shown = prices[:_DEAREST]
+    """Return shadow prices: what single constraints cost in fit, the largest first."""
+    shown = prices[:_PRICES]
     return Table(
-        "What single constraints cost in fit (training data, the others held)",
+        "Shadow prices of single constraints (training data, all others kept)",
         ("constraint", "without it [N m]", "one percent more [N m]", "verdict"),
         tuple(
             (p.label, f"{-p.cost + 0.0:.2g}", f"{p.price:+.2e}", p.verdict)
@@ -83,7 +83,7 @@ def price_table(prices: Sequence[ShadowPrice]) -> Table:
         (
             "change of the RMS residual over all joints; one percent of a typical "
             "mass, length or torque",
-            f"the {len(shown)} dearest of {len(prices)}; all others cost nothing",
+            f"the {len(shown)} largest of {len(prices)}; all others cost nothing",
         ),
     )
 
@@ -113,10 +113,10 @@ def path_table(path: RegularisationPath) -> Table:
 
 
 def link_table(comparison: Comparison) -> Table:
-    """Return which edge of the possible each link of each estimate touches."""
+    """Return where each link touches the boundary of the consistency cone."""
     reports = [r for r in comparison.reports if all(r.consistent_links)]
     return Table(
-        "Links at the edge of what a body can be",
+        "Links on the boundary of the consistency cone",
         ("link", *(report.estimate.method for report in reports)),
         tuple(
             (name, *(report.links[k].edge or "inside" for report in reports))
@@ -124,7 +124,10 @@ def link_table(comparison: Comparison) -> Table:
         )
         if reports
         else (),
-        ("an edge means that data and constraints disagree, or that data are few",),
+        (
+            "a link on the boundary means that data and constraints disagree, or that "
+            "data are few",
+        ),
     )
 
 
@@ -148,9 +151,9 @@ def _consistency_table(reports: Sequence[EstimateReport]) -> Table:
         (
             "estimate",
             "verdict",
-            "links that are bodies",
-            "any body with its base parameters",
-            "torque change to the nearest robot",
+            "physically consistent links",
+            "any consistent robot with its base parameters",
+            "torque change to the nearest consistent robot",
             "least eigenvalue of M(q)",
             "median distance to nominal",
         ),
@@ -167,9 +170,9 @@ def _consistency_table(reports: Sequence[EstimateReport]) -> Table:
             for report in reports
         ),
         (
-            "links: of the standard parameters as they stand (for least squares "
-            "the smallest of many)",
-            "nearest robot that can exist: relative RMS change of the torque along "
+            "links: from the standard parameters as they stand (least squares: the "
+            "smallest of many vectors that fit alike)",
+            "nearest consistent robot: relative RMS change of the torque along "
             "random motions",
             "least eigenvalue over 10 000 random poses; distance: "
             "||J0^-1/2 (J - J0) J0^-1/2|| per link",
@@ -221,10 +224,10 @@ def _mse_table(
 
 
 def uncertainty_table(found: Uncertainty) -> Table:
-    """Return how sure the constrained estimate is of each parameter."""
+    """Return the uncertainty of each parameter of the constrained estimate."""
     resampled = found.bootstrap
     return Table(
-        "How sure the constrained estimate is",
+        "Uncertainty of the constrained estimate",
         (
             "parameter",
             "value",
@@ -251,10 +254,11 @@ def uncertainty_table(found: Uncertainty) -> Table:
             f"anew, {resampled.certified} certified, {resampled.failed} failed",
             "any consistent robot: proven bounds on what satisfies the constraints and "
             f"fits within {found.intervals.slack:.2%} of the best",
-            "standard error and bootstrap tell how far the estimate would scatter; of "
-            "what a prior settles, the interval tells what is known",
-            "where a link is at an edge that is hardly pressed, the standard error is "
-            "too small; the bootstrap is not",
+            "standard error and bootstrap show how far the estimate would scatter; "
+            "where a prior determines a parameter, only the interval shows what is "
+            "known",
+            "where a link is on the boundary of the consistency cone with a small "
+            "multiplier, the standard error is too small; the bootstrap is not",
         ),
     )
 

@@ -28,8 +28,8 @@ from consistent_id.laboratory import (
     LoadCell,
     SimulatedRobot,
     controlled,
-    on_one_clock,
     perform,
+    synchronised,
     with_friction,
 )
 from consistent_id.recordings.sinusoids import Sinusoid, SinusoidalMotion
@@ -213,7 +213,7 @@ def test_friction_switched_off_is_the_torque_that_is_missing():
 
 
 def test_the_delay_is_recovered_far_within_a_sample():
-    found = on_one_clock(_log(), cutoff=60.0, trim=0.2)
+    found = synchronised(_log(), cutoff=60.0, trim=0.2)
     assert found.delay.seconds == pytest.approx(0.0372, abs=2e-4)
     assert found.recording.rate == pytest.approx(300.0, rel=1e-6)
 
@@ -233,7 +233,7 @@ def test_friction_and_offsets_are_recovered_from_two_clocks(noisy, tolerance):
     log = _log() if noisy else perform(exact, MOTION, np.random.default_rng(0))
     drive = replace(TRUE.model.terms[0], offset=True)
     model = TorqueModel(ARM, drive)
-    recording = on_one_clock(log, cutoff=60.0, trim=0.2).recording
+    recording = synchronised(log, cutoff=60.0, trim=0.2).recording
     estimate = least_squares(model, build_regression(model, recording))
     truth = {"viscous": [2.0, 1.0, 0.5], "coulomb": [3.0, 3.0, 1.0]}
     truth["offset"] = [0.3, -0.2, 0.1]

@@ -16,8 +16,12 @@ from consistent_id.laboratory import Cameras, LoadCell
 from consistent_id.laboratory.from_problem import laboratory_of, task_motion
 from consistent_id.laboratory.reproduction import QUICK, error_budget, reproduce
 from consistent_id.laboratory.reproduction.exciting import used_by
-from consistent_id.laboratory.reproduction.page import html_page, markdown_tables
-from consistent_id.laboratory.reproduction.study import TASKS, WITHIN_LIMITS, place_of
+from consistent_id.laboratory.reproduction.paper_page import html_page, markdown_tables
+from consistent_id.laboratory.reproduction.paper_study import (
+    TASKS,
+    WITHIN_LIMITS,
+    place_of,
+)
 from consistent_id.laboratory.reproduction.tempo import Tempo, allowed_friction, slowed
 from consistent_id.problems.published import check_published, parametrisation_of
 from consistent_id.problems.published_estimate import published_least_squares
@@ -72,13 +76,13 @@ def test_each_part_of_the_error_is_what_that_torque_does_to_least_squares():
         budget.error("stribeck")
 
 
-def test_noise_scatters_least_squares_as_foretold():
+def test_noise_scatters_least_squares_as_predicted():
     quiet = laboratory_of(PROBLEM, _truth())
     noise = np.array([0.16, 0.131, 0.159])
     quiet = replace(quiet, load_cell=LoadCell(noise), cameras=Cameras(300.0))
     motion = _circle()  # at 200 Hz, and so is the load cell here
     motions = {"circle": motion}
-    foretold = error_budget(PROBLEM, quiet, motions, cell_rate=200.0).noise[0]
+    predicted = error_budget(PROBLEM, quiet, motions, cell_rate=200.0).noise[0]
     rng = np.random.default_rng(0)
     C = parametrisation_of(PROBLEM).matrix
     drawn = []
@@ -86,10 +90,10 @@ def test_noise_scatters_least_squares_as_foretold():
         log = replace(motion, torque=noise * rng.normal(size=motion.position.shape))
         drawn.append(C @ published_least_squares(PROBLEM, log).parameters)
     found = np.std(drawn, axis=0)
-    free = foretold > 0.0
+    free = predicted > 0.0
     assert free.sum() == 13
     # A standard deviation from 60 draws has a relative error of 1/sqrt(120) = 0.09.
-    assert found[free] / foretold[free] == pytest.approx(1.0, abs=0.35)
+    assert found[free] / predicted[free] == pytest.approx(1.0, abs=0.35)
 
 
 def test_a_budget_without_friction_and_offset_is_nothing():
@@ -100,17 +104,19 @@ def test_a_budget_without_friction_and_offset_is_nothing():
 
 def test_the_account_leaves_no_more_than_noise():
     study = _study()
-    rest = study.tasks.errors(study.tasks.tables[0]) - study.accounts.budget.error()
+    rest = (
+        study.tasks.errors(study.tasks.tables[0]) - study.error_analysis.budget.error()
+    )
     # Four standard errors, 26 numbers; and 0.01 that filters and steps leave.
-    assert (abs(rest) <= 4.0 * study.accounts.budget.noise + 0.01).all()
-    assert study.accounts.planned.scatter() == pytest.approx(
-        study.accounts.budget.scatter(), abs=0.05
+    assert (abs(rest) <= 4.0 * study.error_analysis.budget.noise + 0.01).all()
+    assert study.error_analysis.planned.scatter() == pytest.approx(
+        study.error_analysis.budget.scatter(), abs=0.05
     )
 
 
 def test_alpha5_scatters_most_in_the_paper_and_alpha12_least():
     place = place_of(PROBLEM)
-    assert (place.loudest, place.quietest) == (ALPHA5, ALPHA12)
+    assert (place.most_scattered, place.least_scattered) == (ALPHA5, ALPHA12)
 
 
 def test_slow_motion_keeps_its_path_and_stretches_time():
@@ -159,12 +165,12 @@ def test_exciting_motions_are_as_long_and_scatter_alpha5_less():
     tasks, exciting = study.tasks, study.with_friction[WITHIN_LIMITS]
     for task, instead in zip(tasks.experiments, exciting.experiments, strict=True):
         assert len(instead.log.wanted) == len(task.log.wanted)
-        assert instead.excited.condition < 0.3 * task.excited.condition
+        assert instead.excitation.condition < 0.3 * task.excitation.condition
     for method in (0, 2):
         before = tasks.scatter(tasks.tables[method])[ALPHA5]
         after = exciting.scatter(exciting.tables[method])[ALPHA5]
         assert before > 5.0 * after
-    assert np.median(study.accounts.shrunk[WITHIN_LIMITS][:, ALPHA5]) > 5.0
+    assert np.median(study.error_analysis.shrunk[WITHIN_LIMITS][:, ALPHA5]) > 5.0
 
 
 def test_verification_errors_are_mean_squares_of_the_paper_s_own_torque():
@@ -181,10 +187,10 @@ def test_verification_errors_are_mean_squares_of_the_paper_s_own_torque():
 
 def test_a_model_with_friction_predicts_as_well_as_the_truth_and_without_it_not():
     errors = _study().verification.mean_squared_errors[:, 0]
-    published, _, rubbing, constrained = errors[:4]
+    published, _, with_friction, constrained = errors[:4]
     truth = errors[-1]
     assert (published > 50.0 * truth).all()
-    assert (rubbing < 1.2 * truth).all()
+    assert (with_friction < 1.2 * truth).all()
     assert (constrained < 1.2 * truth).all()
 
 
@@ -198,9 +204,9 @@ def test_inertia_tables_are_the_parallel_axis_theorem_of_the_vectors():
     assert table.entries[:, 2, 0] == pytest.approx(alpha[:, 6] - 3.603 * 0.060032**2)
     assert table.standard_deviation[1, 5] == pytest.approx(alpha[:, 4].std(ddof=1))
     # Both open directions shift A and B of links 2 and 3, and nothing else of them.
-    told = [[False] * 2 + [True] * 4] * 2
-    assert table.told[1:].tolist() == told
-    assert not table.told[0].any()
+    identifiable = [[False] * 2 + [True] * 4] * 2
+    assert table.identifiable[1:].tolist() == identifiable
+    assert not table.identifiable[0].any()
     words = [one.bodies for one in study.inertia]
     assert all("could have" in word for word in words[3])
 
@@ -243,7 +249,11 @@ def test_the_page_stands_alone_and_escapes_what_the_problem_says():
 
 def test_markdown_has_the_tables_and_no_nan():
     text = markdown_tables(_study())
-    for title in ("Parameters by experiment", "Mean squared errors", "told least of"):
+    for title in (
+        "Parameters by experiment",
+        "Mean squared errors",
+        "least identifiable",
+    ):
         assert title in text
     assert "nan" not in text
 
@@ -255,7 +265,9 @@ def test_the_command_writes_page_tables_and_numbers(tmp_path, capsys, monkeypatc
         done.append((problem.name, extent, options["seed"]))
         return _study()
 
-    monkeypatch.setattr("consistent_id.laboratory.reproduction.study.reproduce", known)
+    monkeypatch.setattr(
+        "consistent_id.laboratory.reproduction.paper_study.reproduce", known
+    )
     arguments = ["reproduce", "problems/rx60", "--quick", "--output", str(tmp_path)]
     assert cli.main(arguments) == 0
     assert done == [("rx60", QUICK, 0)]
@@ -291,7 +303,7 @@ def test_what_cannot_be_done_is_refused_at_once(tmp_path, old, new, seed, messag
         reproduce(load_problem(tmp_path), seed=seed)
 
 
-def test_a_problem_without_a_laboratory_is_told_so(tmp_path, capsys):
+def test_a_problem_without_a_laboratory_is_refused(tmp_path, capsys):
     text = (PROBLEM.folder / "problem.toml").read_text()
     (tmp_path / "problem.toml").write_text(text.split("[laboratory]")[0])
     arguments = ["reproduce", str(tmp_path), "--output", str(tmp_path / "out")]

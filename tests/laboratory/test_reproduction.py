@@ -24,7 +24,7 @@ from consistent_id.laboratory.from_problem import (
     task_path,
 )
 from consistent_id.laboratory.reproduction import reproduce_experiments
-from consistent_id.laboratory.reproduction.tables import (
+from consistent_id.laboratory.reproduction.experiment_tables import (
     deviations_table,
     experiments_table,
 )
@@ -109,22 +109,24 @@ def test_the_six_experiments_of_the_rx60_are_on_their_curves():
 
 def test_without_friction_least_squares_finds_what_the_torque_depends_on():
     done = _reproduced(False)
-    assert [e.excited.rank for e in done.experiments] == [11, 11]
+    assert [e.excitation.rank for e in done.experiments] == [11, 11]
     published, constrained, *_ = done.tables
     # kg m^2.  Noise leaves 0.03 or so (the scatter over all six experiments), and the
     # cell's offset, which neither model knows, as much again.
     assert abs(done.errors(published)).max() < 0.1
     assert abs(done.errors(constrained)).max() < 0.1
     for experiment in done.experiments:
-        assert experiment.one_clock.delay.seconds == pytest.approx(0.0137, abs=5e-4)
+        assert experiment.synchronised_log.delay.seconds == pytest.approx(
+            0.0137, abs=5e-4
+        )
         assert experiment.estimates[1].certificate.verdict == "certified"
 
 
 def test_friction_spoils_least_squares_as_published_and_not_a_model_that_has_it():
     done = _reproduced(True)
-    published, _, *rubbing = done.tables
+    published, _, *with_friction = done.tables
     assert abs(done.errors(published)).max() > 0.5
-    for table in rubbing:
+    for table in with_friction:
         assert "friction" in table.method
         assert abs(done.errors(table)).max() < 0.1
         assert published.standard_deviation.max() > 5 * table.standard_deviation.max()

@@ -36,11 +36,16 @@ from consistent_id.cli import main
 from consistent_id.cli.commands import uncertainty_of
 from consistent_id.diagnosis.findings import Finding
 from consistent_id.report.advice import held_out_error
+from consistent_id.report.downsampling import buckets, extremes, packed, unpacked
 from consistent_id.report.markup import Html, grid, tag, text
 from consistent_id.report.page import SECTIONS
-from consistent_id.report.projection import Ellipsoid, equimomental, outline, view
-from consistent_id.report.residual_figures import binned, residual_figures
-from consistent_id.report.thinning import buckets, extremes, packed, unpacked
+from consistent_id.report.projection import (
+    InertiaEllipsoid,
+    equimomental,
+    outline,
+    view,
+)
+from consistent_id.report.residual_statistics import binned, residual_statistics
 from consistent_id.robot.inertia import InertialParameters
 
 EVIL = '<script>alert("x")</script>&"\''
@@ -275,7 +280,7 @@ def test_ellipsoids_have_the_body_s_moments_and_outline():
     assert seen.angle % 180 == pytest.approx(0.0, abs=1e-9)
     turned = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
     tilted = outline(
-        Ellipsoid(found.centre, turned @ found.Q @ turned.T), view(0.0, 0.0)
+        InertiaEllipsoid(found.centre, turned @ found.Q @ turned.T), view(0.0, 0.0)
     )
     assert np.allclose([tilted.rx, tilted.ry], [0.3, 0.1])
     assert equimomental(InertialParameters([-1.0, *[0] * 9])) is None
@@ -298,14 +303,14 @@ def test_white_residuals_are_white_and_what_velocity_explains_is_found():
     rng = np.random.default_rng(2)
     n = 4000
     time, q, dq = np.arange(n) / 100, rng.normal(size=n), rng.normal(size=n)
-    white = residual_figures(rng.normal(size=n), time, q, dq)
+    white = residual_statistics(rng.normal(size=n), time, q, dq)
     assert white.white_share > 0.88  # 95 % expected of 100 lags
     assert white.correlation < 1.5
     assert white.by_velocity.explained < 0.02
     assert abs(white.drift) < 4 * white.drift_error
     # Friction that is not in the model, and a drift of 0.6 per minute.
     left = np.sign(dq) + rng.normal(size=n) + 0.01 * time
-    found = residual_figures(left, time, q, dq)
+    found = residual_statistics(left, time, q, dq)
     assert found.by_velocity.explained == pytest.approx(0.5, abs=0.06)
     assert found.by_position.explained < 0.02
     assert found.drift == pytest.approx(0.6, abs=4 * found.drift_error)

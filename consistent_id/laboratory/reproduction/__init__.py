@@ -9,7 +9,7 @@ from consistent_id.laboratory.reproduction.experiments import (
     perform_experiments,
     reproduce_experiments,
 )
-from consistent_id.laboratory.reproduction.study import (
+from consistent_id.laboratory.reproduction.paper_study import (
     FULL,
     QUICK,
     Extent,

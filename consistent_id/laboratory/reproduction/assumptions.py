@@ -1,8 +1,8 @@
-"""What of an explanation survives when the assumptions behind it are drawn anew.
+"""How far an explanation of errors depends on the assumptions behind it.
 
 Where a paper does not say where, how large and how fast its tasks were, nor what
 friction its robot had, a problem's tasks and laboratory are one guess of many.  Here
-they are varied, and the account of the errors is repeated for each guess.
+they are varied, and the error analysis is repeated for each guess.
 """
 
 from dataclasses import dataclass, replace
@@ -24,12 +24,12 @@ PLACE = 0.05  # m, by which a task is moved along each axis, at most
 SIZE = 1.25  # factor by which its sizes grow or shrink, at most
 TIME = 1.25  # the same of its duration
 FRICTION = 2.0  # the same of each joint's viscous and Coulomb friction
-_RATE = 200.0  # Hz; the account of a smooth motion needs no more
+_RATE = 200.0  # Hz; enough for the error analysis of a smooth motion
 _TRIES = 50  # at drawing a task that the robot can write
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class DrawnAnew:
+class VariedAssumptions:
     """Scatter over the experiments, for many guesses at what a paper does not say.
 
     Parameters
@@ -56,7 +56,7 @@ class DrawnAnew:
     refused: int
 
 
-def drawn_anew(
+def vary_assumptions(
     problem: Problem,
     laboratory: Laboratory,
     planned: ErrorBudget,
@@ -65,8 +65,8 @@ def drawn_anew(
     draws: int = 12,
     frictions: int = 50,
     seed: int = 0,
-) -> DrawnAnew:
-    """Repeat the account of errors for tasks and friction drawn at random.
+) -> VariedAssumptions:
+    """Repeat the error analysis for tasks and friction drawn at random.
 
     Places move by up to `PLACE`; sizes, durations and friction are multiplied by
     factors whose logarithms are uniform, up to `SIZE`, `TIME` and `FRICTION`.
@@ -90,11 +90,11 @@ def drawn_anew(
             motions[name], tries = _writable(problem, name, rng)
             refused += tries
         budgets.append(error_budget(problem, laboratory, motions, cell_rate=cell_rate))
-    rest = [rubbed(budget, frictions, rng) for budget in budgets]
+    rest = [varied_friction_scatter(budget, frictions, rng) for budget in budgets]
     empty = np.zeros((0, len(planned.names)))
-    return DrawnAnew(
+    return VariedAssumptions(
         names=planned.names,
-        friction=rubbed(planned, frictions * max(draws, 1), rng),
+        friction=varied_friction_scatter(planned, frictions * max(draws, 1), rng),
         both=np.vstack([empty, *rest]),
         tasks=np.vstack([empty, *(budget.scatter() for budget in budgets)]),
         noise=np.vstack([empty, *(budget.noise_scatter for budget in budgets)]),
@@ -102,7 +102,9 @@ def drawn_anew(
     )
 
 
-def rubbed(budget: ErrorBudget, count: int, rng: np.random.Generator) -> Array:
+def varied_friction_scatter(
+    budget: ErrorBudget, count: int, rng: np.random.Generator
+) -> Array:
     """Return the scatter for friction drawn joint by joint; offsets stay.
 
     Generators of one seed draw one friction, whatever the motions.

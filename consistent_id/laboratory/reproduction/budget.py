@@ -1,4 +1,4 @@
-"""Where the errors of a paper's least squares come from: an account, cause by cause.
+"""Where the errors of a paper's least squares come from: a budget, cause by cause.
 
 Least squares is linear in torque, ``alpha = Y^+ (tau - Y_fixed alpha_fixed)``: torque
 that the model does not have moves the estimate by ``Y^+`` times that torque, so that
@@ -109,7 +109,7 @@ def budget_of(
     problem: Problem, laboratory: Laboratory, done: Reproduction
 ) -> ErrorBudget:
     """Account for the errors of reproduced experiments."""
-    recordings = {e.name: e.one_clock.recording for e in done.experiments}
+    recordings = {e.name: e.synchronised_log.recording for e in done.experiments}
     rate = uniform_rate(done.experiments[0].log.encoders)
     return error_budget(problem, laboratory, recordings, cell_rate=rate)
 

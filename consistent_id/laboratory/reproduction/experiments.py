@@ -1,8 +1,8 @@
 """A paper's experiments done again in the laboratory: each identified, and their mean.
 
 Every writing task of ``[laboratory]`` is an experiment of its own, from the controller
-to two clocks made one.  Each is identified as the paper did, and with constraints; mean
-and standard deviation over the experiments are what papers print.
+to two synchronised logs.  Each is identified as the paper did, and with constraints;
+mean and standard deviation over the experiments are what papers print.
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,7 +16,12 @@ from consistent_id.errors import ProblemError
 from consistent_id.estimation.constrained import constrained_least_squares
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.least_squares import solve_linear
-from consistent_id.laboratory import ExperimentLog, OneClock, on_one_clock, perform
+from consistent_id.laboratory import (
+    ExperimentLog,
+    SynchronisedLog,
+    perform,
+    synchronised,
+)
 from consistent_id.laboratory.from_problem import (
     laboratory_of,
     laboratory_table,
@@ -33,11 +38,11 @@ from consistent_id.regression.regression import build_regression
 from consistent_id.regression.regressor import TorqueModel
 
 METHODS = 4  # by which each experiment is identified
-_PART = 0.2  # of the largest part of a combination; less is not told
+_PART = 0.2  # of the largest part of a combination; smaller parts are left out
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Excited:
+class ExperimentExcitation:
     """How well one experiment excites a paper's free parameters.
 
     Parameters
@@ -48,17 +53,17 @@ class Excited:
         unit length.
     open_directions : ndarray, shape (combinations, directions)
         Orthonormal; along them no torque of the experiment changes.
-    left_open : tuple of str
+    undetermined : tuple of str
         The same, in readable form.
     weakest : str
-        The combination told least of those that count, in units of the columns' norms;
-        its largest parts.
+        The least identifiable of the combinations that count, in units of the columns'
+        norms; its largest parts.
     """
 
     rank: int
     condition: float
     open_directions: Matrix
-    left_open: tuple[str, ...]
+    undetermined: tuple[str, ...]
     weakest: str
 
 
@@ -70,9 +75,9 @@ class IdentifiedExperiment:
     ----------
     name : str
     log : ExperimentLog
-    one_clock : OneClock
+    synchronised_log : SynchronisedLog
         What was identified from.
-    excited : Excited
+    excitation : ExperimentExcitation
     estimates : tuple of Estimate
     vectors : ndarray, shape (estimates, combinations)
         In the paper's combinations.
@@ -80,8 +85,8 @@ class IdentifiedExperiment:
 
     name: str
     log: ExperimentLog
-    one_clock: OneClock
-    excited: Excited
+    synchronised_log: SynchronisedLog
+    excitation: ExperimentExcitation
     estimates: tuple[Estimate, ...]
     vectors: Matrix
 
@@ -157,7 +162,7 @@ class Reproduction:
         """
         rows = []
         for done, vector in zip(self.experiments, table.vectors, strict=True):
-            N, error = done.excited.open_directions, vector - self.truth
+            N, error = done.excitation.open_directions, vector - self.truth
             rows.append(error - N @ (N.T @ error))
         return np.array(rows)
 
@@ -262,7 +267,7 @@ def identify_experiment(
 ) -> IdentifiedExperiment:
     """Identify one experiment, by each method of `perform_experiments`."""
     table, mine = laboratory_table(problem), parametrisation_of(problem)
-    together = on_one_clock(log, cutoff=table.cutoff, trim=table.trim)
+    together = synchronised(log, cutoff=table.cutoff, trim=table.trim)
     recording = together.recording
     drive = DriveTerms(
         viscous=True,
@@ -270,20 +275,20 @@ def identify_experiment(
         velocity_scale=table.friction.velocity_scale,
         offset=True,
     )
-    rubbing = TorqueModel(problem.model.robot, drive)
+    with_friction = TorqueModel(problem.model.robot, drive)
     estimates = (
         published_least_squares(problem, recording),
         _constrained(problem, problem.model, recording, "constrained"),
         published_least_squares(problem, recording, drive=drive),
-        _constrained(problem, rubbing, recording, "constrained, with friction"),
+        _constrained(problem, with_friction, recording, "constrained, with friction"),
     )
     size = problem.model.layout.inertial_size
     C = mine.matrix[:, :size]
     return IdentifiedExperiment(
         name=name,
         log=log,
-        one_clock=together,
-        excited=_excited(mine, published_table(problem).fixed, recording),
+        synchronised_log=together,
+        excitation=_excitation(mine, published_table(problem).fixed, recording),
         estimates=estimates,
         vectors=np.array([C @ estimate.parameters[:size] for estimate in estimates]),
     )
@@ -302,9 +307,9 @@ def _constrained(
     )
 
 
-def _excited(
+def _excitation(
     mine: Parametrisation, fixed: Sequence[str], recording: Recording
-) -> Excited:
+) -> ExperimentExcitation:
     free = [i for i in range(len(mine)) if i not in mine.places(fixed)]
     names = tuple(mine.names[i] for i in free)
     R = mine.factor(recording)[:, free]
@@ -314,11 +319,11 @@ def _excited(
     directions[free] = solution.null_space
     if directions.size:
         directions = np.linalg.qr(directions)[0]
-    return Excited(
+    return ExperimentExcitation(
         rank=rank,
         condition=float(s[0] / s[rank - 1]),
         open_directions=directions,
-        left_open=tuple(
+        undetermined=tuple(
             linear_combination(direction, names) for direction in solution.null_space.T
         ),
         weakest=_weakest(R, rank, names),

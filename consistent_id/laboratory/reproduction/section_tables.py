@@ -7,9 +7,9 @@ import numpy as np
 from consistent_id._support.arrays import Array, Vector
 from consistent_id._support.tables import Table
 from consistent_id.laboratory.reproduction.experiments import Reproduction
-from consistent_id.laboratory.reproduction.inertia import ENTRIES, InertiaTable
-from consistent_id.laboratory.reproduction.study import TASKS, PaperStudy
-from consistent_id.laboratory.reproduction.verification import Verification
+from consistent_id.laboratory.reproduction.inertia_errors import ENTRIES, InertiaTable
+from consistent_id.laboratory.reproduction.paper_study import TASKS, PaperStudy
+from consistent_id.laboratory.reproduction.paper_verification import Verification
 from consistent_id.problems.published import published_table
 
 _QUANTILES = (0.0, 0.1, 0.5, 0.9, 1.0)
@@ -29,13 +29,13 @@ def printed_deviation(study: PaperStudy) -> Vector:
 def spread_table(study: PaperStudy) -> Table:
     """Return what the paper's vectors differ by, along its verification motion."""
     spread, joints = study.spread, study.verification.joints
-    loud = study.tasks.names[study.place.loudest]
+    loud = study.tasks.names[study.place.most_scattered]
     rows = [
         (f"experiment {i}, less the mean", *(f"{v:.4f}" for v in row))
         for i, row in enumerate(spread.vectors, start=1)
     ]
     alone = (f"{loud} alone, by one standard deviation",)
-    rows.append((*alone, *(f"{v:.4f}" for v in spread.loudest)))
+    rows.append((*alone, *(f"{v:.4f}" for v in spread.most_scattered)))
     rows += [
         (f"printed error {i}", *(f"{v:.4f}" for v in row))
         for i, row in enumerate(spread.printed, start=1)
@@ -49,11 +49,11 @@ def spread_table(study: PaperStudy) -> Table:
 
 
 def excitation_table(study: PaperStudy) -> Table:
-    """Return how well each experiment excites, and what it leaves open."""
+    """Return how well each experiment excites, and what it does not identify."""
     rows = []
     for name, done in study.with_friction.items():
         for experiment in done.experiments:
-            excited, log = experiment.excited, experiment.log.wanted
+            excited, log = experiment.excitation, experiment.log.wanted
             rows.append(
                 (
                     name,
@@ -65,23 +65,31 @@ def excitation_table(study: PaperStudy) -> Table:
                 )
             )
     columns = len(free_places(study))
-    left_open = study.tasks.experiments[0].excited.left_open
+    undetermined = study.tasks.experiments[0].excitation.undetermined
     return Table(
         "Excitation, experiment by experiment",
-        ("moved along", "experiment", "s", "rank", "condition number", "told least of"),
+        (
+            "moved along",
+            "experiment",
+            "s",
+            "rank",
+            "condition number",
+            "least identifiable",
+        ),
         tuple(rows),
         (
             f"condition number and rank of the {columns} free columns of the paper's "
             "regressor, each of unit length; zeros of the singular values do not count",
-            "told least of: in units of the columns' lengths, the largest parts",
-            "left open by every motion: " + "; ".join(left_open),
+            "least identifiable: largest parts of that combination, in units of the "
+            "columns' lengths",
+            "not identifiable by any motion: " + "; ".join(undetermined),
         ),
     )
 
 
 def cause_table(study: PaperStudy) -> Table:
     """Return the scatter of each parameter, and which cause makes how much."""
-    budget, done = study.accounts.budget, study.tasks
+    budget, done = study.error_analysis.budget, study.tasks
     found = done.scatter(done.tables[0])
     rest = done.errors(done.tables[0]) - budget.error()
     columns = [printed_deviation(study), found]
@@ -95,43 +103,45 @@ def cause_table(study: PaperStudy) -> Table:
             "found",
             *(f"by {cause}" for cause in budget.causes),
             "rest",
-            "noise foretold",
+            "predicted noise",
         ),
         _rows(study, columns),
         (
             "standard deviation over the experiments; printed: of the paper's; found: "
             "in the laboratory, without the parts along which no torque changes",
             "causes add up experiment by experiment, not in this table; rest: found "
-            "less all causes; noise foretold: from load cell and cameras alone",
+            "less all causes; predicted noise: from load cell and cameras alone",
         ),
     )
 
 
 def drawn_table(study: PaperStudy) -> Table:
     """Return what of the scatter survives other guesses."""
-    drawn, place = study.accounts.drawn, study.place
-    loud, quiet = (study.tasks.names[i] for i in (place.loudest, place.quietest))
+    varied, place = study.error_analysis.varied, study.place
+    loud, quiet = (
+        study.tasks.names[i] for i in (place.most_scattered, place.least_scattered)
+    )
     printed = printed_deviation(study)
     rows = []
     for what, scatter in (
-        ("friction drawn", drawn.friction),
-        ("tasks drawn", drawn.tasks),
-        ("tasks and friction drawn", drawn.both),
-        ("tasks drawn, noise alone", drawn.noise),
+        ("friction drawn", varied.friction),
+        ("tasks drawn", varied.tasks),
+        ("tasks and friction drawn", varied.both),
+        ("tasks drawn, noise alone", varied.noise),
     ):
-        values = np.quantile(scatter[:, place.loudest], _QUANTILES)
-        size = scatter[:, place.loudest]
-        ratio = scatter[:, place.quietest] / np.where(size > 0.0, size, np.inf)
+        size = scatter[:, place.most_scattered]
+        values = np.quantile(size, _QUANTILES)
+        ratio = scatter[:, place.least_scattered] / np.where(size > 0.0, size, np.inf)
         rows.append(
             (
                 what,
                 f"{len(scatter)}",
                 *(f"{value:.3f}" for value in values),
-                f"{np.mean(scatter[:, place.loudest] >= printed[place.loudest]):.0%}",
+                f"{np.mean(size >= printed[place.most_scattered]):.0%}",
                 f"{ratio.min():.2g}",
             )
         )
-    own = printed[place.quietest] / printed[place.loudest]
+    own = printed[place.least_scattered] / printed[place.most_scattered]
     return Table(
         f"The scatter of {loud} when what is assumed is drawn anew",
         (
@@ -145,20 +155,24 @@ def drawn_table(study: PaperStudy) -> Table:
         (
             "quantiles over the draws; places within 5 cm, sizes and durations within "
             "a factor of 1.25, each joint's viscous and Coulomb friction within 2",
-            f"printed: {loud} {printed[place.loudest]:.4f}, {quiet} "
-            f"{printed[place.quietest]:.4f}, which is {own:.2g} of it",
+            f"printed: {loud} {printed[place.most_scattered]:.4f}, {quiet} "
+            f"{printed[place.least_scattered]:.4f}, which is {own:.2g} of it",
         ),
     )
 
 
 def tempo_table(study: PaperStudy) -> Table:
     """Return the scatter of slower tasks, with the friction that errors allow."""
-    tempo, place = study.accounts.tempo, study.place
-    loud = study.tasks.names[place.loudest]
-    printed = float(printed_deviation(study)[place.loudest])
-    needed = tempo.needed(place.loudest, printed)
+    tempo, place = study.error_analysis.tempo, study.place
+    loud = study.tasks.names[place.most_scattered]
+    printed = float(printed_deviation(study)[place.most_scattered])
+    needed = tempo.needed(place.most_scattered, printed)
     rows = tuple(
-        (f"{factor:g}", f"{own[place.loudest]:.4f}", f"{noise[place.loudest]:.4f}")
+        (
+            f"{factor:g}",
+            f"{own[place.most_scattered]:.4f}",
+            f"{noise[place.most_scattered]:.4f}",
+        )
         for factor, own, noise in zip(
             tempo.slowness, tempo.scatter, tempo.noise, strict=True
         )
@@ -210,9 +224,9 @@ def shrinking_table(
 
 def shrunk_table(study: PaperStudy) -> Table:
     """Return by how much exciting motions shrink scatter, whatever the friction."""
-    loud, places = study.place.loudest, free_places(study)
+    loud, places = study.place.most_scattered, free_places(study)
     rows = []
-    for name, times in study.accounts.shrunk.items():
+    for name, times in study.error_analysis.shrunk.items():
         values = np.quantile(times[:, loud], _QUANTILES)
         middle = np.median(times[:, places], axis=0)
         rows.append(
@@ -270,7 +284,7 @@ def inertia_table(study: PaperStudy, table: InertiaTable) -> Table:
                     f"{table.mean[k, e] + 0.0:.4f}",
                     f"{table.standard_deviation[k, e]:.4f}",
                     f"{table.standard_error[k, e]:.4f}",
-                    "torque" if table.told[k, e] else "a choice",
+                    "torque" if table.identifiable[k, e] else "convention",
                 )
             )
     return Table(
@@ -283,14 +297,14 @@ def inertia_table(study: PaperStudy, table: InertiaTable) -> Table:
             "mean",
             "standard deviation",
             "of the mean",
-            "rests on",
+            "determined by",
         ),
         tuple(rows),
         (
             "kg m^2; over the experiments along the tasks; of the mean: divided by "
             "their root, right only if they err independently",
-            "a choice: torque tells only sums that the entry is part of; its deviation "
-            "says how steady the choice is",
+            "convention: torque determines only sums that contain the entry; the "
+            "deviation shows how steady the conventional choice is",
             *(
                 f"mean of {link}: {words}"
                 for link, words in zip(table.links, table.bodies, strict=True)

@@ -74,14 +74,14 @@ class PrintedSpread:
     ----------
     vectors : ndarray, shape (experiments, joints), [(N m)^2]
         Mean square of the torque by which each vector differs from the mean.
-    loudest : ndarray, shape (joints,), [(N m)^2]
+    most_scattered : ndarray, shape (joints,), [(N m)^2]
         The same for one standard deviation of the parameter that scatters most, alone.
     printed : ndarray, shape (motions, joints), [(N m)^2]
         The errors that the paper prints.
     """
 
     vectors: Matrix
-    loudest: Vector
+    most_scattered: Vector
     printed: Matrix
 
 
@@ -134,13 +134,13 @@ def allowed_friction(problem: Problem, laboratory: Laboratory) -> Vector:
     return np.asarray(np.sqrt(printed.mean(axis=0) / np.where(square > 0, square, 1)))
 
 
-def printed_spread(problem: Problem, loudest: int) -> PrintedSpread:
+def printed_spread(problem: Problem, most_scattered: int) -> PrintedSpread:
     """Compare a paper's vectors along its verification motion.
 
     Parameters
     ----------
     problem : Problem
-    loudest : int
+    most_scattered : int
         Place of the parameter that scatters most.
     """
     table, mine = published_table(problem), parametrisation_of(problem)
@@ -148,11 +148,11 @@ def printed_spread(problem: Problem, loudest: int) -> PrintedSpread:
     vectors = np.array(table.experiments)
     apart = vectors - vectors.mean(axis=0)
     torque = np.einsum("jas,ea->ejs", Y, apart, optimize=True)
-    alone = Y[:, loudest] * vectors[:, loudest].std(ddof=1)
+    alone = Y[:, most_scattered] * vectors[:, most_scattered].std(ddof=1)
     joints = Y.shape[0]
     return PrintedSpread(
         vectors=np.asarray((torque**2).mean(axis=2)),
-        loudest=np.asarray((alone**2).mean(axis=1)),
+        most_scattered=np.asarray((alone**2).mean(axis=1)),
         printed=np.array(table.mean_squared_errors).reshape(-1, joints),
     )
 

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from consistent_id.comparison.constraint_prices import ShadowPrice
-from consistent_id.report.findings import Findings, Section
+from consistent_id.report.content import ReportContent, Section
 from consistent_id.report.markup import (
     Html,
     folded,
@@ -17,31 +17,29 @@ from consistent_id.report.markup import (
 from consistent_id.report.summary import cost_table, path_table, price_table
 
 
-def costs_section(findings: Findings) -> Section | None:
+def costs_section(content: ReportContent) -> Section | None:
     """Return costs, shadow prices and the weight of the prior, as far as known."""
-    if not findings.costs and not findings.prices and findings.path is None:
+    if not content.costs and not content.prices and content.path is None:
         return None
     parts = [
         paragraphs(
-            "Data and constraints that agree cost nothing. A dear constraint is a "
-            "datasheet that is wrong, a model that lacks something, or data that are "
-            "noisy: look there first."
+            "Constraints that agree with the data cost nothing. A high cost means that "
+            "the datasheet is wrong, that the model lacks something, or that the data "
+            "are noisy. Look there first."
         )
     ]
-    if findings.costs:
-        parts.append(
-            table_html(cost_table(findings.costs, findings.model.torque_joints))
-        )
-    if findings.prices:
-        parts += _prices(findings.prices)
-    if findings.path is not None:
-        table = table_html(path_table(findings.path), titled=False)
-        parts.append(folded(path_table(findings.path).title, table))
+    if content.costs:
+        parts.append(table_html(cost_table(content.costs, content.model.torque_joints)))
+    if content.prices:
+        parts += _prices(content.prices)
+    if content.path is not None:
+        table = table_html(path_table(content.path), titled=False)
+        parts.append(folded(path_table(content.path).title, table))
     return Section("costs", "What constraints cost", joined(parts))
 
 
 def _prices(prices: Sequence[ShadowPrice]) -> list[Html]:
-    """Return the dearest single constraints, with bars."""
+    """Return the largest shadow prices, with bars."""
     table = price_table(prices)
     largest = max((p.cost for p in prices if p.cost == p.cost), default=0.0) or 1.0
     rows = [

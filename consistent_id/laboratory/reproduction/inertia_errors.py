@@ -28,9 +28,9 @@ class InertiaTable:
         A, B, C and the products D, E, F.  A link without a known mass enters with its
         inertia about its origin.
     true : ndarray, shape (links, 6)
-    told : ndarray of bool, shape (links, 6)
-        Whether torque settles the entry, given masses and centres of mass; others
-        rest on the choice of the smallest vector, or on a prior.
+    identifiable : ndarray of bool, shape (links, 6)
+        Whether torque determines the entry, given masses and centres of mass; others
+        come from the convention of the smallest vector, or from a prior.
     bodies : tuple of str
         What is wrong with the mean of each link, in words.
     """
@@ -39,7 +39,7 @@ class InertiaTable:
     links: tuple[str, ...]
     entries: Array
     true: Array
-    told: BoolArray
+    identifiable: BoolArray
     bodies: tuple[str, ...]
 
     @property
@@ -72,7 +72,7 @@ def inertia_tables(
     """
     model, size = problem.model, problem.model.layout.inertial_size
     true = np.array(list(central_inertia_of(model, inertial).values()))
-    told = _told(problem)
+    identifiable = _identifiable(problem)
     tables = []
     for i, first in enumerate(done.experiments[0].estimates):
         vectors = [e.estimates[i].parameters[:size] for e in done.experiments]
@@ -85,15 +85,15 @@ def inertia_tables(
                 model.layout.links,
                 np.array(entries),
                 true,
-                told,
+                identifiable,
                 words,
             )
         )
     return tuple(tables)
 
 
-def _told(problem: Problem) -> BoolArray:
-    """Tell which entries every vector with the same torque and datasheet shares."""
+def _identifiable(problem: Problem) -> BoolArray:
+    """Return which entries every vector with the same torque and datasheet shares."""
     model = problem.model
     known = lowered((FixedMasses(), FixedCentresOfMass()), model)
     rows = np.vstack([base_parameters(model).projection, known.A_eq])
@@ -102,5 +102,5 @@ def _told(problem: Problem) -> BoolArray:
     moves = np.linalg.norm(null, axis=1)[: model.layout.inertial_size]
     # Ixx, Iyy, Izz; Iyz, Ixz, Ixy in the order m, hx, hy, hz, Ixx, Ixy, Iyy, Ixz, Iyz.
     places = [4, 6, 9, 8, 7, 5]
-    told = moves.reshape(-1, 10)[:, places] <= np.sqrt(_SILENT)
-    return np.asarray(told)
+    identifiable = moves.reshape(-1, 10)[:, places] <= np.sqrt(_SILENT)
+    return np.asarray(identifiable)

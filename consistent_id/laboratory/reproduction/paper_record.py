@@ -6,10 +6,10 @@ from typing import Any
 
 from consistent_id._support.files import require_writable, write_atomically
 from consistent_id.laboratory.reproduction.experiments import Reproduction
-from consistent_id.laboratory.reproduction.inertia import InertiaTable
-from consistent_id.laboratory.reproduction.page import html_page, markdown_tables
-from consistent_id.laboratory.reproduction.study import PaperStudy
-from consistent_id.laboratory.reproduction.verification import Verification
+from consistent_id.laboratory.reproduction.inertia_errors import InertiaTable
+from consistent_id.laboratory.reproduction.paper_page import html_page, markdown_tables
+from consistent_id.laboratory.reproduction.paper_study import PaperStudy
+from consistent_id.laboratory.reproduction.paper_verification import Verification
 
 _FORMAT = "consistent_id reproduction 1"
 
@@ -23,13 +23,13 @@ def reproduction_record(study: PaperStudy) -> dict[str, Any]:
         "source": study.problem.table.source,
         "certified": study.certified,
         "parameters": list(names),
-        "scatters_most": names[study.place.loudest],
-        "scatters_least": names[study.place.quietest],
+        "scatters_most": names[study.place.most_scattered],
+        "scatters_least": names[study.place.least_scattered],
         "printed": {
             "mean": study.report.mean.tolist(),
             "standard_deviation": study.report.standard_deviation.tolist(),
             "spread_n2m2": study.spread.vectors.tolist(),
-            "spread_of_loudest_n2m2": study.spread.loudest.tolist(),
+            "spread_of_loudest_n2m2": study.spread.most_scattered.tolist(),
             "mean_squared_errors_n2m2": study.spread.printed.tolist(),
         },
         "truth": study.tasks.truth.tolist(),
@@ -47,7 +47,7 @@ def reproduction_record(study: PaperStudy) -> dict[str, Any]:
         "inertia": [_inertia(table) for table in study.inertia],
         "verification": {
             "with_friction": _verification(study.verification),
-            "without_friction": _verification(study.rubbing_off),
+            "without_friction": _verification(study.verification_without_friction),
         },
     }
 
@@ -71,10 +71,10 @@ def _done(done: Reproduction) -> dict[str, Any]:
                 "duration_s": float(
                     experiment.log.wanted.time[-1] - experiment.log.wanted.time[0]
                 ),
-                "rank": experiment.excited.rank,
-                "condition_number": experiment.excited.condition,
-                "left_open": list(experiment.excited.left_open),
-                "weakest": experiment.excited.weakest,
+                "rank": experiment.excitation.rank,
+                "condition_number": experiment.excitation.condition,
+                "left_open": list(experiment.excitation.undetermined),
+                "weakest": experiment.excitation.weakest,
             }
             for experiment in done.experiments
         ],
@@ -92,30 +92,30 @@ def _done(done: Reproduction) -> dict[str, Any]:
 
 
 def _causes(study: PaperStudy) -> dict[str, Any]:
-    budget = study.accounts.budget
+    budget = study.error_analysis.budget
     return {
         "joints": list(budget.joints),
         "scatter": {cause: budget.scatter(cause).tolist() for cause in budget.causes},
         "scatter_of_all": budget.scatter().tolist(),
-        "foretold": study.accounts.planned.scatter().tolist(),
+        "foretold": study.error_analysis.planned.scatter().tolist(),
         "noise": budget.noise_scatter.tolist(),
         "parts": budget.parts.tolist(),
     }
 
 
 def _assumptions(study: PaperStudy) -> dict[str, Any]:
-    drawn, tempo = study.accounts.drawn, study.accounts.tempo
-    place = study.place.loudest
+    varied, tempo = study.error_analysis.varied, study.error_analysis.tempo
+    place = study.place.most_scattered
     needed = tempo.needed(place, float(study.report.standard_deviation[place]))
     return {
         "other_noise": study.other_noise.tolist(),
-        "friction_drawn": drawn.friction.tolist(),
-        "tasks_drawn": drawn.tasks.tolist(),
-        "both_drawn": drawn.both.tolist(),
-        "noise_tasks_drawn": drawn.noise.tolist(),
-        "refused": drawn.refused,
+        "friction_drawn": varied.friction.tolist(),
+        "tasks_drawn": varied.tasks.tolist(),
+        "both_drawn": varied.both.tolist(),
+        "noise_tasks_drawn": varied.noise.tolist(),
+        "refused": varied.refused,
         "times_smaller": {
-            name: t.tolist() for name, t in study.accounts.shrunk.items()
+            name: t.tolist() for name, t in study.error_analysis.shrunk.items()
         },
         "slowness": tempo.slowness.tolist(),
         "friction_allowed": tempo.allowed.tolist(),
@@ -132,7 +132,7 @@ def _inertia(table: InertiaTable) -> dict[str, Any]:
         "true": table.true.tolist(),
         "mean": table.mean.tolist(),
         "standard_deviation": table.standard_deviation.tolist(),
-        "told": table.told.tolist(),
+        "told": table.identifiable.tolist(),
         "bodies": list(table.bodies),
     }
 

@@ -1,26 +1,31 @@
-"""Section: whether each link is a body."""
+"""Section: whether each link is physically consistent."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
 from consistent_id.comparison.comparison import EstimateReport
-from consistent_id.report.findings import Findings, Section
+from consistent_id.report.content import ReportContent, Section
+from consistent_id.report.drawn_robot import (
+    DrawnLink,
+    Window,
+    drawn_links,
+    window_around,
+)
 from consistent_id.report.markup import Html, grid, joined, paragraphs, tag
-from consistent_id.report.projection import AZIMUTH, telling_pose
-from consistent_id.report.robot_scene import DrawnLink, Window, scene, window_around
+from consistent_id.report.projection import AZIMUTH, spread_pose
 from consistent_id.report.robot_view import robot_view
 from consistent_id.robot.inertia import InertialParameters
 
 
-def links_section(findings: Findings) -> Section:
-    """Return the robot with its bodies, and each link's condition."""
-    plain = findings.plain
-    shown = [findings.main] if plain is None else [findings.main, plain]
-    q = telling_pose(findings.model.robot, findings.training)
-    # Of the main estimate: least squares' bodies may be anywhere.
-    window = window_around(scene(findings.main, q))
-    views = [_captioned(report, scene(report, q), window) for report in shown]
+def links_section(content: ReportContent) -> Section:
+    """Return the robot with its inertia ellipsoids, and each link's condition."""
+    plain = content.plain
+    shown = [content.main] if plain is None else [content.main, plain]
+    q = spread_pose(content.model.robot, content.training)
+    # Of the main estimate: least squares' ellipsoids may be anywhere.
+    window = window_around(drawn_links(content.main, q))
+    views = [_captioned(report, drawn_links(report, q), window) for report in shown]
     turn = tag(
         "label",
         "view from ",
@@ -30,25 +35,26 @@ def links_section(findings: Findings) -> Section:
     body = joined(
         (
             paragraphs(
-                "Equimomental ellipsoids: bodies of even density with the identified "
-                "mass, centre of mass and inertia, at a recorded pose. A red cross "
-                "marks a link whose parameters no body has, so that there is nothing "
-                "to draw. Numbers are those of the table."
+                "Each ellipsoid is equimomental: it has even density and the link's "
+                "identified mass, centre of mass and inertia. The pose was recorded. A "
+                "red cross marks a link that is not physically consistent: it has no "
+                "ellipsoid. Numbers are those of the table."
             ),
             tag("div", *views, class_="views"),
             turn,
-            _table(findings.main, plain),
+            _table(content.main, plain),
             *(_impossible(report) for report in shown),
         )
     )
-    return Section("links", "Link by link: can it exist?", body)
+    return Section("links", "Link by link: is it physically consistent?", body)
 
 
 def _captioned(
     report: EstimateReport, links: Sequence[DrawnLink], window: Window
 ) -> Html:
-    bodies = report.consistent_links
-    text = f"{report.estimate.method}: {sum(bodies)} of {len(bodies)} links are bodies"
+    found = report.consistent_links
+    counted = f"{sum(found)} of {len(found)} links are physically consistent"
+    text = f"{report.estimate.method}: {counted}"
     drawing = robot_view(links, window, f"inertia ellipsoids, {text}")
     return tag("figure", tag("figcaption", text), drawing)
 
@@ -57,8 +63,8 @@ def _table(main: EstimateReport, plain: EstimateReport | None) -> Html:
     columns = ["link", "mass [kg]", "centre of mass [m]", "moments of inertia [kg m^2]"]
     columns += ["least eigenvalue"]
     if plain is not None:
-        columns += ["least squares: mass [kg]", "least eigenvalue", "a body"]
-    columns += ["at the edge"]
+        columns += ["least squares: mass [kg]", "least eigenvalue", "consistent"]
+    columns += ["on the boundary"]
     rows = []
     for k, link in enumerate(main.links):
         body = InertialParameters(main.estimate.links[k])
@@ -81,14 +87,15 @@ def _table(main: EstimateReport, plain: EstimateReport | None) -> Html:
         rows.append(row)
     note = (
         "Least eigenvalue of the pseudo-inertia, per typical mass and length of the "
-        "link: negative is no body. Of least squares, standard parameters are the "
-        "smallest of the many that fit alike."
+        "link. A negative one is not physically consistent. For least squares, the "
+        "standard parameters are the smallest of the many that fit alike."
     )
     return joined((grid(columns, rows), paragraphs(note, class_="notes")))
 
 
-def _marked(body: bool) -> Html:
-    return tag("span", "yes" if body else "no body", class_="good" if body else "bad")
+def _marked(yes: bool) -> Html:
+    text = "yes" if yes else "inconsistent"
+    return tag("span", text, class_="good" if yes else "bad")
 
 
 def _vector(values: object) -> str:
@@ -96,7 +103,7 @@ def _vector(values: object) -> str:
 
 
 def _impossible(report: EstimateReport) -> Html:
-    """Tell the proof that no body has an estimate's base parameters."""
+    """Return the proof that no consistent robot has an estimate's base parameters."""
     found = report.base_feasibility
     if found.answer != "impossible":
         return Html()
@@ -106,7 +113,7 @@ def _impossible(report: EstimateReport) -> Html:
     ]
     if found.nearest is not None:
         said.append(
-            f". The torque of the nearest robot that can exist differs by "
+            f". The torque of the nearest consistent robot differs by "
             f"{found.nearest.torque_change:.2%} along random motions"
         )
     return tag("p", *said, ".", class_="proof")

@@ -1,7 +1,8 @@
-"""Section: what the training motion can tell."""
+"""Section: what the training motion makes identifiable."""
 
 from consistent_id.recordings.recording import Recording
-from consistent_id.report.findings import Findings, Section, angle_unit
+from consistent_id.report.content import ReportContent, Section, angle_unit
+from consistent_id.report.downsampling import buckets, extremes, instants
 from consistent_id.report.markup import (
     Html,
     folded,
@@ -12,35 +13,34 @@ from consistent_id.report.markup import (
 )
 from consistent_id.report.plot import Frame, line, plot, spanning
 from consistent_id.report.summary import excitation_table
-from consistent_id.report.thinning import buckets, extremes, instants
 
 _POINTS = 400
 
 
-def excitation_section(findings: Findings) -> Section | None:
+def excitation_section(content: ReportContent) -> Section | None:
     """Return rank, condition and motion; None where they are not known."""
-    if findings.excitation is None:
+    if content.excitation is None:
         return None
-    drawn = [_motion(findings, recording) for recording in findings.training]
+    drawn = [_motion(content, recording) for recording in content.training]
     body = joined(
         (
             paragraphs(
-                "The structural rank is what any motion could determine; the data "
-                "rank is what this one does. A small condition number means that "
-                "noise is not amplified."
+                "The structural rank counts the parameters that any motion could "
+                "determine. The data rank counts those that this motion determines. A "
+                "small condition number means that noise is not amplified."
             ),
-            table_html(excitation_table(findings.excitation, findings.training)),
+            table_html(excitation_table(content.excitation, content.training)),
             *(
                 folded(f"Motion of {recording.name}", panels)
-                for recording, panels in zip(findings.training, drawn, strict=True)
+                for recording, panels in zip(content.training, drawn, strict=True)
             ),
         )
     )
     return Section("excitation", "Excitation and rank", body)
 
 
-def _motion(findings: Findings, recording: Recording) -> Html:
-    robot = findings.model.robot
+def _motion(content: ReportContent, recording: Recording) -> Html:
+    robot = content.model.robot
     log = recording.of(robot.joint_names)
     starts = buckets(len(log), _POINTS)
     time = instants(log.time, starts)

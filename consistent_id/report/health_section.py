@@ -1,11 +1,11 @@
-"""Section: what the data detective says of the recordings."""
+"""Section: what the diagnosis says of the recordings."""
 
 from collections.abc import Sequence
 
 from consistent_id.diagnosis.findings import Diagnosis, Finding
 from consistent_id.diagnosis.tell import diagnosis_table
 from consistent_id.recordings.recording import Recording
-from consistent_id.report.findings import Findings, Section
+from consistent_id.report.content import ReportContent, Section
 from consistent_id.report.markup import (
     Html,
     folded,
@@ -19,12 +19,12 @@ from consistent_id.report.markup import (
 _STYLE = {"fault": "bad", "warning": "care", "note": "muted"}
 
 
-def health_section(findings: Findings) -> Section | None:
+def health_section(content: ReportContent) -> Section | None:
     """Return recordings and what is wrong with them; None without recordings."""
-    if not findings.training and not findings.validation:
+    if not content.training and not content.validation:
         return None
-    parts = [_recordings(findings)]
-    found = findings.diagnosis
+    parts = [_recordings(content)]
+    found = content.diagnosis
     if found is None:
         parts.append(paragraphs("These recordings were not examined for faults."))
     else:
@@ -39,10 +39,10 @@ def health_section(findings: Findings) -> Section | None:
     return Section("health", "The data's health", joined(parts))
 
 
-def _recordings(findings: Findings) -> Html:
+def _recordings(content: ReportContent) -> Html:
     rows = [
-        *(_row(r, "training") for r in findings.training),
-        *(_row(r, "held out") for r in findings.validation),
+        *(_row(r, "training") for r in content.training),
+        *(_row(r, "held out") for r in content.validation),
     ]
     header = ("recording", "role", "samples", "duration [s]", "rate [Hz]", "from [s]")
     return grid(header, rows)

@@ -5,28 +5,28 @@ from hashlib import sha256
 from pathlib import Path
 
 from consistent_id.problems.problem import Problem
-from consistent_id.report.findings import Findings, Section
+from consistent_id.report.content import ReportContent, Section
 from consistent_id.report.markup import Html, folded, grid, joined, paragraphs, tag
 
 _PACKAGES = ("consistent-id", "numpy", "scipy", "clarabel", "pin", "cvxpy", "casadi")
 _CHUNK = 1 << 20  # bytes
 
 
-def reproduce_section(findings: Findings) -> Section:
+def reproduce_section(content: ReportContent) -> Section:
     """Return command, seed, versions, files and their hashes."""
     rows: list[tuple[object, object]] = []
-    if findings.command:
-        rows.append(("command", tag("code", findings.command)))
-    if findings.seed is not None:
-        rows.append(("seed of the bootstrap", str(findings.seed)))
-    rows.append(("torque model", tag("code", findings.model.fingerprint)))
-    seconds = sum(r.estimate.seconds for r in findings.comparison.reports)
+    if content.command:
+        rows.append(("command", tag("code", content.command)))
+    if content.seed is not None:
+        rows.append(("seed of the bootstrap", str(content.seed)))
+    rows.append(("torque model", tag("code", content.model.fingerprint)))
+    seconds = sum(r.estimate.seconds for r in content.comparison.reports)
     rows.append(("estimation", f"{seconds:.1f} s for all estimates"))
     rows.append(("Python", f"{platform.python_version()}, {platform.machine()}"))
     rows += [(name, found) for name in _PACKAGES if (found := _version(name))]
     parts = [grid(("what", "which"), rows)]
-    if findings.problem is not None:
-        parts.append(_files(findings.problem))
+    if content.problem is not None:
+        parts.append(_files(content.problem))
     return Section("reproduce", "How to reproduce this", joined(parts))
 
 

@@ -2,15 +2,15 @@
 
 from consistent_id.comparison.comparison import EstimateReport
 from consistent_id.report.advice import held_out_error, is_usable
-from consistent_id.report.findings import Findings, Section
+from consistent_id.report.content import ReportContent, Section
 from consistent_id.report.markup import Html, grid, joined, listed, tag
 
 _SIGN = {"use": "good", "care": "care", "none": "bad"}
 
 
-def verdict_section(findings: Findings) -> Section:
+def verdict_section(content: ReportContent) -> Section:
     """Return the advice, key figures and all estimates in one table."""
-    advice = findings.advice
+    advice = content.advice
     if advice.level == "none":
         headline = "Use none of these estimates"
     else:
@@ -22,31 +22,31 @@ def verdict_section(findings: Findings) -> Section:
         listed(advice.cautions, class_="cautions"),
     ]
     card = tag("div", *parts, class_=f"card {_SIGN[advice.level]}")
-    body = joined((card, _tiles(findings), _estimates(findings)))
+    body = joined((card, _tiles(content), _estimates(content)))
     return Section("verdict", "Verdict", body)
 
 
-def _tiles(findings: Findings) -> Html:
-    main, plain = findings.main, findings.plain
-    error, bodies = held_out_error(main), main.consistent_links
+def _tiles(content: ReportContent) -> Html:
+    main, plain = content.main, content.plain
+    error, consistent = held_out_error(main), main.consistent_links
     tiles = []
     if error is not None:
         other = None if plain is None else held_out_error(plain)
         beside = "" if other is None else f"least squares: {other:.2%}"
         tiles.append(_tile(f"{error:.2%}", "torque error on held-out motion", beside))
     beside = "" if plain is None else f"least squares: {sum(plain.consistent_links)}"
-    links = f"{sum(bodies)} of {len(bodies)}"
-    tiles.append(_tile(links, "links are bodies", beside))
-    if findings.excitation is not None:
-        found = findings.excitation
+    links = f"{sum(consistent)} of {len(consistent)}"
+    tiles.append(_tile(links, "links are physically consistent", beside))
+    if content.excitation is not None:
+        found = content.excitation
         rank = f"{found.data_rank} of {found.structural_rank}"
         tiles.append(_tile(rank, "base parameters determined by the data"))
-    if findings.uncertainty is not None:
-        verdicts = [p.verdict for p in findings.uncertainty.parameters]
+    if content.uncertainty is not None:
+        verdicts = [p.verdict for p in content.uncertainty.parameters]
         known = f"{verdicts.count('data')} of {len(verdicts)}"
         tiles.append(_tile(known, "single parameters determined by the data"))
-    if findings.diagnosis is not None:
-        count = len(findings.diagnosis.suspicious)
+    if content.diagnosis is not None:
+        count = len(content.diagnosis.suspicious)
         tiles.append(_tile(str(count), "faults and warnings in the recordings"))
     return tag("div", *tiles, class_="tiles")
 
@@ -60,22 +60,22 @@ def _tile(figure: str, meaning: str, beside: str = "") -> Html:
     )
 
 
-def _estimates(findings: Findings) -> Html:
-    reports = findings.comparison.reports
+def _estimates(content: ReportContent) -> Html:
+    reports = content.comparison.reports
     names = [error.recording for error in reports[0].validation]
     header = ["estimate", *(f"error on {name}" for name in names)]
-    header += ["links that are bodies", "verdict", "usable"]
-    return grid(header, [_row(r, findings) for r in reports])
+    header += ["physically consistent links", "verdict", "usable"]
+    return grid(header, [_row(r, content) for r in reports])
 
 
-def _row(report: EstimateReport, findings: Findings) -> list[object]:
-    method, bodies = report.estimate.method, report.consistent_links
-    chosen = method == findings.advice.method
+def _row(report: EstimateReport, content: ReportContent) -> list[object]:
+    method, links = report.estimate.method, report.consistent_links
+    chosen = method == content.advice.method
     usable = is_usable(report)
     return [
         tag("strong", f"{method} ✓") if chosen else method,
         *(f"{error.stacked:.2%}" for error in report.validation),
-        f"{sum(bodies)} of {len(bodies)}",
+        f"{sum(links)} of {len(links)}",
         report.verdict,
         tag("span", "yes" if usable else "no", class_="good" if usable else "bad"),
     ]

@@ -1,7 +1,7 @@
 """Section: the certificate of each estimate, and all errors joint by joint."""
 
 from consistent_id.comparison.comparison import EstimateReport
-from consistent_id.report.findings import Findings, Section
+from consistent_id.report.content import ReportContent, Section
 from consistent_id.report.markup import (
     Html,
     folded,
@@ -14,24 +14,21 @@ from consistent_id.report.markup import (
 from consistent_id.report.summary import comparison_tables
 
 
-def certificate_section(findings: Findings) -> Section:
+def certificate_section(content: ReportContent) -> Section:
     """Return what was recomputed of every estimate."""
-    main = findings.main
-    others = [r for r in findings.comparison.reports if r is not main]
+    main = content.main
+    others = [r for r in content.comparison.reports if r is not main]
     body = joined(
         (
             paragraphs(
-                "Verdicts rest on figures that were recomputed from the problem's own "
-                "data, not on the solver's word."
+                "Verdicts are computed again from the problem's own data. The solver's "
+                "status is not trusted."
             ),
             _certificate(main, open_=True),
             *(_certificate(report) for report in others),
             folded(
                 "All estimates, joint by joint",
-                *(
-                    table_html(table)
-                    for table in comparison_tables(findings.comparison)
-                ),
+                *(table_html(table) for table in comparison_tables(content.comparison)),
             ),
         )
     )

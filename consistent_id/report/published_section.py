@@ -1,13 +1,13 @@
 """Section: a paper's own parameters and tables."""
 
-from consistent_id.report.findings import Findings, Section
+from consistent_id.report.content import ReportContent, Section
 from consistent_id.report.markup import folded, joined, paragraphs, table_html
-from consistent_id.report.published_summary import published_tables
+from consistent_id.report.published_tables import published_tables
 
 
-def published_section(findings: Findings) -> Section | None:
+def published_section(content: ReportContent) -> Section | None:
     """Return what was found of a paper; None for a problem without one."""
-    problem, report = findings.problem, findings.published
+    problem, report = content.problem, content.published
     if problem is None or report is None or problem.table.published is None:
         return None
     first, *others = published_tables(report, problem.table.published)

@@ -32,14 +32,14 @@ class Binned:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ResidualFigures:
+class ResidualStatistics:
     """Figures of one joint's residual.
 
     Parameters
     ----------
     rms, mean : float, [N m or N]
     correlation : float
-        How many samples tell as much as one independent one.
+        How many samples carry as much information as one independent one.
     autocorrelation : ndarray, shape (lags + 1,)
         One at lag zero.
     bound : float
@@ -66,9 +66,9 @@ class ResidualFigures:
         return float(np.mean(abs(self.autocorrelation[1:]) <= self.bound))
 
 
-def residual_figures(
+def residual_statistics(
     residual: Vector, time: Vector, position: Vector, velocity: Vector
-) -> ResidualFigures:
+) -> ResidualStatistics:
     """Examine one joint's residual.
 
     Parameters
@@ -84,7 +84,7 @@ def residual_figures(
     independent = n / length
     lags = min(max(LAGS, int(2 * length)), n - 1)
     slope, error = _slope(time / 60.0, centred, independent)
-    return ResidualFigures(
+    return ResidualStatistics(
         rms=rms,
         mean=float(residual.mean()),
         correlation=length,

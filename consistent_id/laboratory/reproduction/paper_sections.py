@@ -5,20 +5,20 @@ from dataclasses import dataclass
 from typing import Any
 
 from consistent_id._support.tables import Table
-from consistent_id.laboratory.reproduction import figures
+from consistent_id.laboratory.reproduction import paper_figures as figures
 from consistent_id.laboratory.reproduction import section_tables as part
-from consistent_id.laboratory.reproduction.study import PaperStudy
-from consistent_id.laboratory.reproduction.tables import (
+from consistent_id.laboratory.reproduction.experiment_tables import (
     deviations_table,
     experiments_table,
 )
+from consistent_id.laboratory.reproduction.paper_study import PaperStudy
 from consistent_id.problems.published import published_table
 
 Drawing = Callable[[PaperStudy], Any]
 
 
 @dataclass(frozen=True, slots=True)
-class Section:
+class PaperSection:
     """A part of a study.
 
     Parameters
@@ -40,7 +40,7 @@ class Section:
     figures: tuple[tuple[str, str, Drawing], ...] = ()
 
 
-def sections_of(study: PaperStudy) -> tuple[Section, ...]:
+def sections_of(study: PaperStudy) -> tuple[PaperSection, ...]:
     """Return all sections of a study."""
     return (
         _printed(study),
@@ -53,12 +53,12 @@ def sections_of(study: PaperStudy) -> tuple[Section, ...]:
     )
 
 
-def _printed(study: PaperStudy) -> Section:
+def _printed(study: PaperStudy) -> PaperSection:
     table = published_table(study.problem)
-    loud = study.tasks.names[study.place.loudest]
-    deviation = part.printed_deviation(study)[study.place.loudest]
-    mean = study.report.mean[study.place.loudest]
-    return Section(
+    loud = study.tasks.names[study.place.most_scattered]
+    deviation = part.printed_deviation(study)[study.place.most_scattered]
+    mean = study.report.mean[study.place.most_scattered]
+    return PaperSection(
         "printed",
         "What the paper printed",
         (
@@ -70,17 +70,17 @@ def _printed(study: PaperStudy) -> Section:
     )
 
 
-def _experiments(study: PaperStudy) -> Section:
+def _experiments(study: PaperStudy) -> PaperSection:
     done = study.tasks
     laboratory = study.problem.table.laboratory
     seed = "" if laboratory is None else f" Seed {laboratory.seed}."
-    return Section(
+    return PaperSection(
         "experiments",
         "The experiments done again",
         (
-            "A robot whose inertia is that of the body nearest to the printed mean "
-            "follows the tasks of the problem file in a simulated laboratory, with "
-            "friction; each experiment is identified from its logs alone." + seed,
+            "A physically consistent robot, the nearest to the printed mean, follows "
+            "the tasks of the problem file in a simulated laboratory, with friction. "
+            "Each experiment is identified from its logs alone." + seed,
         ),
         (
             part.excitation_table(study),
@@ -97,30 +97,30 @@ def _experiments(study: PaperStudy) -> Section:
     )
 
 
-def _inertia(study: PaperStudy) -> Section:
-    return Section(
+def _inertia(study: PaperStudy) -> PaperSection:
+    return PaperSection(
         "inertia",
         "Inertias with their uncertainty",
-        ("What the paper's table of inertias lacks: how sure each entry is.",),
+        ("What the paper's table of inertias lacks: the uncertainty of each entry.",),
         tuple(part.inertia_table(study, table) for table in study.inertia),
     )
 
 
-def _causes(study: PaperStudy) -> Section:
-    budget, place = study.accounts.budget, study.place.loudest
-    loud, planned = study.tasks.names[place], study.accounts.planned
+def _causes(study: PaperStudy) -> PaperSection:
+    budget, place = study.error_analysis.budget, study.place.most_scattered
+    loud, planned = study.tasks.names[place], study.error_analysis.planned
     found = study.tasks.scatter(study.tasks.tables[0])[place]
     causes = ", ".join(f"{c} {budget.scatter(c)[place]:.4f}" for c in budget.causes)
-    return Section(
+    return PaperSection(
         "causes",
         "Where the scatter comes from",
         (
             "Least squares is linear in torque: torque that its model lacks moves the "
             "estimate by the pseudo-inverse times that torque.",
             f"{loud}: found {found:.4f}, all causes together "
-            f"{budget.scatter()[place]:.4f}, foretold from the planned motions before "
+            f"{budget.scatter()[place]:.4f}, predicted from the planned motions before "
             f"anything is performed {planned.scatter()[place]:.4f}; by cause: "
-            f"{causes}; noise alone lets expect {budget.noise_scatter[place]:.4f}.",
+            f"{causes}; noise alone predicts {budget.noise_scatter[place]:.4f}.",
         ),
         (part.cause_table(study),),
         (
@@ -138,16 +138,16 @@ def _causes(study: PaperStudy) -> Section:
     )
 
 
-def _assumptions(study: PaperStudy) -> Section:
-    seeds = study.other_noise[:, 0, study.place.loudest]
+def _assumptions(study: PaperStudy) -> PaperSection:
+    seeds = study.other_noise[:, 0, study.place.most_scattered]
     again = ", ".join(f"{value:.4f}" for value in seeds) or "none were drawn"
-    return Section(
+    return PaperSection(
         "assumptions",
         "What is assumed, and what of it matters",
         (
             "Assumed: friction, offsets, the controller's errors, the cameras' delay "
             "and noise, and where, how large and how fast the tasks are. Below they "
-            "are drawn anew, and the same account is made for each draw.",
+            "are drawn at random, and the error analysis is repeated for each draw.",
             f"The experiments again with other noise: {again}.",
         ),
         (part.drawn_table(study), part.tempo_table(study)),
@@ -161,7 +161,7 @@ def _assumptions(study: PaperStudy) -> Section:
     )
 
 
-def _exciting(study: PaperStudy) -> Section:
+def _exciting(study: PaperStudy) -> PaperSection:
     tables = [
         part.shrinking_table(
             study, 0, study.with_friction, "Exciting motions, friction not in the model"
@@ -175,7 +175,7 @@ def _exciting(study: PaperStudy) -> Section:
         part.shrunk_table(study),
         part.constraints_table(study),
     ]
-    return Section(
+    return PaperSection(
         "exciting",
         "What exciting motions and constraints do",
         (
@@ -195,8 +195,8 @@ def _exciting(study: PaperStudy) -> Section:
     )
 
 
-def _verification(study: PaperStudy) -> Section:
-    return Section(
+def _verification(study: PaperStudy) -> PaperSection:
+    return PaperSection(
         "verification",
         "Verification",
         ("Motions that nothing was identified from, performed and predicted.",),
@@ -205,7 +205,9 @@ def _verification(study: PaperStudy) -> Section:
                 study, study.verification, "Mean squared errors, a robot with friction"
             ),
             part.verification_table(
-                study, study.rubbing_off, "Mean squared errors, a robot without"
+                study,
+                study.verification_without_friction,
+                "Mean squared errors, a robot without",
             ),
         ),
         (

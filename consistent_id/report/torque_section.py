@@ -6,10 +6,10 @@ import numpy as np
 
 from consistent_id._support.arrays import Vector
 from consistent_id.recordings.recording import Recording
-from consistent_id.report.findings import Findings, Section, torque_unit
+from consistent_id.report.content import ReportContent, Section, torque_unit
+from consistent_id.report.downsampling import buckets, extremes, instants, packed
 from consistent_id.report.markup import Html, folded, joined, paragraphs, tag
 from consistent_id.report.plot import Frame, line, plot, spanning
-from consistent_id.report.thinning import buckets, extremes, instants, packed
 
 _MOST = 6000  # points embedded for zooming
 _STATIC = 360  # points drawn before the script has run
@@ -17,14 +17,14 @@ _STATIC = 360  # points drawn before the script has run
 _BUTTONS = (("in", "+"), ("out", "-"), ("left", "◀"), ("right", "▶"), ("all", "all"))
 
 
-def torque_section(findings: Findings) -> Section | None:
+def torque_section(content: ReportContent) -> Section | None:
     """Return a zoomable plot for each joint of each recording; None without any."""
-    if not findings.held_out:
+    if not content.held_out:
         return None
-    where = "held-out" if findings.validation else "training"
+    where = "held-out" if content.validation else "training"
     shown = [
-        folded(f"On {recording.name}", _zoomable(findings, recording), open_=i == 0)
-        for i, recording in enumerate(findings.held_out)
+        folded(f"On {recording.name}", _zoomable(content, recording), open_=i == 0)
+        for i, recording in enumerate(content.held_out)
     ]
     hint = tag(
         "p",
@@ -32,23 +32,26 @@ def torque_section(findings: Findings) -> Section | None:
         "same. All joints of a recording move together.",
         class_="script",
     )
-    lead = paragraphs(f"Torque along {where} motion; below, measured less predicted.")
+    lead = paragraphs(
+        f"Torque along {where} motion. The lower plots show measured minus predicted "
+        "torque."
+    )
     return Section(
         "torque", "Measured and predicted torque", joined((lead, hint, *shown))
     )
 
 
-def _zoomable(findings: Findings, recording: Recording) -> Html:
-    names = [findings.main.estimate.method]
-    traces = [findings.main.estimate.predict(recording)]
-    if findings.plain is not None:
-        names.append(findings.plain.estimate.method)
-        traces.append(findings.plain.estimate.predict(recording))
-    measured = recording.of(findings.model.torque_joints).torque
+def _zoomable(content: ReportContent, recording: Recording) -> Html:
+    names = [content.main.estimate.method]
+    traces = [content.main.estimate.predict(recording)]
+    if content.plain is not None:
+        names.append(content.plain.estimate.method)
+        traces.append(content.plain.estimate.predict(recording))
+    measured = recording.of(content.model.torque_joints).torque
     if measured is None:
         return paragraphs("This recording has no torque.")
     panels = []
-    for j, joint in enumerate(findings.joints):
+    for j, joint in enumerate(content.joints):
         unit = torque_unit(joint)
         torque = measured[:, j]
         predicted = [trace[:, j] for trace in traces]

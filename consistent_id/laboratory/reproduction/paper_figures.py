@@ -5,11 +5,11 @@ from typing import Any
 import numpy as np
 
 from consistent_id._support.arrays import Array
+from consistent_id.laboratory.reproduction.paper_study import TASKS, PaperStudy
 from consistent_id.laboratory.reproduction.section_tables import (
     free_places,
     printed_deviation,
 )
-from consistent_id.laboratory.reproduction.study import TASKS, PaperStudy
 from consistent_id.problems.published import published_table
 
 _COLOURS = ("#d55e00", "#0072b2", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
@@ -18,8 +18,8 @@ _POINTS = 1000  # of a curve; more would not be seen
 
 
 def vectors_figure(study: PaperStudy) -> Any:
-    """Return the loudest parameter in each experiment, set by set."""
-    place, table = study.place.loudest, published_table(study.problem)
+    """Return the most scattered parameter in each experiment, set by set."""
+    place, table = study.place.most_scattered, published_table(study.problem)
     rows = [("the paper", np.array(table.experiments)[:, place])]
     for name, done in study.with_friction.items():
         shown = done.tables if name == TASKS else (done.tables[0], done.tables[2])
@@ -53,8 +53,8 @@ def scatter_figure(study: PaperStudy) -> Any:
                 _COLOURS[2],
             ),
             (
-                "foretold of noise alone",
-                study.accounts.budget.noise_scatter,
+                "predicted from noise alone",
+                study.error_analysis.budget.noise_scatter,
                 "_",
                 _COLOURS[1],
             ),
@@ -75,8 +75,8 @@ def exciting_figure(study: PaperStudy) -> Any:
 
 
 def budget_figure(study: PaperStudy) -> Any:
-    """Return each experiment's error of the loudest parameter, cause by cause."""
-    budget, place = study.accounts.budget, study.place.loudest
+    """Return the most scattered parameter's errors by experiment and cause."""
+    budget, place = study.error_analysis.budget, study.place.most_scattered
     figure = _figure(8.0, 0.45 * len(budget.experiments) + 1.4)
     axis = figure.subplots()
     y = -np.arange(len(budget.experiments))
@@ -106,11 +106,11 @@ def budget_figure(study: PaperStudy) -> Any:
 
 
 def assumptions_figure(study: PaperStudy) -> Any:
-    """Return the loudest parameter's scatter over guesses and over the tempo."""
+    """Return the most scattered parameter's scatter over guesses and over the tempo."""
     place, drawn, tempo = (
-        study.place.loudest,
-        study.accounts.drawn,
-        study.accounts.tempo,
+        study.place.most_scattered,
+        study.error_analysis.varied,
+        study.error_analysis.tempo,
     )
     printed = printed_deviation(study)[place]
     figure = _figure(9.0, 3.4)

@@ -1,4 +1,4 @@
-"""Fewer points that look the same: the extremes of every bucket are kept."""
+"""Downsampling for plots: the extremes of every bucket are kept."""
 
 import base64
 

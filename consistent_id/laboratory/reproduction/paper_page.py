@@ -6,8 +6,11 @@ from html import escape
 from typing import Any
 
 from consistent_id._support.tables import Table
-from consistent_id.laboratory.reproduction.sections import Section, sections_of
-from consistent_id.laboratory.reproduction.study import PaperStudy
+from consistent_id.laboratory.reproduction.paper_sections import (
+    PaperSection,
+    sections_of,
+)
+from consistent_id.laboratory.reproduction.paper_study import PaperStudy
 
 _INK = "#123456"  # stands for the page's own text colour until the SVG is written
 _NUMBER = re.compile(r"(?:[-+]?(?:\d[\d.]*(?:e[-+]?\d+)?|inf|nan)%?)?")
@@ -96,7 +99,7 @@ def _dressed(figure: Any) -> None:
             spine.set_edgecolor(_INK)
 
 
-def _section(section: Section, study: PaperStudy) -> str:
+def _section(section: PaperSection, study: PaperStudy) -> str:
     parts = [f'<section id="{escape(section.name)}"><h2>{escape(section.title)}</h2>']
     parts += [f"<p>{escape(paragraph)}</p>" for paragraph in section.text]
     parts += [

@@ -1,4 +1,4 @@
-"""An experiment's two logs brought to one clock, ready for a regression."""
+"""Synchronisation of an experiment's two logs, ready for a regression."""
 
 from dataclasses import dataclass, replace
 
@@ -13,7 +13,7 @@ from consistent_id.recordings.signals.track import track
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class OneClock:
+class SynchronisedLog:
     """Motion and torque on one clock, and the delay that was taken out.
 
     Parameters
@@ -28,10 +28,10 @@ class OneClock:
     delay: Delay
 
 
-def on_one_clock(
+def synchronised(
     log: ExperimentLog, *, cutoff: float, trim: float = 0.0, longest: float = 0.5
-) -> OneClock:
-    """Bring encoders, load cell and cameras to one clock.
+) -> SynchronisedLog:
+    """Synchronise encoders, load cell and cameras.
 
     The delay comes from the encoders' positions and the cameras' accelerations;
     velocities are differences of encoder positions; all channels pass the same filters,
@@ -57,5 +57,5 @@ def on_one_clock(
     together = aligned(moving, seen, delay=delay.seconds)
     smooth = low_passed(together, motion_cutoff=cutoff, torque_cutoff=cutoff)
     start, stop = smooth.time[0] + trim, smooth.time[-1] - trim
-    name = f"{log.wanted.name} (on one clock)"
-    return OneClock(replace(trimmed(smooth, start, stop), name=name), delay)
+    name = f"{log.wanted.name} (synchronised)"
+    return SynchronisedLog(replace(trimmed(smooth, start, stop), name=name), delay)

@@ -1,4 +1,4 @@
-"""What a report is made of, and what it consists of."""
+"""What a report is made from, and the sections that it consists of."""
 
 from dataclasses import dataclass
 
@@ -19,8 +19,8 @@ from consistent_id.robot.model import Joint
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Findings:
-    """Everything that a report can tell; what is unknown is None or empty.
+class ReportContent:
+    """Everything that a report can show; what is unknown is None or empty.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ class Findings:
 
     @property
     def held_out(self) -> tuple[Recording, ...]:
-        """Recordings to judge by: those not learned from, if there are any."""
+        """Validation recordings, or the training recordings if there are none."""
         return self.validation or self.training
 
     @property

@@ -75,9 +75,9 @@ def _next(singular_values: Array, rank: int) -> str:
 
 def _vector_tables(report: PublishedReport, table: Any) -> list[Table]:
     joints = report.parametrisation.model.robot.joint_names
-    bodies = Table(
-        "Bodies with the datasheet's masses and the published parameters",
-        ("vector", "answer", "depth", "proven bound", "nearest body"),
+    consistency = Table(
+        "Consistent robots with the datasheet's masses and the published parameters",
+        ("vector", "answer", "margin", "proven bound", "nearest consistent robot"),
         tuple(
             (
                 v.name,
@@ -89,8 +89,8 @@ def _vector_tables(report: PublishedReport, table: Any) -> list[Table]:
             for v in report.vectors
         ),
         (
-            "depth: largest least eigenvalue of J per typical mass and length; a "
-            "negative bound proves that there is no body",
+            "margin: consistency margin, the largest least eigenvalue of J per typical "
+            "mass and length; a negative bound proves that there is no such robot",
             *(f"{v.name}: {v.feasibility.summary}" for v in report.vectors),
         ),
     )
@@ -109,4 +109,4 @@ def _vector_tables(report: PublishedReport, table: Any) -> list[Table]:
         tuple(rows),
         ("RMS in N m along the verification motion; mean square in brackets",),
     )
-    return [bodies, change]
+    return [consistency, change]

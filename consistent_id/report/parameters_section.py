@@ -1,4 +1,4 @@
-"""Section: the parameters, how sure they are, and what they rest on."""
+"""Section: the parameters, their uncertainty, and what determines each."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -10,7 +10,7 @@ from consistent_id.comparison.parameter_uncertainty import (
     Uncertainty,
 )
 from consistent_id.estimation.estimate import Estimate
-from consistent_id.report.findings import Findings, Section
+from consistent_id.report.content import ReportContent, Section
 from consistent_id.report.markup import (
     Html,
     folded,
@@ -24,8 +24,8 @@ from consistent_id.report.summary import uncertainty_table
 
 _MEANING = {
     "data": "the data determine it",
-    "combination": "the data fix only sums that it is part of",
-    "constraint": "an equality, or constraints and data together, fix it",
+    "combination": "the data determine only sums that contain it",
+    "constraint": "an equality, or constraints and data together, determine it",
     "prior": "its value is the prior's",
     "convention": "the smallest of many values that fit alike",
 }
@@ -37,34 +37,34 @@ _HEADER = (
     "any consistent robot",
     "",
     "unit",
-    "rests on",
+    "determined by",
 )
 _WIDTH, _HEIGHT = 150, 16  # pixels of an interval's drawing
 
 
-def parameters_section(findings: Findings) -> Section:
+def parameters_section(content: ReportContent) -> Section:
     """Return standard parameters in groups, then base parameters."""
-    estimate, sure = findings.main.estimate, findings.uncertainty
+    estimate, sure = content.main.estimate, content.uncertainty
     if sure is None:
         parts = [_counts(estimate.origins), *_origins(estimate)]
     else:
         parts = [_counts([p.verdict for p in sure.parameters]), *_intervals(sure)]
         if estimate.method != "constrained":
             parts.insert(0, paragraphs("Of the constrained estimate:"))
-    parts.append(_base(findings))
+    parts.append(_base(content))
     return Section("parameters", "Parameters", joined(parts))
 
 
 def _counts(verdicts: Sequence[str]) -> Html:
-    """Return how many parameters rest on what, as a bar and in words."""
+    """Return how many parameters are determined by what, as a bar and in words."""
     count = Counter(verdicts)
     known = [v for v in _MEANING if v in count]
     bar = [
-        tag("span", str(count[v]), class_=f"rests {v}", style=f"flex-grow:{count[v]}")
+        tag("span", str(count[v]), class_=f"origin {v}", style=f"flex-grow:{count[v]}")
         for v in known
     ]
     words = [
-        tag("li", tag("b", v, class_=f"rests {v}"), f" {count[v]}: {_MEANING[v]}")
+        tag("li", tag("b", v, class_=f"origin {v}"), f" {count[v]}: {_MEANING[v]}")
         for v in known
     ]
     return joined((tag("div", *bar, class_="bar"), tag("ul", *words, class_="legend")))
@@ -75,8 +75,8 @@ def _intervals(sure: Uncertainty) -> list[Html]:
     groups: dict[str, list[ParameterUncertainty]] = {}
     for p in sure.parameters:
         groups.setdefault(p.name.rpartition(".")[0], []).append(p)
-    telling = (n for n, g in groups.items() if any(p.verdict == "data" for p in g))
-    first = next(telling, "")
+    determined = (n for n, g in groups.items() if any(p.verdict == "data" for p in g))
+    first = next(determined, "")
     shown = [
         folded(
             tag("span", name, " ", _marks([p.verdict for p in members])),
@@ -86,9 +86,9 @@ def _intervals(sure: Uncertainty) -> list[Html]:
         for name, members in groups.items()
     ]
     key = (
-        "Drawn: thin, the values of any consistent robot that fits nearly as well, "
-        "with an arrow where nothing bounds them; thick, the bootstrap's 95 %; dot, "
-        "the value; tick, zero."
+        "Drawing: the thin line spans the values of any consistent robot that fits "
+        "nearly as well, with an arrow where there is no bound. The thick line is the "
+        "bootstrap's 95 % interval, the dot the value, the tick zero."
     )
     notes = (key, *uncertainty_table(sure).notes)
     return [*shown, listed(notes, class_="notes")]
@@ -96,7 +96,7 @@ def _intervals(sure: Uncertainty) -> list[Html]:
 
 def _marks(verdicts: Sequence[str]) -> Html:
     """Return one small square for each parameter of a group."""
-    squares = [tag("i", class_=f"rests {v}", title=v) for v in verdicts]
+    squares = [tag("i", class_=f"origin {v}", title=v) for v in verdicts]
     return tag("span", *squares, class_="marks")
 
 
@@ -109,7 +109,7 @@ def _row(p: ParameterUncertainty) -> list[object]:
         _ends(p.consistent),
         _drawn(p),
         p.unit,
-        tag("b", p.verdict, class_=f"rests {p.verdict}"),
+        tag("b", p.verdict, class_=f"origin {p.verdict}"),
     ]
 
 
@@ -123,7 +123,7 @@ def _drawn(p: ParameterUncertainty) -> Html:
     finite = [e for e in ends if np.isfinite(e)]
     low, high = min(finite), max(finite)
     spread = high - low or 1.0
-    # Beyond what is drawn there is more: some room for the arrow.
+    # The interval goes on beyond the drawing: leave space for the arrow.
     low -= 0.0 if np.isfinite(p.consistent[0]) else spread / 2
     high += 0.0 if np.isfinite(p.consistent[1]) else spread / 2
     spread = high - low or 1.0
@@ -159,17 +159,17 @@ def _origins(estimate: Estimate) -> list[Html]:
         layout.names, estimate.parameters, layout.units, estimate.origins, strict=True
     )
     rows = [
-        (name, f"{value:.4g}", unit, tag("b", origin, class_=f"rests {origin}"))
+        (name, f"{value:.4g}", unit, tag("b", origin, class_=f"origin {origin}"))
         for name, value, unit, origin in entries
     ]
-    table = grid(("parameter", "value", "unit", "rests on"), rows)
+    table = grid(("parameter", "value", "unit", "determined by"), rows)
     return [folded(f"All {len(rows)} parameters", table, open_=True)]
 
 
-def _base(findings: Findings) -> Html:
+def _base(content: ReportContent) -> Html:
     """Return base parameters, which torque depends on, beside least squares'."""
-    main = findings.main.estimate
-    plain = findings.plain
+    main = content.main.estimate
+    plain = content.plain
     header = ["base parameter", "value"]
     columns: list[Sequence[object]] = [
         list(main.base.groupings),

@@ -7,7 +7,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Vector
 from consistent_id.comparison.comparison import EstimateReport
-from consistent_id.report.projection import Ellipsoid, equimomental
+from consistent_id.report.projection import InertiaEllipsoid, equimomental
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.kinematics import link_places
 
@@ -21,8 +21,8 @@ class DrawnLink:
     name : str
     joint, parent : ndarray, shape (3,), [m]
     possible : bool
-        Whether a body could have the link's parameters.
-    body : Ellipsoid, optional
+        Whether the link is physically consistent.
+    body : InertiaEllipsoid, optional
         None where that is not so, or without mass.
     """
 
@@ -30,7 +30,7 @@ class DrawnLink:
     joint: Vector
     parent: Vector
     possible: bool
-    body: Ellipsoid | None
+    body: InertiaEllipsoid | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,7 +41,7 @@ class Window:
     reach: float
 
 
-def scene(report: EstimateReport, q: Vector) -> tuple[DrawnLink, ...]:
+def drawn_links(report: EstimateReport, q: Vector) -> tuple[DrawnLink, ...]:
     """Return one estimate's links at a pose.
 
     Parameters
@@ -57,14 +57,14 @@ def scene(report: EstimateReport, q: Vector) -> tuple[DrawnLink, ...]:
         body = InertialParameters(report.estimate.links[k])
         inside = equimomental(body) if link.consistent else None
         if inside is not None:
-            inside = Ellipsoid(R @ inside.centre + t, R @ inside.Q @ R.T)
+            inside = InertiaEllipsoid(R @ inside.centre + t, R @ inside.Q @ R.T)
         start = np.zeros(3) if joint.parent < 0 else places.translation[0, joint.parent]
         found.append(DrawnLink(link.link, t, start, link.consistent, inside))
     return tuple(found)
 
 
 def window_around(links: Sequence[DrawnLink]) -> Window:
-    """Return a ball around all joints and bodies, from the corners of their box."""
+    """Return a ball around all joints and ellipsoids, from their box's corners."""
     corners = [p for link in links for p in (link.joint, link.parent)]
     for link in links:
         if link.body is not None:

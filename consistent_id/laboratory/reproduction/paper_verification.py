@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from consistent_id._support.arrays import Array, Vector
-from consistent_id.laboratory import Laboratory, on_one_clock, perform
+from consistent_id.laboratory import Laboratory, perform, synchronised
 from consistent_id.laboratory.from_problem import laboratory_table
 from consistent_id.laboratory.reproduction.experiments import Reproduction
 from consistent_id.problems.problem import Problem
@@ -123,7 +123,7 @@ def verify(
         for motion, rng in zip(motions.values(), streams, strict=True)
     ]
     recordings = tuple(
-        on_one_clock(log, cutoff=table.cutoff, trim=table.trim).recording
+        synchronised(log, cutoff=table.cutoff, trim=table.trim).recording
         for log in logs
     )
     truth = Predictor("the laboratory", "truth", robot.model, robot.parameters)

@@ -14,7 +14,10 @@ from consistent_id.laboratory.from_problem import (
     laboratory_table,
     task_motion,
 )
-from consistent_id.laboratory.reproduction.accounts import Accounts, accounts_of
+from consistent_id.laboratory.reproduction.error_analysis import (
+    ErrorAnalysis,
+    analyse_errors,
+)
 from consistent_id.laboratory.reproduction.exciting import (
     ExcitingSet,
     exciting_set,
@@ -25,14 +28,17 @@ from consistent_id.laboratory.reproduction.experiments import (
     Reproduction,
     perform_experiments,
 )
-from consistent_id.laboratory.reproduction.inertia import InertiaTable, inertia_tables
-from consistent_id.laboratory.reproduction.tempo import PrintedSpread, printed_spread
-from consistent_id.laboratory.reproduction.verification import (
+from consistent_id.laboratory.reproduction.inertia_errors import (
+    InertiaTable,
+    inertia_tables,
+)
+from consistent_id.laboratory.reproduction.paper_verification import (
     Verification,
     mean_predictors,
     verification_motions,
     verify,
 )
+from consistent_id.laboratory.reproduction.tempo import PrintedSpread, printed_spread
 from consistent_id.problems.laboratory_tables import LaboratoryTable
 from consistent_id.problems.problem import Problem
 from consistent_id.problems.published import (
@@ -79,15 +85,15 @@ QUICK = Extent(2, sets=(WITHIN_LIMITS,), draws=1, seeds=0, verification=1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Place:
-    """The parameter to be explained, and the one that speaks against explanations.
+class ScatterPlaces:
+    """Places of two parameters among those that the paper estimates.
 
-    Of those that the paper estimates: the one that its experiments scatter most, and
-    the one that they scatter least.
+    The paper's experiments scatter one most and the other least: an explanation must
+    explain the first and must not contradict the second.
     """
 
-    loudest: int
-    quietest: int
+    most_scattered: int
+    least_scattered: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,20 +106,20 @@ class PaperStudy:
     extent : Extent
     report : PublishedReport
     inertial : ndarray, shape (10 links,)
-        Of the laboratory's robot: the body nearest to the paper's mean.
+        Of the laboratory's robot: physically consistent, nearest to the paper's mean.
     with_friction, without_friction : dict of str to Reproduction
         By what was moved along; without friction the tasks and the last set alone.
     other_noise : ndarray, shape (seeds, methods, combinations)
         Scatter along the tasks with other seeds.
     sets : tuple of ExcitingSet
-    accounts : Accounts
+    error_analysis : ErrorAnalysis
         Of the errors along the tasks, with friction.
     spread : PrintedSpread
     inertia : tuple of InertiaTable
         Of the tasks, with friction.
-    verification, rubbing_off : Verification
+    verification, verification_without_friction : Verification
         With and without friction.
-    place : Place
+    place : ScatterPlaces
     """
 
     problem: Problem
@@ -124,12 +130,12 @@ class PaperStudy:
     without_friction: dict[str, Reproduction]
     other_noise: Array
     sets: tuple[ExcitingSet, ...]
-    accounts: Accounts
+    error_analysis: ErrorAnalysis
     spread: PrintedSpread
     inertia: tuple[InertiaTable, ...]
     verification: Verification
-    rubbing_off: Verification
-    place: Place
+    verification_without_friction: Verification
+    place: ScatterPlaces
 
     @property
     def tasks(self) -> Reproduction:
@@ -154,7 +160,7 @@ def reproduce(
     extent: Extent = FULL,
     *,
     seed: int = 0,
-    tell: Callable[[str], None] = lambda step: None,
+    progress: Callable[[str], None] = lambda step: None,
 ) -> PaperStudy:
     """Do a paper's study again.
 
@@ -166,8 +172,8 @@ def reproduce(
         `FULL`, `QUICK` or one of your own.
     seed : int
         Of designs and of what is drawn; the laboratory has its own.
-    tell : callable
-        Is told each step's name before it begins.
+    progress : callable
+        Is called with each step's name before it begins.
 
     Raises
     ------
@@ -175,18 +181,18 @@ def reproduce(
         If one of these tables is missing or does not fit.
     """
     table = _require(problem, extent, seed)
-    tell("the paper's tables")
+    progress("the paper's tables")
     report, place = check_published(problem), place_of(problem)
     inertial = report.vectors[0].nearest.parameters
     motions = {
         name: task_motion(problem, name)
         for name in table.experiments[: extent.experiments]
     }
-    tell("exciting motions")
+    progress("exciting motions")
     sets = exciting_sets(problem, motions, extent, seed=seed)
     along = {TASKS: motions} | {one.name: one.motions(motions) for one in sets}
-    tell("experiments")
-    rubbing = {
+    progress("experiments")
+    with_friction = {
         name: perform_experiments(problem, inertial, own) for name, own in along.items()
     }
     last = [name for name in along if name != REPEATED][-1]
@@ -195,27 +201,29 @@ def reproduce(
         for name in dict.fromkeys((TASKS, last))
     }
     others = other_seeds(problem, inertial, motions, extent.seeds)
-    tell("where errors come from")
+    progress("where errors come from")
     instead = {one.name: along[one.name] for one in sets if one.name != REPEATED}
-    accounts = accounts_of(
-        problem, inertial, rubbing[TASKS], instead, draws=extent.draws, seed=seed
+    error_analysis = analyse_errors(
+        problem, inertial, with_friction[TASKS], instead, draws=extent.draws, seed=seed
     )
-    tell("verification")
+    progress("verification")
     laboratory = laboratory_of(problem, inertial)
     return PaperStudy(
         problem=problem,
         extent=extent,
         report=report,
         inertial=inertial,
-        with_friction=rubbing,
+        with_friction=with_friction,
         without_friction=smooth,
         other_noise=others,
         sets=sets,
-        accounts=accounts,
-        spread=printed_spread(problem, place.loudest),
-        inertia=inertia_tables(problem, inertial, rubbing[TASKS]),
-        verification=_verified(problem, laboratory, rubbing, extent),
-        rubbing_off=_verified(problem, laboratory.without_friction(), smooth, extent),
+        error_analysis=error_analysis,
+        spread=printed_spread(problem, place.most_scattered),
+        inertia=inertia_tables(problem, inertial, with_friction[TASKS]),
+        verification=_verified(problem, laboratory, with_friction, extent),
+        verification_without_friction=_verified(
+            problem, laboratory.without_friction(), smooth, extent
+        ),
         place=place,
     )
 
@@ -289,9 +297,9 @@ def other_seeds(
     return np.array(rows).reshape(shape)
 
 
-def place_of(problem: Problem) -> Place:
+def place_of(problem: Problem) -> ScatterPlaces:
     """Return which parameters a paper's experiments scatter most and least."""
     published, mine = published_table(problem), parametrisation_of(problem)
     free = [i for i in range(len(mine)) if i not in mine.places(published.fixed)]
     scatter = np.array(published.experiments).std(axis=0, ddof=1)[free]
-    return Place(free[int(scatter.argmax())], free[int(scatter.argmin())])
+    return ScatterPlaces(free[int(scatter.argmax())], free[int(scatter.argmin())])

@@ -1,11 +1,11 @@
-"""Section: what is left of the torque, and what it says of the model."""
+"""Section: the torque residual, and what it says about the model."""
 
 import numpy as np
 
 from consistent_id._support.arrays import Vector
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.regression import motion_of
-from consistent_id.report.findings import Findings, Section, angle_unit, torque_unit
+from consistent_id.report.content import ReportContent, Section, angle_unit, torque_unit
 from consistent_id.report.markup import Html, folded, grid, joined, paragraphs, tag
 from consistent_id.report.plot import (
     Frame,
@@ -16,10 +16,10 @@ from consistent_id.report.plot import (
     spanning,
     stems,
 )
-from consistent_id.report.residual_figures import (
+from consistent_id.report.residual_statistics import (
     Binned,
-    ResidualFigures,
-    residual_figures,
+    ResidualStatistics,
+    residual_statistics,
 )
 from consistent_id.robot.model import Joint
 
@@ -28,34 +28,34 @@ _STEMS = 100
 _WINDOWS = 24
 
 
-def residuals_section(findings: Findings) -> Section | None:
+def residuals_section(content: ReportContent) -> Section | None:
     """Return residual diagnostics of the main estimate; None without recordings."""
-    if not findings.held_out:
+    if not content.held_out:
         return None
     lead = paragraphs(
-        f"Of the {findings.main.estimate.method} estimate. A complete model leaves "
-        "white noise: no correlation beyond the bounds, nothing that position or "
-        "velocity explains, no drift. What velocity explains is friction that the "
-        "model lacks; what position explains is gravity, springs or cogging; drift is "
-        "temperature or an amplifier.",
+        f"Of the {content.main.estimate.method} estimate. A complete model leaves "
+        "white noise: no correlation beyond the bounds, no part that position or "
+        "velocity explains, no drift. A part that velocity explains is friction that "
+        "the model lacks. A part that position explains is gravity, springs or "
+        "cogging. Drift comes from temperature or an amplifier.",
         "Filters before identification correlate neighbouring samples by themselves.",
     )
     shown = [
-        folded(f"On {r.name}", _of(findings, r), open_=i == 0)
-        for i, r in enumerate(findings.held_out)
+        folded(f"On {r.name}", _of(content, r), open_=i == 0)
+        for i, r in enumerate(content.held_out)
     ]
     return Section("residuals", "Residuals", joined((lead, *shown)))
 
 
-def _of(findings: Findings, recording: Recording) -> Html:
-    model = findings.model
+def _of(content: ReportContent, recording: Recording) -> Html:
+    model = content.model
     motion = motion_of(model, recording, None)
-    rest = motion.torque - findings.main.estimate.predict(recording)
+    rest = motion.torque - content.main.estimate.predict(recording)
     rows, drawn = [], []
-    for r, joint in zip(rest.T, findings.joints, strict=True):
+    for r, joint in zip(rest.T, content.joints, strict=True):
         k = model.robot.joint_names.index(joint.name)
         q, dq = motion.q[:, k], motion.dq[:, k]
-        found = residual_figures(r, recording.time, q, dq)
+        found = residual_statistics(r, recording.time, q, dq)
         rows.append(_row(joint, found, recording.rate))
         drawn.append(tag("h4", joint.name))
         drawn.append(_panels(joint, r, recording, q, dq, found))
@@ -72,13 +72,13 @@ def _of(findings: Findings, recording: Recording) -> Html:
     )
     note = (
         "By velocity, by position: share of the residual's variance that twelve means "
-        "explain, less what chance would. Drift: with its standard error, which counts "
-        "independent samples only."
+        "explain, minus the share expected by chance. Drift: with its standard error, "
+        "which counts independent samples only."
     )
     return joined((grid(header, rows), paragraphs(note, class_="notes"), *drawn))
 
 
-def _row(joint: Joint, found: ResidualFigures, rate: float) -> list[object]:
+def _row(joint: Joint, found: ResidualStatistics, rate: float) -> list[object]:
     sure = abs(found.drift) > 2.0 * found.drift_error
     drift = f"{found.drift:+.2g} ± {found.drift_error:.1g}"
     return [
@@ -104,7 +104,7 @@ def _panels(
     recording: Recording,
     q: Vector,
     dq: Vector,
-    found: ResidualFigures,
+    found: ResidualStatistics,
 ) -> Html:
     unit, angle = torque_unit(joint), angle_unit(joint)
     return tag(
@@ -117,7 +117,7 @@ def _panels(
     )
 
 
-def _whiteness(found: ResidualFigures, rate: float) -> Html:
+def _whiteness(found: ResidualStatistics, rate: float) -> Html:
     rho = found.autocorrelation
     thin = slice(None, None, max(1, len(rho) // _STEMS))
     lags = np.arange(len(rho)) / rate

@@ -7,7 +7,7 @@ from consistent_id.estimation.estimate import Estimate
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.regression import motion_of
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.report.findings import Findings, Section, angle_unit, torque_unit
+from consistent_id.report.content import ReportContent, Section, angle_unit, torque_unit
 from consistent_id.report.markup import folded, grid, joined, paragraphs, tag
 from consistent_id.report.plot import Frame, dots, plot, spanning
 
@@ -25,17 +25,17 @@ _TERMS = (
 )
 
 
-def friction_section(findings: Findings) -> Section | None:
+def friction_section(content: ReportContent) -> Section | None:
     """Return a friction curve for each joint; None without friction or recordings."""
-    model, estimate = findings.model, findings.main.estimate
+    model, estimate = content.model, content.main.estimate
     columns = friction_columns(model)
-    recordings = findings.training or findings.validation
+    recordings = content.training or content.validation
     if not len(columns) or not recordings:
         return None
-    told = [observed_friction(estimate, r, columns) for r in recordings]
-    seen, said, dq = (np.concatenate(parts) for parts in zip(*told, strict=True))
+    found = [observed_friction(estimate, r, columns) for r in recordings]
+    seen, said, dq = (np.concatenate(parts) for parts in zip(*found, strict=True))
     panels = []
-    for j, joint in enumerate(findings.joints):
+    for j, joint in enumerate(content.joints):
         thin = slice(None, None, max(1, len(seen) // _DOTS))
         x, y, f = dq[thin, j], seen[thin, j], said[thin, j]
         frame = Frame(spanning([x]), spanning([y, f]), height=200)
@@ -50,9 +50,9 @@ def friction_section(findings: Findings) -> Section | None:
             )
         )
     lead = paragraphs(
-        "Coloured, the identified friction, offsets included; grey, the measured "
-        "torque less all that is not friction. Friction that depends on the load or on "
-        "another joint's rate is no single curve."
+        "The coloured curve is the identified friction, offsets included. Grey dots "
+        "are the measured torque minus all that is not friction. Friction that depends "
+        "on the load or on another joint's rate is not a single curve."
     )
     rows = [
         (estimate.model.layout.names[i], f"{estimate.parameters[i]:.4g}", unit)

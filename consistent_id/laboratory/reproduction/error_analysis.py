@@ -1,4 +1,4 @@
-"""All accounts of the errors along a paper's tasks: found, foretold, drawn anew."""
+"""Error analyses along a paper's tasks: found, predicted, assumptions varied."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -8,9 +8,9 @@ import numpy as np
 from consistent_id._support.arrays import Array
 from consistent_id.laboratory.from_problem import laboratory_of
 from consistent_id.laboratory.reproduction.assumptions import (
-    DrawnAnew,
-    drawn_anew,
-    rubbed,
+    VariedAssumptions,
+    varied_friction_scatter,
+    vary_assumptions,
 )
 from consistent_id.laboratory.reproduction.budget import (
     ErrorBudget,
@@ -23,13 +23,13 @@ from consistent_id.problems.problem import Problem
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.clocks import uniform_rate
 
-_ENOUGH = 200.0  # Hz, for the account of a smooth motion
+_ENOUGH = 200.0  # Hz, enough for the error analysis of a smooth motion
 _DRAWS = 400  # of friction
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Accounts:
-    """Where errors come from, and how far that can be said.
+class ErrorAnalysis:
+    """Where errors come from, and how certain that is.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ class Accounts:
         Of the experiments as they were performed.
     planned : ErrorBudget
         The same from the motions that were asked for.
-    drawn : DrawnAnew
+    varied : VariedAssumptions
     tempo : Tempo
     shrunk : dict of str to ndarray, shape (draws, combinations)
         By set of motions: how many times smaller the scatter is than along the tasks,
@@ -46,12 +46,12 @@ class Accounts:
 
     budget: ErrorBudget
     planned: ErrorBudget
-    drawn: DrawnAnew
+    varied: VariedAssumptions
     tempo: Tempo
     shrunk: dict[str, Array]
 
 
-def accounts_of(
+def analyse_errors(
     problem: Problem,
     inertial: Array,
     done: Reproduction,
@@ -59,8 +59,8 @@ def accounts_of(
     *,
     draws: int,
     seed: int,
-) -> Accounts:
-    """Account for the errors of reproduced experiments in every way there is.
+) -> ErrorAnalysis:
+    """Analyse the errors of reproduced experiments in all ways.
 
     Parameters
     ----------
@@ -77,17 +77,17 @@ def accounts_of(
     """
     laboratory = laboratory_of(problem, inertial)
     cell_rate = uniform_rate(done.experiments[0].log.encoders)
-    thin = {e.name: _thinned(e.log.wanted) for e in done.experiments}
+    thin = {e.name: _downsampled(e.log.wanted) for e in done.experiments}
     planned = error_budget(problem, laboratory, thin, cell_rate=cell_rate)
     shrunk = {}
     for name, motions in instead.items():
-        other = {key: _thinned(motion) for key, motion in motions.items()}
+        other = {key: _downsampled(motion) for key, motion in motions.items()}
         budget = error_budget(problem, laboratory, other, cell_rate=cell_rate)
         shrunk[name] = _times_smaller(planned, budget, seed)
-    return Accounts(
+    return ErrorAnalysis(
         budget=budget_of(problem, laboratory, done),
         planned=planned,
-        drawn=drawn_anew(
+        varied=vary_assumptions(
             problem, laboratory, planned, cell_rate=cell_rate, draws=draws, seed=seed
         ),
         tempo=tempo_of(problem, laboratory, thin, cell_rate=cell_rate),
@@ -98,11 +98,11 @@ def accounts_of(
 def _times_smaller(planned: ErrorBudget, instead: ErrorBudget, seed: int) -> Array:
     """Return the quotients of scatter, shape (draws, combinations)."""
     own, other = (
-        rubbed(budget, _DRAWS, np.random.default_rng(seed))
+        varied_friction_scatter(budget, _DRAWS, np.random.default_rng(seed))
         for budget in (planned, instead)
     )
     return np.asarray(own / np.where(other > 0.0, other, np.inf))
 
 
-def _thinned(motion: Recording) -> Recording:
+def _downsampled(motion: Recording) -> Recording:
     return motion.samples(slice(None, None, max(1, int(motion.rate // _ENOUGH))))
