@@ -47,9 +47,9 @@ def rows(file: str) -> tuple[list[str], list[str]]:
                 f"| {joints} |"
             )
     links = len(study.problem.model.robot)
-    bodies = [f"{sum(reports[m].consistent_links)} of {links}" for m in SHOWN]
+    consistent = [f"{sum(reports[m].consistent_links)} of {links}" for m in SHOWN]
     verdicts = [reports[m].verdict for m in SHOWN]
-    summary.append(f"| links that are bodies | {' | '.join(bodies)} |")
+    summary.append(f"| physically consistent links | {' | '.join(consistent)} |")
     summary.append(f"| verdict | {' | '.join(verdicts)} |")
     title = [
         f"## {name}",
@@ -96,10 +96,10 @@ def measure() -> tuple[str, str]:
         [
             "# Accuracy on real robots",
             "",
-            "Measured by `python benchmarks/accuracy.py`: what each method, taught by",
-            "the training recordings of the problem folders, makes of their validation",
-            "recordings; `||tau - prediction|| / ||tau||` over all joints. Settings",
-            "are those of the problem files, chosen on training data, for all alike.",
+            "Measured by `python benchmarks/accuracy.py`: each method is trained",
+            "on the training recordings of the problem folders and measured on their",
+            "validation recordings: `||tau - prediction|| / ||tau||`, all joints.",
+            "Settings are those of the problem files, chosen on training data, for all.",
             "",
             table,
             "",

@@ -1,7 +1,7 @@
 """Staubli TX40: five blocks of its one recording, held out in turn.
 
 Settings are those of ``problems/staubli_tx40``, but for the velocity scale of friction,
-which each fold chooses anew from the problem's series on what it learns from.
+which each fold chooses anew from the problem's series on its training data.
 """
 
 from dataclasses import dataclass, replace
@@ -31,7 +31,7 @@ class Blocks:
     overall : dict of str to float
         Stacked error over all blocks.
     bodies : dict of str to int
-        Links that are bodies, over all folds.
+        Physically consistent links, over all folds.
     links : int
         Their number.
     """
@@ -104,14 +104,14 @@ def section(found: Blocks, shown: dict[str, str]) -> list[str]:
     return [
         f"## staubli_tx40, {COUNT} blocks",
         "",
-        f"Its one recording in {COUNT} blocks, each predicted by what is learned from",
-        f"all others. {GUARD} s on either side of the block are not learned from: by",
-        "then the filters, 50 Hz and zero-phase, have forgotten the block to six parts",
-        "in a million. Each fold cross-validates its prior's weight and chooses",
-        "the velocity scale of friction on what it learns from:",
+        f"Its one recording in {COUNT} blocks; each is predicted after training on all",
+        f"others. {GUARD} s on either side of the block are not trained on: there the",
+        "filters, 50 Hz and zero-phase, have forgotten the block to six parts in a",
+        "million. Each fold cross-validates its prior's weight and chooses the",
+        "velocity scale of friction on its training data:",
         f"{', '.join(f'{scale:g}' for scale in found.scales)} rad/s.",
         "",
-        f"| method | all blocks | {' | '.join(spans)} | links that are bodies |",
+        f"| method | all blocks | {' | '.join(spans)} | physically consistent links |",
         "|---|" + "---:|" * (len(spans) + 2),
         *rows,
         "",

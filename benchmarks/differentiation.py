@@ -171,16 +171,15 @@ each end; medians over {len(SEEDS)} seeds.
 {{table}}
 
 \\* The best cut-off and the best window are those with the least true error, which
-nobody knows who has only a log; all other rows use the log alone.
+cannot be known from a log; all other rows use the log alone.
 
 - Periodic motion: take the Fourier series. All periods are averaged and its derivatives
   are exact.
-- Otherwise the smoother, without being told anything, comes near the best that a
-  Butterworth filter can do when told the truth: as good on moves, at most a few times
-  its error on tones. Maximum likelihood chooses its noise
-  levels, the encoder's own step being the least noise that it believes in, and which
-  derivative of the position it takes for white noise: jerk alone (the common choice)
-  leaves accelerations several times worse.
+- Otherwise take the smoother. It needs no setting, and is almost as accurate as the
+  Butterworth filter with the best cut-off: equal on moves, at most a few times its
+  error on tones. Maximum likelihood chooses its noise levels, which are at least the
+  encoder's own step, and the derivative of the position that is taken for white noise.
+  With jerk alone (the common choice) accelerations are several times worse.
 - Where a filter is wanted, choose its cut-off by the torque that it predicts:
   `best_cutoff`.
 """

@@ -25,10 +25,10 @@ class Pairs:
     names : tuple of str
         Of the recordings.
     errors : dict of str to ndarray, shape (recordings, recordings)
-        By method: stacked error, learned from the row's recording, predicting the
+        By method: stacked error, training on the row's recording, predicting the
         column's; NaN on the diagonal.
     bodies : dict of str to int
-        Links that are bodies, over all fits.
+        Physically consistent links, over all fits.
     links : int
         Their number.
     """
@@ -124,7 +124,7 @@ def section(found: Pairs, shown: dict[str, str]) -> list[str]:
         "recording of 30 s; cut-offs and drive gains come with the recordings.",
         "",
         "| method | median | mean | worst | no worse than least squares "
-        "| links that are bodies |",
+        "| physically consistent links |",
         "|---|---:|---:|---:|---:|---:|",
         *rows,
         "",
@@ -142,8 +142,8 @@ def matrix(found: Pairs, method: str) -> list[str]:
         for name, errors in zip(found.names, found.errors[method], strict=True)
     ]
     return [
-        f"{method.capitalize()}, stacked error [%]; learned from the row's recording",
-        "(duration, number of harmonics), predicting the column's:",
+        f"{method.capitalize()}, stacked error [%]; training on the row's recording",
+        "(duration, number of harmonics), validation on the column's:",
         "",
         f"| | {' | '.join(found.names)} |",
         "|---|" + "---:|" * len(found.names),

@@ -96,13 +96,13 @@ def page(cases: list[Case]) -> str:
         "Measured by `python benchmarks/repair.py`: the URDFs of the package",
         "example-robot-data and of the recordings that this package is tested on.",
         f"{len(cases)} files, {links} links with an `<inertial>`. Of these, {broken}",
-        f"in {len(wrong)} files are no bodies, and {unrepaired} could not be repaired;",
+        f"in {len(wrong)} files are inconsistent; {unrepaired} could not be repaired;",
         f"{same} files came out byte by byte as they were. The change is that of the",
         "second moments of mass, relative. The last column counts links with mass that",
-        "MuJoCo refuses as bodies that move: as they were, repaired, and with",
-        "`--thickness 1e-4`. Point masses have no inertia, but are bodies nonetheless.",
+        "MuJoCo refuses as moving bodies: as they were, repaired, and with",
+        "`--thickness 1e-4`. Point masses have no inertia, but are consistent.",
         "",
-        "| file | links | no bodies | largest change | refused by MuJoCo |",
+        "| file | links | inconsistent | largest change | refused by MuJoCo |",
         "|---|---:|---:|---:|---|",
     ]
     for case in cases:

@@ -58,7 +58,7 @@ class Result:
 
 
 def case(seed: int) -> Case:
-    """Return a problem; every twentieth has a datasheet that no body satisfies."""
+    """Return a problem; every twentieth has a datasheet that no robot satisfies."""
     rng = np.random.default_rng(seed)
     joints = int(rng.integers(2, 10))
     _, robot = random_robot(rng, joints, tree=bool(rng.integers(2)))
@@ -144,10 +144,10 @@ def mistakes(
     """Return what contradicts a certified estimate, found by other means."""
     model, found = problem.model, []
     if not problem.possible:
-        found.append("certified what no body satisfies")
+        found.append("certified what no robot satisfies")
     links = link_conditions(model, estimate.parameters)
     if not all(link.consistent for link in links):
-        found.append("a link is no body")
+        found.append("a link is not consistent")
     domain = lowered(problem.constraints, model).normalised(
         np.maximum(abs(estimate.parameters), 1.0)
     )
@@ -232,8 +232,8 @@ def page(results: list[Result]) -> str:
         "friction; masses fixed or free; 60 to 2000 samples; amplitudes of 1e-4 to 1;",
         "some joints at rest; noise of 1e-4 to 1 N m. In every twentieth problem the",
         "datasheet asks for a negative moment of inertia, which only a refusal answers",
-        "rightly. A verdict is wrong if a refused problem has a solution, if a",
-        "certified estimate breaks a constraint or has a link that is no body, or if",
+        "correctly. A verdict is wrong if a refused problem has a solution, if a",
+        "certified estimate breaks a constraint or has an inconsistent link, or if",
         "the true parameters, or a second formulation or solver, fit better by more",
         "than the stated gap, in either stage. Proofs reach ten times as far from the",
         "nominal robot as the estimate is; a better point beyond is counted by itself.",

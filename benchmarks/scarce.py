@@ -1,7 +1,7 @@
 """How estimates hold up when data are scarce: held-out torque error on real robots.
 
 ``python benchmarks/scarce.py [--write docs/scarce-data.md]``, with recordings in
-``CONSISTENT_ID_DATASETS``.  A part of the training motion is all there is.
+``CONSISTENT_ID_DATASETS``.  A part of the training motion is used.
 """
 
 import argparse
@@ -97,7 +97,7 @@ def section(name: str, table: dict[float, dict[str, Cell]], links: int) -> list[
         lines.append(f"| {share:.0%} | " + " | ".join(texts) + " |")
     fewest = [min(row[m].links for row in table.values()) for m in METHODS]
     bodies = " | ".join(f"{n} of {links}" for n in fewest)
-    lines.append(f"| fewest links that are bodies | {bodies} |")
+    lines.append(f"| fewest physically consistent links | {bodies} |")
     return [*lines, ""]
 
 
@@ -148,7 +148,7 @@ def page(names: tuple[str, ...], picture: Path | None) -> str:
         "# When data are scarce",
         "",
         "Measured by `python benchmarks/scarce.py`. Of each robot's training motion a",
-        "part is all there is; the validation recordings of its problem folder judge.",
+        "part is used for training; the error is that on its validation recordings.",
         "Stacked torque error, mean over these recordings; median (worst) over up to",
         f"{STARTS} parts, spread evenly; none has fewer than {FEWEST} samples.",
         "Settings are those of the problem folders, for all shares. The whole has",

@@ -271,7 +271,7 @@ def page(quick: bool) -> str:
 
 Measured in one run by `python benchmarks/speed.py`, on {os.cpu_count()} cores, Python
 {platform.python_version()}, {versions}.
-BLAS threads are held at one throughout.
+BLAS runs in one thread throughout.
 Medians of {runs} run(s) in processes of their own; other machines differ, so read the
 ratios.
 
