@@ -99,7 +99,7 @@ def measure() -> tuple[str, str]:
             "Measured by `python benchmarks/accuracy.py`: each method is trained",
             "on the training recordings of the problem folders and measured on their",
             "validation recordings: `||tau - prediction|| / ||tau||`, all joints.",
-            "Settings are those of the problem files, chosen on training data, for all.",
+            "Settings are those of the problem files, chosen on training data.",
             "",
             table,
             "",
