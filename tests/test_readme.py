@@ -20,7 +20,7 @@ PAGES = {name: BLOCK.findall(text) for name, text in TEXTS.items()}
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[-+]\d+)?")
 
 
-def test_the_python_of_the_readme_runs_and_tells_bodies_from_least_squares(capsys):
+def test_the_python_of_the_readme_runs_and_finds_consistent_links(capsys):
     names = {}
     for block in re.findall(r"```python\n(.*?)```", README, re.DOTALL):
         exec(compile(block, "README.md", "exec"), names)

@@ -14,7 +14,7 @@ from consistent_id.regression.regressor import TorqueModel
 _EVERY = 20  # of the motion's samples, for the mean inertia that sets the gains
 
 
-class Gains(NamedTuple):
+class ControllerGains(NamedTuple):
     """Stiffness [N m/rad], damping [N m s/rad]; the low-pass's share of a new value."""
 
     stiffness: Vector
@@ -33,7 +33,7 @@ class Controller:
     Parameters
     ----------
     model : TorqueModel
-        What the controller believes of the robot.
+        The controller's model of the robot.
     parameters : array_like, shape (parameters,)
         Its belief; zero for none, and no gains either.
     bandwidth : float, [Hz]
@@ -60,7 +60,7 @@ class Controller:
         object.__setattr__(self, "parameters", x)
 
     def feedforward(self, motion: Recording) -> Array:
-        """Return the torque that the belief needs for a motion, (samples, joints)."""
+        """Return the model's torque for a motion, shape (samples, joints)."""
         if motion.velocity is None or motion.acceleration is None:
             raise RecordingError(
                 f"{motion.name} has no velocity or no acceleration to follow; sample a "
@@ -70,10 +70,12 @@ class Controller:
             self.parameters, motion.position, motion.velocity, motion.acceleration
         )
 
-    def gains(self, motion: Recording) -> Gains:
+    def gains(self, motion: Recording) -> ControllerGains:
         """Return the gains for a motion."""
         M = mass_matrices(self.model, self.parameters, motion.position[::_EVERY])
         inertia = np.diagonal(M, axis1=1, axis2=2).mean(axis=0)
         w = 2.0 * np.pi * self.bandwidth
         share = 1.0 - np.exp(-2.0 * np.pi * self.rate_cutoff / motion.rate)
-        return Gains(w**2 * inertia, 2.0 * self.damping * w * inertia, float(share))
+        return ControllerGains(
+            w**2 * inertia, 2.0 * self.damping * w * inertia, float(share)
+        )

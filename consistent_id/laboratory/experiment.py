@@ -59,7 +59,7 @@ class Laboratory:
     def without_friction(self) -> Self:
         """Return the laboratory with the robot's friction switched off.
 
-        The controller believes in it still.
+        The controller's model keeps it.
         """
         return replace(self, robot=self.robot.without_friction())
 

@@ -1,4 +1,4 @@
-"""A robot that exists only as numbers, and its equations of motion."""
+"""A simulated robot of known parameters, and its equations of motion."""
 
 from dataclasses import dataclass, replace
 from typing import Any, Self
@@ -75,7 +75,7 @@ class SimulatedRobot:
             raise ModelError(
                 f"robot {model.robot.name!r}: the mass matrix of these parameters has "
                 f"an eigenvalue of {least:.3g}; a robot that moves has positive ones. "
-                "Use parameters that a body could have"
+                "Use physically consistent parameters"
             )
 
     @property

@@ -160,16 +160,16 @@ def _better(
 
 def _undetermined(chosen: EstimateReport) -> tuple[str, ...]:
     open_ended = chosen.estimate.undetermined
-    edges = [link.link for link in chosen.links if link.edge]
+    boundary = [link.link for link in chosen.links if link.edge]
     said = []
     if open_ended:
         said.append(
             f"{len(open_ended)} combinations of base parameters are not identifiable "
             "from the data and come from the prior"
         )
-    if edges:
+    if boundary:
         said.append(
-            f"on the boundary of the consistency cone: {', '.join(edges)}. The torque "
-            "prediction stays valid; do not rely on single inertias of these links"
+            f"on the boundary of the consistency cone: {', '.join(boundary)}. The "
+            "torque prediction stays valid; do not rely on single inertias of them"
         )
     return tuple(said)

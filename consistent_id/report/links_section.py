@@ -82,8 +82,8 @@ def _table(main: EstimateReport, plain: EstimateReport | None) -> Html:
                 f"{other.least_eigenvalue:.2g}",
                 _marked(other.consistent),
             ]
-        edge = link.edge or ("inside" if link.consistent else _marked(False))
-        row.append(tag("span", edge, class_="wrapped"))
+        where = link.edge or ("inside" if link.consistent else _marked(False))
+        row.append(tag("span", where, class_="wrapped"))
         rows.append(row)
     note = (
         "Least eigenvalue of the pseudo-inertia, per typical mass and length of the "

@@ -47,13 +47,13 @@ class Frame:
         )
 
 
-def spanning(values: Iterable[Vector], room: float = 0.05) -> tuple[float, float]:
-    """Return a range that holds all values, with some room around."""
+def spanning(values: Iterable[Vector], margin: float = 0.05) -> tuple[float, float]:
+    """Return a range that holds all values, with some margin."""
     arrays = [np.ravel(v) for v in values]
     low = min((float(a.min()) for a in arrays if a.size), default=0.0)
     high = max((float(a.max()) for a in arrays if a.size), default=1.0)
     spread = high - low or abs(high) or 1.0
-    return low - room * spread, high + room * spread
+    return low - margin * spread, high + margin * spread
 
 
 def ticks(span: tuple[float, float], most: int = 5) -> list[float]:

@@ -23,7 +23,7 @@ class Binned:
     centres, means : ndarray, shape (bins,)
     explained : float
         Share of the residual's variance that the means explain, less what chance
-        would; NaN where there are too few independent samples to tell.
+        would; NaN where there are too few independent samples.
     """
 
     centres: Vector

@@ -76,8 +76,8 @@
         if (values[i] > high) high = values[i];
       }
     }
-    const room = 0.05 * (high - low || Math.abs(high) || 1);
-    low -= room; high += room;
+    const margin = 0.05 * (high - low || Math.abs(high) || 1);
+    low -= margin; high += margin;
     const x = (t) => LEFT + (t - from) / (to - from) * (width - LEFT - RIGHT);
     const y = (v) => height - bottom - (v - low) / (high - low) * (height - TOP - bottom);
     const svg = panel.svg;

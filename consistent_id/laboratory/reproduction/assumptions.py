@@ -123,7 +123,7 @@ def varied_friction_scatter(
 def _writable(
     problem: Problem, name: str, rng: np.random.Generator
 ) -> tuple[Recording, int]:
-    """Return a task drawn anew, sampled, and how many had to be refused before."""
+    """Return a task drawn at random, sampled, and how many were refused before."""
     for tries in range(_TRIES):
         table = _varied(problem.table.tasks[name], rng)
         tasks = {**problem.table.tasks, name: table}

@@ -41,7 +41,7 @@ class ErrorAnalysis:
     tempo : Tempo
     shrunk : dict of str to ndarray, shape (draws, combinations)
         By set of motions: how many times smaller the scatter is than along the tasks,
-        with one friction for both, drawn anew each time.
+        with one friction for both, drawn again each time.
     """
 
     budget: ErrorBudget

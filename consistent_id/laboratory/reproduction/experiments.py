@@ -240,7 +240,7 @@ def perform_experiments(
     Returns
     -------
     Reproduction
-        By four methods: least squares as published, which knows no friction; the
+        By four methods: least squares as published, without friction; the
         constrained estimate of the same model; both again with friction and a torque
         offset in the model.
     """

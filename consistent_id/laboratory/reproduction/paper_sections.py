@@ -55,14 +55,14 @@ def sections_of(study: PaperStudy) -> tuple[PaperSection, ...]:
 
 def _printed(study: PaperStudy) -> PaperSection:
     table = published_table(study.problem)
-    loud = study.tasks.names[study.place.most_scattered]
+    most = study.tasks.names[study.place.most_scattered]
     deviation = part.printed_deviation(study)[study.place.most_scattered]
     mean = study.report.mean[study.place.most_scattered]
     return PaperSection(
         "printed",
         "What the paper printed",
         (
-            f"Of its parameters {loud} scatters most: {mean:.4f} with a standard "
+            f"Of its parameters {most} scatters most: {mean:.4f} with a standard "
             f"deviation of {deviation:.4f} over {len(table.experiments)} experiments.",
             *table.notes,
         ),
@@ -108,16 +108,16 @@ def _inertia(study: PaperStudy) -> PaperSection:
 
 def _causes(study: PaperStudy) -> PaperSection:
     budget, place = study.error_analysis.budget, study.place.most_scattered
-    loud, planned = study.tasks.names[place], study.error_analysis.planned
+    most, planned = study.tasks.names[place], study.error_analysis.planned
     found = study.tasks.scatter(study.tasks.tables[0])[place]
     causes = ", ".join(f"{c} {budget.scatter(c)[place]:.4f}" for c in budget.causes)
     return PaperSection(
         "causes",
         "Where the scatter comes from",
         (
-            "Least squares is linear in torque: torque that its model lacks moves the "
+            "Least squares is linear in torque: torque that the model lacks moves the "
             "estimate by the pseudo-inverse times that torque.",
-            f"{loud}: found {found:.4f}, all causes together "
+            f"{most}: found {found:.4f}, all causes together "
             f"{budget.scatter()[place]:.4f}, predicted from the planned motions before "
             f"anything is performed {planned.scatter()[place]:.4f}; by cause: "
             f"{causes}; noise alone predicts {budget.noise_scatter[place]:.4f}.",
@@ -179,10 +179,10 @@ def _exciting(study: PaperStudy) -> PaperSection:
         "exciting",
         "What exciting motions and constraints do",
         (
-            "As many motions as experiments, each as long as the one whose place it "
-            "takes, from designs of different seeds; the laboratory and its noise are "
-            "the same. One motion repeated errs the same way each time: its scatter "
-            "is small and says nothing of its error.",
+            "There are as many motions as experiments. Each is as long as the one that "
+            "it replaces; designs have different seeds. Laboratory and noise are the "
+            "same. One motion repeated has the same error each time: its scatter "
+            "is small, but does not show this error.",
         ),
         tuple(tables),
         (
@@ -199,7 +199,7 @@ def _verification(study: PaperStudy) -> PaperSection:
     return PaperSection(
         "verification",
         "Verification",
-        ("Motions that nothing was identified from, performed and predicted.",),
+        ("Performed and predicted motions; nothing was identified from them.",),
         (
             part.verification_table(
                 study, study.verification, "Mean squared errors, a robot with friction"
@@ -214,8 +214,8 @@ def _verification(study: PaperStudy) -> PaperSection:
             ("motion", "The verification motions.", figures.motions_figure),
             (
                 "torque",
-                "Measured and predicted torque along the first of them, and what is "
-                "left.",
+                "Measured and predicted torque along the first of them, and the "
+                "residual.",
                 figures.prediction_figure,
             ),
         ),

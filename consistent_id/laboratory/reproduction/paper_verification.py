@@ -81,7 +81,7 @@ def verification_motions(problem: Problem) -> dict[str, Recording]:
 def mean_predictors(source: str, done: Reproduction) -> tuple[Predictor, ...]:
     """Return the mean of each method, as the paper predicts with.
 
-    A mean of bodies is a body.
+    A mean of physically consistent parameters is physically consistent.
     """
     return tuple(
         Predictor(
@@ -104,7 +104,7 @@ def verify(
 ) -> Verification:
     """Perform motions in the laboratory and predict their torque.
 
-    Prepared as the experiments were: one clock, filtered, trimmed.
+    Prepared like the experiments: synchronised, filtered, trimmed.
 
     Parameters
     ----------

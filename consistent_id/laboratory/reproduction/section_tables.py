@@ -29,12 +29,12 @@ def printed_deviation(study: PaperStudy) -> Vector:
 def spread_table(study: PaperStudy) -> Table:
     """Return what the paper's vectors differ by, along its verification motion."""
     spread, joints = study.spread, study.verification.joints
-    loud = study.tasks.names[study.place.most_scattered]
+    most = study.tasks.names[study.place.most_scattered]
     rows = [
         (f"experiment {i}, less the mean", *(f"{v:.4f}" for v in row))
         for i, row in enumerate(spread.vectors, start=1)
     ]
-    alone = (f"{loud} alone, by one standard deviation",)
+    alone = (f"{most} alone, by one standard deviation",)
     rows.append((*alone, *(f"{v:.4f}" for v in spread.most_scattered)))
     rows += [
         (f"printed error {i}", *(f"{v:.4f}" for v in row))
@@ -116,9 +116,9 @@ def cause_table(study: PaperStudy) -> Table:
 
 
 def drawn_table(study: PaperStudy) -> Table:
-    """Return what of the scatter survives other guesses."""
+    """Return the scatter under other assumptions."""
     varied, place = study.error_analysis.varied, study.place
-    loud, quiet = (
+    most, least = (
         study.tasks.names[i] for i in (place.most_scattered, place.least_scattered)
     )
     printed = printed_deviation(study)
@@ -143,19 +143,19 @@ def drawn_table(study: PaperStudy) -> Table:
         )
     own = printed[place.least_scattered] / printed[place.most_scattered]
     return Table(
-        f"The scatter of {loud} when what is assumed is drawn anew",
+        f"The scatter of {most} when assumptions are drawn at random",
         (
             "drawn",
             "draws",
             *(f"{q:.0%}" for q in _QUANTILES),
             "at least as printed",
-            f"least {quiet} / {loud}",
+            f"least {least} / {most}",
         ),
         tuple(rows),
         (
             "quantiles over the draws; places within 5 cm, sizes and durations within "
             "a factor of 1.25, each joint's viscous and Coulomb friction within 2",
-            f"printed: {loud} {printed[place.most_scattered]:.4f}, {quiet} "
+            f"printed: {most} {printed[place.most_scattered]:.4f}, {least} "
             f"{printed[place.least_scattered]:.4f}, which is {own:.2g} of it",
         ),
     )
@@ -164,7 +164,7 @@ def drawn_table(study: PaperStudy) -> Table:
 def tempo_table(study: PaperStudy) -> Table:
     """Return the scatter of slower tasks, with the friction that errors allow."""
     tempo, place = study.error_analysis.tempo, study.place
-    loud = study.tasks.names[place.most_scattered]
+    most = study.tasks.names[place.most_scattered]
     printed = float(printed_deviation(study)[place.most_scattered])
     needed = tempo.needed(place.most_scattered, printed)
     rows = tuple(
@@ -179,7 +179,7 @@ def tempo_table(study: PaperStudy) -> Table:
     )
     shares = ", ".join(f"{share:.3f}" for share in tempo.allowed)
     return Table(
-        f"The scatter of {loud} when tasks take longer",
+        f"The scatter of {most} when tasks take longer",
         ("times longer", "by the friction that printed errors allow", "by noise alone"),
         rows,
         (
@@ -224,10 +224,10 @@ def shrinking_table(
 
 def shrunk_table(study: PaperStudy) -> Table:
     """Return by how much exciting motions shrink scatter, whatever the friction."""
-    loud, places = study.place.most_scattered, free_places(study)
+    most, places = study.place.most_scattered, free_places(study)
     rows = []
     for name, times in study.error_analysis.shrunk.items():
-        values = np.quantile(times[:, loud], _QUANTILES)
+        values = np.quantile(times[:, most], _QUANTILES)
         middle = np.median(times[:, places], axis=0)
         rows.append(
             (
@@ -237,7 +237,7 @@ def shrunk_table(study: PaperStudy) -> Table:
             )
         )
     return Table(
-        f"Times that {study.tasks.names[loud]} scatters less, friction drawn anew",
+        f"Times that {study.tasks.names[most]} scatters less, friction drawn at random",
         ("instead of the tasks", *(f"{q:.0%}" for q in _QUANTILES), "smaller"),
         tuple(rows),
         (
@@ -330,7 +330,7 @@ def verification_table(study: PaperStudy, found: Verification, title: str) -> Ta
         tuple(header),
         tuple(rows),
         (
-            "mean of squares of measured less predicted torque, (N m)^2, by the mean "
+            "mean of squares of measured minus predicted torque, (N m)^2, by the mean "
             "of each method's estimates; truth: what is left is the sensors' noise "
             "and offsets",
             "of the paper's motions one is printed; the columns of the others are "
