@@ -1,7 +1,6 @@
 """Section: the certificate of each estimate, and all errors joint by joint."""
 
 from consistent_id.comparison.comparison import EstimateReport
-from consistent_id.report.content import ReportContent, Section
 from consistent_id.report.markup import (
     Html,
     folded,
@@ -11,6 +10,7 @@ from consistent_id.report.markup import (
     table_html,
     tag,
 )
+from consistent_id.report.report_content import ReportContent, Section
 from consistent_id.report.summary import comparison_tables
 
 

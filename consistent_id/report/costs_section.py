@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 
 from consistent_id.comparison.constraint_prices import ShadowPrice
-from consistent_id.report.content import ReportContent, Section
 from consistent_id.report.markup import (
     Html,
     folded,
@@ -14,6 +13,7 @@ from consistent_id.report.markup import (
     table_html,
     tag,
 )
+from consistent_id.report.report_content import ReportContent, Section
 from consistent_id.report.summary import cost_table, path_table, price_table
 
 

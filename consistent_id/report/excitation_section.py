@@ -1,7 +1,6 @@
 """Section: what the training motion makes identifiable."""
 
 from consistent_id.recordings.recording import Recording
-from consistent_id.report.content import ReportContent, Section, angle_unit
 from consistent_id.report.downsampling import buckets, extremes, instants
 from consistent_id.report.markup import (
     Html,
@@ -12,6 +11,7 @@ from consistent_id.report.markup import (
     tag,
 )
 from consistent_id.report.plot import Frame, line, plot, spanning
+from consistent_id.report.report_content import ReportContent, Section, angle_unit
 from consistent_id.report.summary import excitation_table
 
 _POINTS = 400

@@ -7,9 +7,14 @@ from consistent_id.estimation.estimate import Estimate
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.regression import motion_of
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.report.content import ReportContent, Section, angle_unit, torque_unit
 from consistent_id.report.markup import folded, grid, joined, paragraphs, tag
 from consistent_id.report.plot import Frame, dots, plot, spanning
+from consistent_id.report.report_content import (
+    ReportContent,
+    Section,
+    angle_unit,
+    torque_unit,
+)
 
 _DOTS = 500
 _TERMS = (

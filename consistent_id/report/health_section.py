@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from consistent_id.diagnosis.findings import Diagnosis, Finding
 from consistent_id.diagnosis.tell import diagnosis_table
 from consistent_id.recordings.recording import Recording
-from consistent_id.report.content import ReportContent, Section
 from consistent_id.report.markup import (
     Html,
     folded,
@@ -15,6 +14,7 @@ from consistent_id.report.markup import (
     paragraphs,
     tag,
 )
+from consistent_id.report.report_content import ReportContent, Section
 
 _STYLE = {"fault": "bad", "warning": "care", "note": "muted"}
 

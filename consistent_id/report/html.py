@@ -10,8 +10,8 @@ from consistent_id.diagnosis import Diagnosis
 from consistent_id.problems.study import Study
 from consistent_id.recordings.recording import Recording
 from consistent_id.report.advice import advise
-from consistent_id.report.content import ReportContent
 from consistent_id.report.page import page
+from consistent_id.report.report_content import ReportContent
 
 
 def report_html(

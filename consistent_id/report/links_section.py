@@ -5,7 +5,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from consistent_id.comparison.comparison import EstimateReport
-from consistent_id.report.content import ReportContent, Section
 from consistent_id.report.drawn_robot import (
     DrawnLink,
     Window,
@@ -14,6 +13,7 @@ from consistent_id.report.drawn_robot import (
 )
 from consistent_id.report.markup import Html, grid, joined, paragraphs, tag
 from consistent_id.report.projection import AZIMUTH, spread_pose
+from consistent_id.report.report_content import ReportContent, Section
 from consistent_id.report.robot_view import robot_view
 from consistent_id.robot.inertia import InertialParameters
 

@@ -1,10 +1,9 @@
 """The page: sections one after another, with their style and script inside."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 
 from consistent_id.report.certificate_section import certificate_section
-from consistent_id.report.content import ReportContent, Section
 from consistent_id.report.costs_section import costs_section
 from consistent_id.report.excitation_section import excitation_section
 from consistent_id.report.friction_section import friction_section
@@ -13,6 +12,7 @@ from consistent_id.report.links_section import links_section
 from consistent_id.report.markup import Html, joined, tag
 from consistent_id.report.parameters_section import parameters_section
 from consistent_id.report.published_section import published_section
+from consistent_id.report.report_content import ReportContent, Section
 from consistent_id.report.reproduce_section import reproduce_section
 from consistent_id.report.residuals_section import residuals_section
 from consistent_id.report.torque_section import torque_section
@@ -37,31 +37,38 @@ SECTIONS: tuple[Callable[[ReportContent], Section | None], ...] = (
 def page(content: ReportContent) -> str:
     """Return the report as one HTML file that needs nothing else."""
     found = [section for make in SECTIONS if (section := make(content)) is not None]
+    robot = content.model.robot
+    about = f"Robot {robot.name}, {len(robot)} joints. Identified parameters."
+    return document(
+        f"{content.title}: identified parameters",
+        joined((tag("h1", content.title), tag("p", about))),
+        found,
+        script=_asset("script.js"),
+    )
+
+
+def document(
+    title: str, header: Html, sections: Sequence[Section], *, script: str = ""
+) -> str:
+    """Return sections as one HTML file, with contents and the reports' style."""
     head = tag(
         "head",
         tag("meta", charset="utf-8"),
         tag("meta", name="viewport", content="width=device-width, initial-scale=1"),
         tag("meta", name="color-scheme", content="light dark"),
-        tag("title", f"{content.title}: identified parameters"),
+        tag("title", title),
         tag("style", Html(_asset("style.css"))),
     )
-    contents = [tag("a", s.name.capitalize(), href=f"#{s.name}") for s in found]
-    robot = content.model.robot
-    header = tag(
-        "header",
-        tag("h1", content.title),
-        tag("p", f"Robot {robot.name}, {len(robot)} joints. Identified parameters."),
-    )
-    main = tag(
-        "main",
-        *(tag("section", tag("h2", s.title), s.body, id=s.name) for s in found),
-    )
+    contents = [tag("a", s.name.capitalize(), href=f"#{s.name}") for s in sections]
     body = tag(
         "body",
-        header,
+        tag("header", header),
         tag("nav", *contents),
-        main,
-        tag("script", Html(_asset("script.js"))),
+        tag(
+            "main",
+            *(tag("section", tag("h2", s.title), s.body, id=s.name) for s in sections),
+        ),
+        tag("script", Html(script)) if script else "",
     )
     return "<!doctype html>\n" + joined((tag("html", head, body, lang="en"), "\n"))
 

@@ -10,7 +10,6 @@ from consistent_id.comparison.parameter_uncertainty import (
     Uncertainty,
 )
 from consistent_id.estimation.estimate import Estimate
-from consistent_id.report.content import ReportContent, Section
 from consistent_id.report.markup import (
     Html,
     folded,
@@ -20,6 +19,7 @@ from consistent_id.report.markup import (
     paragraphs,
     tag,
 )
+from consistent_id.report.report_content import ReportContent, Section
 from consistent_id.report.summary import uncertainty_table
 
 _MEANING = {

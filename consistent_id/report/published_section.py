@@ -1,8 +1,8 @@
 """Section: a paper's own parameters and tables."""
 
-from consistent_id.report.content import ReportContent, Section
 from consistent_id.report.markup import folded, joined, paragraphs, table_html
 from consistent_id.report.published_tables import published_tables
+from consistent_id.report.report_content import ReportContent, Section
 
 
 def published_section(content: ReportContent) -> Section | None:

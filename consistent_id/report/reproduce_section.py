@@ -5,8 +5,8 @@ from hashlib import sha256
 from pathlib import Path
 
 from consistent_id.problems.problem import Problem
-from consistent_id.report.content import ReportContent, Section
 from consistent_id.report.markup import Html, folded, grid, joined, paragraphs, tag
+from consistent_id.report.report_content import ReportContent, Section
 
 _PACKAGES = ("consistent-id", "numpy", "scipy", "clarabel", "pin", "cvxpy", "casadi")
 _CHUNK = 1 << 20  # bytes

@@ -5,7 +5,6 @@ import numpy as np
 from consistent_id._support.arrays import Vector
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.regression import motion_of
-from consistent_id.report.content import ReportContent, Section, angle_unit, torque_unit
 from consistent_id.report.markup import Html, folded, grid, joined, paragraphs, tag
 from consistent_id.report.plot import (
     Frame,
@@ -15,6 +14,12 @@ from consistent_id.report.plot import (
     plot,
     spanning,
     stems,
+)
+from consistent_id.report.report_content import (
+    ReportContent,
+    Section,
+    angle_unit,
+    torque_unit,
 )
 from consistent_id.report.residual_statistics import (
     Binned,

@@ -6,10 +6,10 @@ import numpy as np
 
 from consistent_id._support.arrays import Vector
 from consistent_id.recordings.recording import Recording
-from consistent_id.report.content import ReportContent, Section, torque_unit
 from consistent_id.report.downsampling import buckets, extremes, instants, packed
 from consistent_id.report.markup import Html, folded, joined, paragraphs, tag
 from consistent_id.report.plot import Frame, line, plot, spanning
+from consistent_id.report.report_content import ReportContent, Section, torque_unit
 
 _MOST = 6000  # points embedded for zooming
 _STATIC = 360  # points drawn before the script has run

@@ -2,8 +2,8 @@
 
 from consistent_id.comparison.comparison import EstimateReport
 from consistent_id.report.advice import held_out_error, is_usable
-from consistent_id.report.content import ReportContent, Section
 from consistent_id.report.markup import Html, grid, joined, listed, tag
+from consistent_id.report.report_content import ReportContent, Section
 
 _SIGN = {"use": "good", "care": "care", "none": "bad"}
 
