@@ -1,6 +1,7 @@
 """README's and the pages' Python runs as it stands; .ci/run runs README's commands."""
 
 import re
+from operator import attrgetter
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,7 @@ import consistent_id
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text()
 DOCS = ROOT / "docs"
+PACKAGE = "consistent_id"
 TEXTS = {
     page.relative_to(DOCS).with_suffix("").as_posix(): page.read_text()
     for page in sorted(DOCS.rglob("*.md"))
@@ -80,3 +82,14 @@ def test_every_key_that_is_cited_is_in_the_references():
         r"\[([A-Z][A-Za-z]+\d{4})\]", "".join([*sources, *TEXTS.values()])
     )
     assert set(cited) <= known
+
+
+def test_what_the_glossary_names_exists():
+    places = [row.split("|")[3] for row in TEXTS["glossary"].split("\n") if "|" in row]
+    named = [name for place in places for name in re.findall(r"`(.+?)`", place)]
+    assert len(named) > 30
+    for name in named:
+        if "/" in name:
+            assert any((root / name).exists() for root in (ROOT, ROOT / PACKAGE)), name
+        else:
+            attrgetter(name)(consistent_id)
