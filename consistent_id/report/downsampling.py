@@ -70,10 +70,3 @@ def packed(values: Array) -> dict[str, object]:
     counts = np.zeros(len(values)) if step == 0.0 else (values - low) / step
     data = np.rint(counts).astype("<u2").tobytes()
     return {"low": low, "step": step, "data": base64.b64encode(data).decode()}
-
-
-def unpacked(record: dict[str, object]) -> Vector:
-    """Return what `packed` packed, as the page's script does."""
-    data = base64.b64decode(str(record["data"]))
-    counts = np.frombuffer(data, dtype="<u2")
-    return np.asarray(float(str(record["low"])) + float(str(record["step"])) * counts)

@@ -61,13 +61,8 @@ class ErrorBudget:
         return np.asarray(self.error(cause).std(axis=0, ddof=1))
 
     @property
-    def scatter_by_joint(self) -> Array:
-        """Standard deviations, shape (causes, joints, combinations)."""
-        return np.asarray(self.parts.std(axis=0, ddof=1))
-
-    @property
     def noise_scatter(self) -> Vector:
-        """Standard deviation over experiments that noise alone lets expect."""
+        """Standard deviation over experiments that noise alone predicts."""
         return np.asarray(np.sqrt((self.noise**2).mean(axis=0)))
 
 
