@@ -115,7 +115,7 @@ def _refusal(report: EstimateReport) -> str:
     links = report.consistent_links
     said = []
     if report.base_feasibility.answer == "impossible":
-        said.append("proven: no physically consistent robot has its base parameters")
+        said.append("no physically consistent robot has its base parameters (proven)")
     elif report.verdict != "certified":
         said.append(f"{report.verdict} ({report.estimate.certificate.reason})")
     if not all(links):

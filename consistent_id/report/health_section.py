@@ -36,7 +36,7 @@ def health_section(content: ReportContent) -> Section | None:
             parts.append(folded(f"Notes ({len(said)})", listed(said)))
         if not found.suspicious:
             parts.append(paragraphs(diagnosis_table(found).notes[-1], class_="notes"))
-    return Section("health", "The data's health", joined(parts))
+    return Section("health", "Health of the data", joined(parts))
 
 
 def _recordings(content: ReportContent) -> Html:

@@ -288,13 +288,13 @@ def test_ellipsoids_have_the_body_s_moments_and_outline():
     assert equimomental(InertialParameters([1, 0, 0, 0, 1, 0, 1, 0, 0, 3])) is None
 
 
-def test_thinning_keeps_every_extreme():
+def test_downsampling_keeps_every_extreme():
     rng = np.random.default_rng(1)
     values = rng.normal(size=10_007)
     starts = buckets(len(values), 500)
-    thin = extremes(values, starts)
-    assert len(thin) == 2 * len(starts) <= 502
-    assert (thin.min(), thin.max()) == (values.min(), values.max())
+    kept = extremes(values, starts)
+    assert len(kept) == 2 * len(starts) <= 502
+    assert (kept.min(), kept.max()) == (values.min(), values.max())
     assert np.array_equal(extremes(values, buckets(len(values), 20_000)), values)
     record = packed(values)
     counts = np.frombuffer(base64.b64decode(record["data"]), dtype="<u2")
