@@ -131,7 +131,7 @@ def wanted(columns: Columns, joints: Sequence[str], where: str) -> Wanted:
     RecordingError
         If a pattern is faulty, does not tell joints apart or names a unit.
     """
-    joints = joints_asked_for(joints, where)
+    joints = at_least_one(joints, where)
     for channel in ("time", "position", "velocity", "acceleration"):
         if (pattern := getattr(columns, channel)) is not None:
             refuse_units_of_a_name(where, pattern)
@@ -164,8 +164,8 @@ def wanted(columns: Columns, joints: Sequence[str], where: str) -> Wanted:
     return Wanted(joints, columns.time, single, arrays, width, places, dumb)
 
 
-def joints_asked_for(joints: Sequence[str], where: str) -> tuple[str, ...]:
-    """Return the joints as a tuple of distinct names, at least one."""
+def at_least_one(joints: Sequence[str], where: str) -> tuple[str, ...]:
+    """Return the joints as a tuple; refuse none."""
     if not joints:
         raise RecordingError(f"{where}: no joint to read; name at least one")
     return tuple(joints)
@@ -179,15 +179,6 @@ def require(where: str, names: Sequence[str], known: Sequence[str]) -> None:
             raise RecordingError(f"{where}: no column {name!r}; {near}")
         if list(known).count(name) > 1:
             raise RecordingError(f"{where}: column {name!r} stands there twice")
-
-
-def missing_library(
-    where: str, kind: str, library: str, extra: str, *, doing: str = "reading"
-) -> RecordingError:
-    """Return the error that says how to install what reads or writes a format."""
-    return RecordingError(
-        f"{where}: {doing} {kind} needs {library}; pip install 'consistent-id[{extra}]'"
-    )
 
 
 def _places(columns: Columns, in_log: Sequence[str]) -> tuple[int, ...]:

@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any, cast
 
 from consistent_id.errors import ProblemError, RecordingError
-from consistent_id.recordings.readers.bag import BAGS
+from consistent_id.recordings.log_formats import log_format
 from consistent_id.recordings.readers.columns import JOINT_STATE, Columns
-from consistent_id.recordings.readers.names import column_names
+from consistent_id.recordings.readers.recording_file import column_names
 from consistent_id.robot.parameters import did_you_mean
 
 _WORDS = {
@@ -78,7 +78,7 @@ def guess_columns(
     """
     joints, known = tuple(joints), dict(known or {})
     _require_channels(known)
-    bag = log.is_dir() or log.suffix.lower() in BAGS
+    bag = log_format(log).holds == "joint states"
     usual = replace(JOINT_STATE if bag else Columns(), torque_joints=torque_joints)
     found, notes = replace(usual, **cast(dict[str, Any], known)), list[str]()
     if bag or {"time", "position", "torque"} <= set(known):
