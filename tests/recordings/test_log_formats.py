@@ -26,11 +26,12 @@ def test_a_format_is_found_by_its_suffixes_and_has_what_its_entry_says(known):
 
 @pytest.mark.parametrize("known", LOG_FORMATS, ids=lambda known: known.name)
 def test_every_format_is_documented(known):
-    assert known.name in (read_recording.__doc__ or "")
-    assert known.name in (ROOT / "README.md").read_text()
+    documented = " ".join((read_recording.__doc__ or "").split())
+    assert known.name in documented
+    assert known.name in " ".join((ROOT / "README.md").read_text().split())
     table = (ROOT / "docs" / "problem-file.md").read_text()
     for suffix in known.suffixes:
-        assert f"``{suffix}``" in (read_recording.__doc__ or "")
+        assert f"``{suffix}``" in documented
         assert f"`{suffix}`" in table
     if known.extra:
         assert f"`consistent-id[{known.extra}]`" in table
@@ -45,6 +46,7 @@ def test_a_suffix_belongs_to_one_format_and_an_unknown_one_is_answered_with_all(
 
 
 def test_the_table_imports_no_array_library():
-    code = "import sys, consistent_id.recordings.log_formats; print('numpy' in sys.modules)"
+    code = "import sys, consistent_id.recordings.log_formats; print(*sys.modules)"
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert found.stdout == "False\n", found.stderr
+    assert "consistent_id.recordings.log_formats" in found.stdout.split()
+    assert "numpy" not in found.stdout.split()

@@ -32,9 +32,9 @@ def read_recording(
     ----------
     path : str or Path
         CSV (``.csv``, ``.tsv``; comma, semicolon or tab; a decimal comma where the
-        comma does not separate), Parquet (``.parquet``), NPZ (``.npz``), HDF5 (``.h5``,
-        ``.hdf5``), MATLAB (``.mat``); a ROS bag with ``sensor_msgs/JointState``
-        (``.mcap``, ``.db3``, ``.bag`` or a folder).
+        comma does not separate), Parquet (``.parquet``), Feather (``.feather``,
+        ``.arrow``), NPZ (``.npz``), HDF5 (``.h5``, ``.hdf5``), MATLAB (``.mat``); a ROS
+        bag with ``sensor_msgs/JointState`` (``.mcap``, ``.db3``, ``.bag`` or a folder).
     joints : sequence of str
         Names of the joints to read.
     columns : Columns
