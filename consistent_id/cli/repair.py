@@ -59,8 +59,8 @@ def add_repair(commands: Any) -> None:
 
 def run_repair(options: argparse.Namespace) -> int:
     """Repair a file; return the exit code."""
-    from consistent_id.export.repair.tell import repair_record, repair_table
-    from consistent_id.export.repair.urdf import repair_urdf
+    from consistent_id.export.repair.repair_report import repair_record, repair_table
+    from consistent_id.export.repair.urdf_repair import repair_urdf
 
     repair = repair_urdf(
         options.urdf,

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from consistent_id.errors import ModelError
 from consistent_id.robot.chains import Selection, selected, snapped
 from consistent_id.robot.inertia import InertialParameters
-from consistent_id.robot.loaders.findings import Finding
+from consistent_id.robot.loaders.urdf_finding import Finding
 from consistent_id.robot.loaders.urdf_lint import read_bytes, urdf_findings
 from consistent_id.robot.loaders.urdf_tree import joints_between
 from consistent_id.robot.loaders.xml import XmlFault, parse

@@ -6,7 +6,7 @@ from math import isfinite
 from pathlib import Path
 
 from consistent_id.errors import ModelError
-from consistent_id.robot.loaders.findings import Finding
+from consistent_id.robot.loaders.urdf_finding import Finding
 from consistent_id.robot.loaders.urdf_parts import (
     INERTIA_ENTRIES,
     joint_findings,

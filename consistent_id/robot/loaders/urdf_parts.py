@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from consistent_id.robot.loaders.findings import Finding
+from consistent_id.robot.loaders.urdf_finding import Finding
 from consistent_id.robot.loaders.xml import Element
 
 INERTIA_ENTRIES = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")

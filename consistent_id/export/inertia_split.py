@@ -44,14 +44,14 @@ class Part:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Shares:
+class SplitInertia:
     """Bodies of the parts, in their own frames and their order, and how they came."""
 
     bodies: tuple[InertialParameters, ...]
     note: str = ""
 
 
-def shared(whole: InertialParameters, parts: Sequence[Part]) -> Shares:
+def split_inertia(whole: InertialParameters, parts: Sequence[Part]) -> SplitInertia:
     """Deal a body out to parts, of which the first is the moving link itself.
 
     The others keep what the file says of them if that is a body each, and what remains
@@ -61,14 +61,14 @@ def shared(whole: InertialParameters, parts: Sequence[Part]) -> Shares:
     own, *others = parts
     heavy = [part for part in others if part.body.vector.any()]
     if not heavy:
-        return Shares((own.given(whole), *(part.body for part in others)))
+        return SplitInertia((own.given(whole), *(part.body for part in others)))
     stated = np.sum([part.placed.vector for part in heavy], axis=0)
     rest = InertialParameters(whole.vector - stated)
     names = ", ".join(part.name for part in heavy)
     keeps = all(part.body.is_consistent(_ROUNDING) for part in heavy)
     if not whole.is_consistent(_ROUNDING) or (keeps and rest.is_consistent(_ROUNDING)):
         note = f"{own.name} is what remains without {names}, which stay as they were"
-        return Shares((own.given(rest), *(part.body for part in others)), note)
+        return SplitInertia((own.given(rest), *(part.body for part in others)), note)
     masses = np.maximum([part.body.mass for part in parts], 0.0)
     if masses.sum() == 0.0:
         masses[0] = 1.0
@@ -78,4 +78,4 @@ def shared(whole: InertialParameters, parts: Sequence[Part]) -> Shares:
         f"what remains of {own.name} without {names} would be no body: the whole is "
         "shared in proportion to the masses"
     )
-    return Shares(bodies, note)
+    return SplitInertia(bodies, note)

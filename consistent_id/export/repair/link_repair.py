@@ -91,7 +91,7 @@ class Repair:
 
 
 @dataclass(frozen=True, slots=True)
-class Stated:
+class RepairOptions:
     """What a user states beside the file.
 
     Parameters

@@ -6,7 +6,7 @@ from consistent_id.errors import ProblemError
 from consistent_id.estimation.estimate import Estimate
 
 
-def impossible_links(estimate: Estimate) -> tuple[str, ...]:
+def inconsistent_links(estimate: Estimate) -> tuple[str, ...]:
     """Return the names of links that are no bodies."""
     found = link_conditions(estimate.model, estimate.parameters)
     return tuple(link.link for link in found if not link.consistent)
@@ -14,7 +14,7 @@ def impossible_links(estimate: Estimate) -> tuple[str, ...]:
 
 def export_verdict(estimate: Estimate) -> Verdict:
     """Return the estimate's verdict, ``refused`` if one of its links is no body."""
-    if impossible_links(estimate):
+    if inconsistent_links(estimate):
         return "refused"
     return estimate.certificate.verdict
 
@@ -29,7 +29,7 @@ def require_usable(estimate: Estimate, allow_refused: bool) -> None:
     """
     if allow_refused or export_verdict(estimate) != "refused":
         return
-    links = impossible_links(estimate)
+    links = inconsistent_links(estimate)
     why = f"{', '.join(links)}: no body" if links else estimate.certificate.reason
     raise ProblemError(
         f"the estimate by {estimate.method!r} is refused ({why}); export a constrained "
@@ -37,7 +37,7 @@ def require_usable(estimate: Estimate, allow_refused: bool) -> None:
     )
 
 
-def pedigree(estimate: Estimate) -> str:
+def provenance(estimate: Estimate) -> str:
     """Return one line for a file's comment: method, robot, verdict."""
     return (
         f"consistent-id: robot {estimate.model.robot.name}, method {estimate.method}, "

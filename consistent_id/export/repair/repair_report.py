@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from consistent_id._support.tables import Table
-from consistent_id.export.repair.account import LinkRepair, Repair
+from consistent_id.export.repair.link_repair import LinkRepair, Repair
 
 
 def repair_table(repair: Repair) -> Table:

@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from consistent_id._support.arrays import Matrix
-from consistent_id.export.repair.account import LinkRepair, Stated
-from consistent_id.export.repair.nearest import (
+from consistent_id.export.repair.consistent_inertia import (
     ROUNDING,
     ball_inertia,
     nearest_inertia,
@@ -14,7 +13,12 @@ from consistent_id.export.repair.nearest import (
     possible,
     second_moments,
 )
-from consistent_id.export.repair.statement import Statement, moments_in_words, statement
+from consistent_id.export.repair.link_repair import LinkRepair, RepairOptions
+from consistent_id.export.repair.stated_inertial import (
+    StatedInertial,
+    moments_in_words,
+    stated_inertial,
+)
 from consistent_id.robot.loaders.splice import Document, Edit
 from consistent_id.robot.loaders.urdf_inertial import inertia_attributes, number
 from consistent_id.robot.loaders.xml import Element
@@ -23,34 +27,34 @@ _UNTOUCHED = 1e-9  # of the largest entry; what moves less keeps the file's digi
 
 
 def repaired_link(
-    document: Document, link: Element, inertial: Element, stated: Stated
+    document: Document, link: Element, inertial: Element, options: RepairOptions
 ) -> tuple[LinkRepair, list[Edit]]:
     """Return one link's account, and the edits that repair it."""
-    says = statement(inertial)
-    mass = stated.masses.get(link.name, says.mass)
-    fault = _fault(says, mass, stated)
+    read = stated_inertial(inertial)
+    mass = options.masses.get(link.name, read.mass)
+    fault = _fault(read, mass, options)
     account = LinkRepair(
         link.name,
         inertial.line,
         "consistent",
         fault,
         mass=mass,
-        before=_moments(says.inertia),
-        after=_moments(says.inertia),
+        before=_moments(read.inertia),
+        after=_moments(read.inertia),
     )
-    if says.displaced:
+    if read.displaced:
         remedy = "where the centre of mass is cannot be known; correct it"
         return replace(account, status="refused", remedy=remedy), []
     if mass is None or mass < 0.0:
         remedy = "which mass it has cannot be known; state it"
         return replace(account, status="refused", remedy=remedy), []
-    if says.inertia is None and stated.density is None and mass > 0.0:
+    if read.inertia is None and options.density is None and mass > 0.0:
         remedy = "its inertia cannot be known; state a density, to make it a ball"
         return replace(account, status="refused", remedy=remedy), []
-    if not fault and mass == says.mass:
-        return replace(account, remedy=_advice(says, mass)), []
-    inertia, change, remedy = _remedy(says, mass, bool(fault), stated)
-    if mass != says.mass:
+    if not fault and mass == read.mass:
+        return replace(account, remedy=_advice(read, mass)), []
+    inertia, change, remedy = _remedy(read, mass, bool(fault), options)
+    if mass != read.mass:
         remedy = f"mass set to {mass:g} kg" + (f"; {remedy}" if remedy else "")
     after = replace(
         account,
@@ -59,16 +63,16 @@ def repaired_link(
         after=_moments(inertia),
         change=change,
     )
-    return after, _edits(document, inertial, says, mass, inertia)
+    return after, _edits(document, inertial, read, mass, inertia)
 
 
-def _fault(says: Statement, mass: float | None, stated: Stated) -> str:
+def _fault(read: StatedInertial, mass: float | None, options: RepairOptions) -> str:
     """Say what is wrong with a link; `mass` is the one that it is to have."""
-    if says.displaced or says.unreadable:
-        return "; ".join(filter(None, (says.displaced, *says.unreadable)))
-    inertia = says.inertia
-    if mass is None or inertia is None or (says.mass is not None and says.mass < 0.0):
-        return f"mass is {says.mass:g} kg"
+    if read.displaced or read.unreadable:
+        return "; ".join(filter(None, (read.displaced, *read.unreadable)))
+    inertia = read.inertia
+    if mass is None or inertia is None or (read.mass is not None and read.mass < 0.0):
+        return f"mass is {read.mass:g} kg"
     principal = f"principal moments are {moments_in_words(inertia)} kg m^2"
     if mass == 0.0:
         return f"mass is zero, but {principal}" if inertia.any() else ""
@@ -77,54 +81,58 @@ def _fault(says: Statement, mass: float | None, stated: Stated) -> str:
         negative = moments[0] < -ROUNDING * abs(moments).max()
         why = "one is negative" if negative else "one exceeds the sum of the others"
         return f"{principal}: {why}"
-    if stated.thickness and not possible(inertia, mass * stated.thickness**2):
+    if options.thickness and not possible(inertia, mass * options.thickness**2):
         thin = np.linalg.eigvalsh(second_moments(inertia))[0]
         extent = np.sqrt(max(thin, 0.0) / mass)
         return f"mass extends {extent:.2g} m in its thinnest direction"
     return ""
 
 
-def _advice(says: Statement, mass: float) -> str:
+def _advice(read: StatedInertial, mass: float) -> str:
     """Say what of a body that can be simulators may still refuse."""
-    if mass > 0.0 and says.inertia is not None and point_mass(mass, says.inertia):
+    if mass > 0.0 and read.inertia is not None and point_mass(mass, read.inertia):
         return "a point mass, which simulators refuse if it moves; state a thickness"
     return ""
 
 
 def _remedy(
-    says: Statement, mass: float, faulty: bool, stated: Stated
+    read: StatedInertial, mass: float, faulty: bool, options: RepairOptions
 ) -> tuple[Matrix, float, str]:
     """Return inertia, relative change and what was done, of a link with a mass."""
     if mass == 0.0:
-        change = 1.0 if says.inertia is not None and says.inertia.any() else 0.0
+        change = 1.0 if read.inertia is not None and read.inertia.any() else 0.0
         return np.zeros((3, 3)), change, "without mass there is no inertia: set to zero"
-    if says.inertia is None:
-        density = float(stated.density or 0.0)
+    if read.inertia is None:
+        density = float(options.density or 0.0)
         ball = ball_inertia(mass, density)
         return ball, np.inf, f"a ball of {density:g} kg/m^3"
-    if not faulty or (mass != says.mass and _sound(says.inertia, mass, stated)):
-        return says.inertia, 0.0, ""
-    found = nearest_inertia(mass, says.inertia, thickness=stated.thickness)
+    if not faulty or (mass != read.mass and _sound(read.inertia, mass, options)):
+        return read.inertia, 0.0, ""
+    found = nearest_inertia(mass, read.inertia, thickness=options.thickness)
     return found.inertia, found.change, "the nearest body's inertia"
 
 
-def _sound(inertia: Matrix, mass: float, stated: Stated) -> bool:
+def _sound(inertia: Matrix, mass: float, options: RepairOptions) -> bool:
     """Tell whether a mass was all that was wrong."""
-    return possible(inertia, mass * stated.thickness**2)
+    return possible(inertia, mass * options.thickness**2)
 
 
 def _edits(
-    document: Document, inertial: Element, says: Statement, mass: float, inertia: Matrix
+    document: Document,
+    inertial: Element,
+    read: StatedInertial,
+    mass: float,
+    inertia: Matrix,
 ) -> list[Edit]:
     edits, missing = [], []
-    old = {} if says.inertia is None else inertia_attributes(says.inertia)
+    old = {} if read.inertia is None else inertia_attributes(read.inertia)
     size = float(abs(inertia).max())
     entries = {
         name: f"{value + 0.0:.12g}"
         for name, value in inertia_attributes(inertia).items()
         if name not in old or abs(value - old[name]) > _UNTOUCHED * size
     }
-    masses = {} if mass == says.mass else {"value": number(mass)}
+    masses = {} if mass == read.mass else {"value": number(mass)}
     for tag, values in (("mass", masses), ("inertia", entries)):
         element = inertial.child(tag)
         if element is None:
