@@ -14,7 +14,15 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._support.arrays import Array, IntArray, Matrix, Vector, frozen
+from consistent_id._support.arrays import (
+    Array,
+    IntArray,
+    Matrix,
+    Vector,
+    array_default,
+    freeze,
+    frozen,
+)
 from consistent_id._support.threads import single_threaded
 from consistent_id.errors import NotExcitedError, ProblemError, RecordingError
 from consistent_id.recordings.recording import Recording
@@ -54,7 +62,7 @@ class Regression:
     joints: tuple[str, ...]
     factors: tuple[Matrix, ...]
     counts: tuple[int, ...]
-    sigma: Vector = None  # type: ignore[assignment]
+    sigma: Vector = array_default(())
     fingerprint: str = ""
 
     def __post_init__(self) -> None:
@@ -67,12 +75,11 @@ class Regression:
         )
         if min(self.counts) < 1:
             raise ProblemError(f"counts are {self.counts}, expected 1 sample or more")
-        sigma = np.ones(n) if self.sigma is None else self.sigma
+        sigma = self.sigma if np.size(self.sigma) else np.ones(n)
         sigma = frozen(sigma, (n,), "sigma")
         if not (sigma > 0.0).all():
             raise ProblemError(f"sigma is {sigma}, expected positive values")
-        object.__setattr__(self, "factors", factors)
-        object.__setattr__(self, "sigma", sigma)
+        freeze(self, factors=factors, sigma=sigma)
 
     def __add__(self, other: "Regression") -> Self:
         """Merge two regressions of one torque model."""

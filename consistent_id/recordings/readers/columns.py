@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from string import Formatter
 
+from consistent_id._support.arrays import freeze
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers.units import refuse_units_of_a_name
 from consistent_id.robot.parameters import did_you_mean
@@ -51,12 +52,11 @@ class Columns:
     torque_joints: Sequence[str] = ()
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "torque_joints", tuple(self.torque_joints))
-        object.__setattr__(self, "names", dict(self.names))
+        freeze(self, torque_joints=tuple(self.torque_joints), names=dict(self.names))
         order = self.array_joints
         if isinstance(order, str) or len(set(order)) != len(order):
             raise RecordingError(f"array_joints are {order!r}, expected distinct names")
-        object.__setattr__(self, "array_joints", tuple(order))
+        freeze(self, array_joints=tuple(order))
         if len(set(self.names.values())) != len(self.names):
             raise RecordingError(
                 f"names give one joint several names in the log: {self.names}"

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from consistent_id._support.arrays import Matrix, Vector, frozen
+from consistent_id._support.arrays import Matrix, Vector, freeze_arrays
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.clocks import is_uniform, own_rate, resampled
@@ -54,9 +54,8 @@ class Delay:
     gains: Vector
 
     def __post_init__(self) -> None:
-        for name in ("correlations", "gains"):
-            values = frozen(getattr(self, name), (len(self.joints),), name)
-            object.__setattr__(self, name, values)
+        shape = (len(self.joints),)
+        freeze_arrays(self, {"correlations": shape, "gains": shape})
 
 
 def estimate_delay(

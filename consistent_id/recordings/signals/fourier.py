@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._support.arrays import Matrix, Vector, frozen
+from consistent_id._support.arrays import Matrix, Vector, freeze_arrays, frozen
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.clocks import own_rate
@@ -41,11 +41,9 @@ class FourierFit:
     criterion: Vector
 
     def __post_init__(self) -> None:
-        for name, shape in (
-            ("residual", (len(self.trajectory.joints),)),
-            ("criterion", (None,)),
-        ):
-            object.__setattr__(self, name, frozen(getattr(self, name), shape, name))
+        freeze_arrays(
+            self, {"residual": (len(self.trajectory.joints),), "criterion": (None,)}
+        )
 
     @property
     def period(self) -> float | None:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._support.arrays import Matrix, Vector, frozen
+from consistent_id._support.arrays import Matrix, Vector, freeze, frozen
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.clocks import uniform_rate
@@ -51,7 +51,7 @@ class MotionNoise:
             )
             if not (values > 0.0).all():
                 raise RecordingError(f"{name} is {values}, expected positive numbers")
-            object.__setattr__(self, name, values)
+            freeze(self, **{name: values})
 
 
 def motion_noise(
