@@ -22,7 +22,7 @@ _ROUNDING = 1e-14  # of the sum of second moments
 class PrincipalBody:
     """Mass, centre of mass, principal moments and their axes as a quaternion.
 
-    `raised` is by how much second moments were raised to be those of a body, [kg m^2].
+    `raised` is by how much second moments were raised to be consistent, [kg m^2].
     """
 
     mass: float

@@ -1,4 +1,4 @@
-"""Whether an estimate may leave, and what a file says of where it comes from."""
+"""Whether an estimate may be exported, and the provenance that a file states."""
 
 from consistent_id.constraints.cones.certificate import Verdict
 from consistent_id.constraints.link_condition import link_conditions
@@ -7,13 +7,13 @@ from consistent_id.estimation.estimate import Estimate
 
 
 def inconsistent_links(estimate: Estimate) -> tuple[str, ...]:
-    """Return the names of links that are no bodies."""
+    """Return the names of links that are not physically consistent."""
     found = link_conditions(estimate.model, estimate.parameters)
     return tuple(link.link for link in found if not link.consistent)
 
 
 def export_verdict(estimate: Estimate) -> Verdict:
-    """Return the estimate's verdict, ``refused`` if one of its links is no body."""
+    """Return the verdict: ``refused`` if a link is not physically consistent."""
     if inconsistent_links(estimate):
         return "refused"
     return estimate.certificate.verdict
@@ -30,7 +30,9 @@ def require_usable(estimate: Estimate, allow_refused: bool) -> None:
     if allow_refused or export_verdict(estimate) != "refused":
         return
     links = inconsistent_links(estimate)
-    why = f"{', '.join(links)}: no body" if links else estimate.certificate.reason
+    why = estimate.certificate.reason
+    if links:
+        why = f"not physically consistent: {', '.join(links)}"
     raise ProblemError(
         f"the estimate by {estimate.method!r} is refused ({why}); export a constrained "
         "one, or say allow_refused"

@@ -46,8 +46,8 @@ def to_urdf(
     encoding, elements of other programmes.
 
     A moving link and the links fixed to it are identified as one body.  The fixed ones
-    keep their inertials, and the moving one gets what remains, if that is a body; else
-    all get shares of the whole, by mass.
+    keep their inertials, and the moving one gets what remains, if that is physically
+    consistent; else all get shares of the whole, by mass.
 
     Parameters
     ----------

@@ -177,7 +177,7 @@ class InertialParameters:
         return pseudo_inertia(self.vector)
 
     def is_consistent(self, tolerance: float = 0.0) -> bool:
-        """Tell whether a body of non-negative density could have these parameters.
+        """Return whether the parameters are physically consistent.
 
         `tolerance` is relative to the largest eigenvalue of ``J``.
         """

@@ -1,4 +1,4 @@
-"""Robot descriptions with impossible inertials, made possible with the least change."""
+"""Inertials that are not physically consistent, made so with the least change."""
 
 from consistent_id.export.repair.consistent_inertia import (
     NearestInertia,

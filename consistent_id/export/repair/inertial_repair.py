@@ -8,9 +8,9 @@ from consistent_id._support.arrays import Matrix
 from consistent_id.export.repair.consistent_inertia import (
     ROUNDING,
     ball_inertia,
+    is_consistent,
     nearest_inertia,
     point_mass,
-    possible,
     second_moments,
 )
 from consistent_id.export.repair.link_repair import LinkRepair, RepairOptions
@@ -29,11 +29,11 @@ _UNTOUCHED = 1e-9  # of the largest entry; what moves less keeps the file's digi
 def repaired_link(
     document: Document, link: Element, inertial: Element, options: RepairOptions
 ) -> tuple[LinkRepair, list[Edit]]:
-    """Return one link's account, and the edits that repair it."""
+    """Return one link's record, and the edits that repair it."""
     read = stated_inertial(inertial)
     mass = options.masses.get(link.name, read.mass)
     fault = _fault(read, mass, options)
-    account = LinkRepair(
+    record = LinkRepair(
         link.name,
         inertial.line,
         "consistent",
@@ -44,20 +44,20 @@ def repaired_link(
     )
     if read.displaced:
         remedy = "where the centre of mass is cannot be known; correct it"
-        return replace(account, status="refused", remedy=remedy), []
+        return replace(record, status="refused", remedy=remedy), []
     if mass is None or mass < 0.0:
         remedy = "which mass it has cannot be known; state it"
-        return replace(account, status="refused", remedy=remedy), []
+        return replace(record, status="refused", remedy=remedy), []
     if read.inertia is None and options.density is None and mass > 0.0:
         remedy = "its inertia cannot be known; state a density, to make it a ball"
-        return replace(account, status="refused", remedy=remedy), []
+        return replace(record, status="refused", remedy=remedy), []
     if not fault and mass == read.mass:
-        return replace(account, remedy=_advice(read, mass)), []
+        return replace(record, remedy=_advice(read, mass)), []
     inertia, change, remedy = _remedy(read, mass, bool(fault), options)
     if mass != read.mass:
         remedy = f"mass set to {mass:g} kg" + (f"; {remedy}" if remedy else "")
     after = replace(
-        account,
+        record,
         status="repaired",
         remedy=remedy,
         after=_moments(inertia),
@@ -76,12 +76,12 @@ def _fault(read: StatedInertial, mass: float | None, options: RepairOptions) -> 
     principal = f"principal moments are {moments_in_words(inertia)} kg m^2"
     if mass == 0.0:
         return f"mass is zero, but {principal}" if inertia.any() else ""
-    if not (possible(inertia) or point_mass(mass, inertia)):
+    if not (is_consistent(inertia) or point_mass(mass, inertia)):
         moments = np.linalg.eigvalsh(inertia)
         negative = moments[0] < -ROUNDING * abs(moments).max()
         why = "one is negative" if negative else "one exceeds the sum of the others"
         return f"{principal}: {why}"
-    if options.thickness and not possible(inertia, mass * options.thickness**2):
+    if options.thickness and not is_consistent(inertia, mass * options.thickness**2):
         thin = np.linalg.eigvalsh(second_moments(inertia))[0]
         extent = np.sqrt(max(thin, 0.0) / mass)
         return f"mass extends {extent:.2g} m in its thinnest direction"
@@ -89,7 +89,7 @@ def _fault(read: StatedInertial, mass: float | None, options: RepairOptions) -> 
 
 
 def _advice(read: StatedInertial, mass: float) -> str:
-    """Say what of a body that can be simulators may still refuse."""
+    """Say what simulators may refuse of a consistent inertia."""
     if mass > 0.0 and read.inertia is not None and point_mass(mass, read.inertia):
         return "a point mass, which simulators refuse if it moves; state a thickness"
     return ""
@@ -106,15 +106,15 @@ def _remedy(
         density = float(options.density or 0.0)
         ball = ball_inertia(mass, density)
         return ball, np.inf, f"a ball of {density:g} kg/m^3"
-    if not faulty or (mass != read.mass and _sound(read.inertia, mass, options)):
+    if not faulty or (mass != read.mass and _keeps(read.inertia, mass, options)):
         return read.inertia, 0.0, ""
     found = nearest_inertia(mass, read.inertia, thickness=options.thickness)
-    return found.inertia, found.change, "the nearest body's inertia"
+    return found.inertia, found.change, "the nearest physically consistent inertia"
 
 
-def _sound(inertia: Matrix, mass: float, options: RepairOptions) -> bool:
-    """Tell whether a mass was all that was wrong."""
-    return possible(inertia, mass * options.thickness**2)
+def _keeps(inertia: Matrix, mass: float, options: RepairOptions) -> bool:
+    """Return whether a mass was all that was wrong."""
+    return is_consistent(inertia, mass * options.thickness**2)
 
 
 def _edits(

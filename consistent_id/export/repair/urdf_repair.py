@@ -1,4 +1,4 @@
-"""A URDF whose inertials no body could have, repaired in place."""
+"""A URDF whose inertials are not physically consistent, repaired in place."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -21,10 +21,10 @@ def repair_urdf(
     density: float | None = None,
     thickness: float = 0.0,
 ) -> Repair:
-    """Make the inertials of a URDF those of bodies, with the least change.
+    """Make the inertials of a URDF physically consistent, with the least change.
 
     Mass, centre of mass and axes of a link stay; moments of inertia move to the nearest
-    ones that a body of this mass has (`nearest_inertia`).  A link stated to have no
+    consistent ones (`nearest_inertia`).  A link stated to have no
     mass gets no inertia.  Nothing else in the file changes by a byte, and a file in
     which nothing is wrong does not change at all.
 
@@ -41,9 +41,9 @@ def repair_urdf(
         A solid ball of the link's mass and this density stands for an inertia that
         cannot be read.
     thickness : float, [m]
-        Standard deviation of mass along each axis that every body with mass is to have;
-        makes point masses and plates, which are bodies at the edge of what can be, into
-        ones that simulators take.
+        Least standard deviation of mass along each axis of a link with mass.  Point
+        masses and plates are on the boundary of the consistency cone; a thickness makes
+        them links that simulators take.
 
     Returns
     -------

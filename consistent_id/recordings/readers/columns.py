@@ -129,7 +129,7 @@ def wanted(columns: Columns, joints: Sequence[str], where: str) -> Wanted:
     Raises
     ------
     RecordingError
-        If a pattern is faulty, does not tell joints apart or names a unit.
+        If a pattern is faulty, gives two joints one name, or names a unit.
     """
     joints = at_least_one(joints, where)
     for channel in ("time", "position", "velocity", "acceleration"):
@@ -157,11 +157,11 @@ def wanted(columns: Columns, joints: Sequence[str], where: str) -> Wanted:
             )
     single = {channel: n for channel, n in expanded.items() if channel not in arrays}
     places = _places(columns, in_log) if arrays else ()
-    dumb = columns.without_torque(joints)
+    silent = columns.without_torque(joints)
     if "torque" in single:
         named = enumerate(single["torque"])
-        single["torque"] = tuple("" if i in dumb else name for i, name in named)
-    return Wanted(joints, columns.time, single, arrays, width, places, dumb)
+        single["torque"] = tuple("" if i in silent else name for i, name in named)
+    return Wanted(joints, columns.time, single, arrays, width, places, silent)
 
 
 def at_least_one(joints: Sequence[str], where: str) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""Columns of a text file: separators and decimal commas are told from the file.
+"""Columns of a text file: separators and decimal commas are found in the file.
 
 Fields are read by NumPy where that cannot differ from the exact way, which is the only
 one that knows rows and columns, and which therefore words every refusal.
@@ -134,7 +134,7 @@ def _split(lines: io.StringIO, start: int, separator: str) -> _Header:
 
 
 def _fast(body: str, header: _Header, places: Sequence[int]) -> Matrix | None:
-    """Return the columns, or None where only the exact way can tell."""
+    """Return the columns, or None where only the exact way knows."""
     separator, width = header.separator, len(header.names)
     if width < 2 or not body.isascii() or any(c in body for c in _DELICATE):
         return None

@@ -1,4 +1,4 @@
-"""By how much one signal comes later than another that tells of the same motion.
+"""By how much one signal is later than another of the same motion.
 
 With ``r`` the reference, differentiated as often as needed, and ``y`` the late signal,
 both filtered alike,
@@ -83,7 +83,7 @@ def estimate_delay(
     Raises
     ------
     RecordingError
-        If the signals do not overlap or do not tell of one motion, or if the delay is
+        If the signals do not overlap or are not of one motion, or if the delay is
         as long as `longest`.
 
     Examples
@@ -259,7 +259,7 @@ def _with_error(
     error = y - gain * r
     J = -gain * _centred(pair.slope(pair.time - shift))
     J -= r * ((r * J).sum(axis=0) / power)
-    # Not the mean of J^2: noise of the reference is steep, yet tells nothing.
+    # Not the mean of J^2: noise of the reference is steep, yet holds no information.
     bend = -gain * _centred(pair.bend(pair.time - shift))
     variance = np.maximum((error**2).mean(axis=0), 1e-24 * (y**2).mean(axis=0) + tiny)
     scores = (J * error / variance).sum(axis=1)

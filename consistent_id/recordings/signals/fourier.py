@@ -118,8 +118,8 @@ def fit_trajectory(recording: Recording, frequencies: ArrayLike) -> FourierFit:
     ------
     RecordingError
         If samples are too few or too far apart, or if frequencies are nearer to each
-        other, or to zero, than the recording's length can tell: noise in a coefficient
-        would be more than ten times what it is with frequencies far apart.
+        other, or to zero, than the recording's length can resolve: noise in a
+        coefficient would be more than ten times what it is with frequencies far apart.
 
     Examples
     --------
@@ -228,7 +228,7 @@ def _refuse_near_ones(recording: Recording, frequencies: Vector, R: Matrix) -> N
     apart = abs(nearest - frequencies[worst])
     raise RecordingError(
         f"{recording.name}: {frequencies[worst]:g} Hz and {nearest:g} Hz are "
-        f"{apart:.3g} Hz apart, too near to tell in {_span(recording):.4g} s: noise "
+        f"{apart:.3g} Hz apart, too near to resolve in {_span(recording):.4g} s: noise "
         f"in their coefficients would be {noise[worst]:.2g} times what it should be. "
         f"Record about {1.0 / apart:.3g} s, or leave one out"
     )

@@ -58,7 +58,7 @@ def read_bytes(path: Path) -> bytes:
 
 
 def urdf_findings(root: Element, moves: Callable[[str], bool]) -> tuple[Finding, ...]:
-    """Return all findings, where `moves` tells of a joint's name whether it moves."""
+    """Return all findings, where `moves` returns whether a named joint moves."""
     if root.tag != "robot":
         sentence = f"root element is <{root.tag}>, expected <robot>"
         return (Finding(root.line, "error", sentence),)
@@ -120,7 +120,7 @@ def _numbers(element: Element) -> Iterator[Finding]:
 
 
 def readable_numbers(value: str, count: int) -> bool:
-    """Tell whether text consists of so many finite decimal numbers."""
+    """Return whether text consists of so many finite decimal numbers."""
     words = value.split()
     numbers = [float(word) for word in words if _NUMBER.fullmatch(word)]
     return len(words) == len(numbers) == count and all(map(isfinite, numbers))
