@@ -24,7 +24,7 @@ def add_export(commands: Any) -> None:
     command = add_command(
         commands,
         "export",
-        "write the constrained estimate for other programmes",
+        "write the constrained estimate for other programs",
         run_export,
         more=_MORE,
         examples=_EXAMPLES,

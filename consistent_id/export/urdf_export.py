@@ -43,7 +43,7 @@ def to_urdf(
 
     Masses, centres of mass and inertias of the model's links; ``<dynamics>`` of joints
     that have drive terms.  All else keeps its bytes: comments, CDATA, white space,
-    encoding, elements of other programmes.
+    encoding, elements of other programs.
 
     A moving link and the links fixed to it are identified as one body.  The fixed ones
     keep their inertials, and the moving one gets what remains, if that is physically

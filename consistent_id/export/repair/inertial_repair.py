@@ -30,31 +30,31 @@ def repaired_link(
     document: Document, link: Element, inertial: Element, options: RepairOptions
 ) -> tuple[LinkRepair, list[Edit]]:
     """Return one link's record, and the edits that repair it."""
-    read = stated_inertial(inertial)
-    mass = options.masses.get(link.name, read.mass)
-    fault = _fault(read, mass, options)
+    stated = stated_inertial(inertial)
+    mass = options.masses.get(link.name, stated.mass)
+    fault = _fault(stated, mass, options)
     record = LinkRepair(
         link.name,
         inertial.line,
         "consistent",
         fault,
         mass=mass,
-        before=_moments(read.inertia),
-        after=_moments(read.inertia),
+        before=_moments(stated.inertia),
+        after=_moments(stated.inertia),
     )
-    if read.displaced:
+    if stated.displaced:
         remedy = "where the centre of mass is cannot be known; correct it"
         return replace(record, status="refused", remedy=remedy), []
     if mass is None or mass < 0.0:
         remedy = "which mass it has cannot be known; state it"
         return replace(record, status="refused", remedy=remedy), []
-    if read.inertia is None and options.density is None and mass > 0.0:
+    if stated.inertia is None and options.density is None and mass > 0.0:
         remedy = "its inertia cannot be known; state a density, to make it a ball"
         return replace(record, status="refused", remedy=remedy), []
-    if not fault and mass == read.mass:
-        return replace(record, remedy=_advice(read, mass)), []
-    inertia, change, remedy = _remedy(read, mass, bool(fault), options)
-    if mass != read.mass:
+    if not fault and mass == stated.mass:
+        return replace(record, remedy=_advice(stated, mass)), []
+    inertia, change, remedy = _remedy(stated, mass, bool(fault), options)
+    if mass != stated.mass:
         remedy = f"mass set to {mass:g} kg" + (f"; {remedy}" if remedy else "")
     after = replace(
         record,
@@ -63,16 +63,20 @@ def repaired_link(
         after=_moments(inertia),
         change=change,
     )
-    return after, _edits(document, inertial, read, mass, inertia)
+    return after, _edits(document, inertial, stated, mass, inertia)
 
 
-def _fault(read: StatedInertial, mass: float | None, options: RepairOptions) -> str:
+def _fault(stated: StatedInertial, mass: float | None, options: RepairOptions) -> str:
     """Say what is wrong with a link; `mass` is the one that it is to have."""
-    if read.displaced or read.unreadable:
-        return "; ".join(filter(None, (read.displaced, *read.unreadable)))
-    inertia = read.inertia
-    if mass is None or inertia is None or (read.mass is not None and read.mass < 0.0):
-        return f"mass is {read.mass:g} kg"
+    if stated.displaced or stated.unreadable:
+        return "; ".join(filter(None, (stated.displaced, *stated.unreadable)))
+    inertia = stated.inertia
+    if (
+        mass is None
+        or inertia is None
+        or (stated.mass is not None and stated.mass < 0.0)
+    ):
+        return f"mass is {stated.mass:g} kg"
     principal = f"principal moments are {moments_in_words(inertia)} kg m^2"
     if mass == 0.0:
         return f"mass is zero, but {principal}" if inertia.any() else ""
@@ -88,27 +92,27 @@ def _fault(read: StatedInertial, mass: float | None, options: RepairOptions) -> 
     return ""
 
 
-def _advice(read: StatedInertial, mass: float) -> str:
+def _advice(stated: StatedInertial, mass: float) -> str:
     """Say what simulators may refuse of a consistent inertia."""
-    if mass > 0.0 and read.inertia is not None and point_mass(mass, read.inertia):
+    if mass > 0.0 and stated.inertia is not None and point_mass(mass, stated.inertia):
         return "a point mass, which simulators refuse if it moves; state a thickness"
     return ""
 
 
 def _remedy(
-    read: StatedInertial, mass: float, faulty: bool, options: RepairOptions
+    stated: StatedInertial, mass: float, faulty: bool, options: RepairOptions
 ) -> tuple[Matrix, float, str]:
     """Return inertia, relative change and what was done, of a link with a mass."""
     if mass == 0.0:
-        change = 1.0 if read.inertia is not None and read.inertia.any() else 0.0
+        change = 1.0 if stated.inertia is not None and stated.inertia.any() else 0.0
         return np.zeros((3, 3)), change, "without mass there is no inertia: set to zero"
-    if read.inertia is None:
+    if stated.inertia is None:
         density = float(options.density or 0.0)
         ball = ball_inertia(mass, density)
         return ball, np.inf, f"a ball of {density:g} kg/m^3"
-    if not faulty or (mass != read.mass and _keeps(read.inertia, mass, options)):
-        return read.inertia, 0.0, ""
-    found = nearest_inertia(mass, read.inertia, thickness=options.thickness)
+    if not faulty or (mass != stated.mass and _keeps(stated.inertia, mass, options)):
+        return stated.inertia, 0.0, ""
+    found = nearest_inertia(mass, stated.inertia, thickness=options.thickness)
     return found.inertia, found.change, "the nearest physically consistent inertia"
 
 
@@ -120,19 +124,19 @@ def _keeps(inertia: Matrix, mass: float, options: RepairOptions) -> bool:
 def _edits(
     document: Document,
     inertial: Element,
-    read: StatedInertial,
+    stated: StatedInertial,
     mass: float,
     inertia: Matrix,
 ) -> list[Edit]:
     edits, missing = [], []
-    old = {} if read.inertia is None else inertia_attributes(read.inertia)
+    old = {} if stated.inertia is None else inertia_attributes(stated.inertia)
     size = float(abs(inertia).max())
     entries = {
         name: f"{value + 0.0:.12g}"
         for name, value in inertia_attributes(inertia).items()
         if name not in old or abs(value - old[name]) > _UNTOUCHED * size
     }
-    masses = {} if mass == read.mass else {"value": number(mass)}
+    masses = {} if mass == stated.mass else {"value": number(mass)}
     for tag, values in (("mass", masses), ("inertia", entries)):
         element = inertial.child(tag)
         if element is None:

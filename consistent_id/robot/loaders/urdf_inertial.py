@@ -90,7 +90,7 @@ def set_numbers(
 
 
 def _same(stated: Array, wanted: Array) -> bool:
-    """Tell whether numbers differ by no more than what arithmetic rounds off."""
+    """Return whether numbers differ by no more than what arithmetic rounds off."""
     if stated.shape != wanted.shape:
         return False
     return bool(np.allclose(stated, wanted, rtol=_ROUNDED, atol=0.0))

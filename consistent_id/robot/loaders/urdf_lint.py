@@ -34,7 +34,7 @@ def lint_urdf(path: str | Path) -> tuple[Finding, ...]:
     """Find what is wrong or odd in a URDF file, in the order of its lines.
 
     Joints of more than one degree of freedom and mimic joints are errors here; a robot
-    that is loaded without them may have them elsewhere.  Elements of other programmes
+    that is loaded without them may have them elsewhere.  Elements of other programs
     (Gazebo, ros2_control, transmissions) and shapes are not looked at.
 
     Raises
