@@ -67,19 +67,15 @@ from consistent_id.excitation.aims import Aim, PathForm
 from consistent_id.excitation.design import design_trajectory
 from consistent_id.excitation.designed import ExcitationDesign
 from consistent_id.excitation.validating import ValidationPath, validation_trajectory
-from consistent_id.export import (
-    Export,
-    mujoco_spec,
-    robot_record,
-    to_c,
-    to_casadi,
-    to_json,
-    to_mjcf,
-    to_numpy,
-    to_pinocchio,
-    to_urdf,
-)
+from consistent_id.export.c_source import to_c
+from consistent_id.export.casadi_functions import to_casadi
+from consistent_id.export.exported_file import Export
+from consistent_id.export.json_record import robot_record, to_json
+from consistent_id.export.mjcf_export import mujoco_spec, to_mjcf
+from consistent_id.export.numpy_source import to_numpy
+from consistent_id.export.pinocchio_model import to_pinocchio
 from consistent_id.export.repair import Repair, nearest_inertia, repair_urdf
+from consistent_id.export.urdf_export import to_urdf
 from consistent_id.laboratory.inverse_kinematics import TaskPath, follow
 from consistent_id.laboratory.writer import Writer
 from consistent_id.laboratory.writing_tasks import Orientation, WritingTask
@@ -185,6 +181,7 @@ from consistent_id.robot.loaders import (
     from_modified_dh,
     lint_urdf,
     load_mjcf,
+    load_robot,
     load_urdf,
 )
 from consistent_id.robot.log_cholesky import (
@@ -354,6 +351,7 @@ __all__ = [
     "load_mjcf",
     "load_problem",
     "load_problems",
+    "load_robot",
     "load_urdf",
     "log_cholesky_from_body",
     "log_cholesky_jacobian",

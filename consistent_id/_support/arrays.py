@@ -1,5 +1,9 @@
 """Array aliases, and the one place where a value's arrays are copied and frozen."""
 
+from collections.abc import Mapping
+from dataclasses import field
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -26,6 +30,42 @@ def frozen(
     array = checked(values, shape, what, error, finite).copy()
     array.setflags(write=False)
     return array
+
+
+def freeze(value: object, **fields: object) -> None:
+    """Set fields of a frozen dataclass; called from its ``__post_init__`` alone."""
+    for name, content in fields.items():
+        object.__setattr__(value, name, content)
+
+
+def freeze_arrays(
+    value: object,
+    shapes: Mapping[str, tuple[int | None, ...]],
+    where: str = "",
+    error: type[Exception] = ProblemError,
+    finite: bool = True,
+) -> None:
+    """Replace array fields of a frozen dataclass by what `frozen` makes of them.
+
+    Parameters
+    ----------
+    value : dataclass
+    shapes : mapping of str to tuple
+        By field.
+    where : str
+        What messages begin with.
+    error, finite
+        See `frozen`.
+    """
+    for name, shape in shapes.items():
+        what = f"{where}: {name}" if where else name
+        array = frozen(getattr(value, name), shape, what, error, finite)
+        freeze(value, **{name: array})
+
+
+def array_default(values: ArrayLike) -> Any:
+    """Return the dataclass field of an array whose default is `values`."""
+    return field(default_factory=lambda: np.array(values, dtype=np.float64))
 
 
 def number(value: object, what: str) -> float:

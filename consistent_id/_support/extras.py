@@ -1,9 +1,42 @@
-"""Libraries that only some uses need, and what to say where they are missing."""
+"""Libraries that only some uses need, and how to install one that is missing."""
 
 from importlib import import_module
 from typing import Any
 
-from consistent_id.errors import ProblemError
+from consistent_id.errors import ConsistentIdError, ProblemError
+
+
+def needed(
+    library: str,
+    extra: str,
+    what: str = "this",
+    error: type[ConsistentIdError] = ProblemError,
+) -> Any:
+    """Return a library, or raise an error that says how to install it.
+
+    Parameters
+    ----------
+    library : str
+    extra : str
+        The package's extra that installs it.
+    what : str
+        What needs it; the subject of the message.
+    error : type
+
+    Examples
+    --------
+    >>> needed("no_such_library", "hdf5", "reading HDF5")
+    Traceback (most recent call last):
+    consistent_id.errors.ProblemError: reading HDF5 needs no_such_library; install it
+    with: pip install 'consistent-id[hdf5]'
+    """
+    try:
+        return import_module(library)
+    except ImportError:
+        raise error(
+            f"{what} needs {library}; install it with: "
+            f"pip install 'consistent-id[{extra}]'"
+        ) from None
 
 
 def pandas() -> Any:
@@ -14,7 +47,7 @@ def pandas() -> Any:
     ProblemError
         If it is not installed.
     """
-    return _needed("pandas")
+    return needed("pandas", "frames")
 
 
 def xarray() -> Any:
@@ -25,13 +58,4 @@ def xarray() -> Any:
     ProblemError
         If it is not installed.
     """
-    return _needed("xarray")
-
-
-def _needed(library: str) -> Any:
-    try:
-        return import_module(library)
-    except ImportError:
-        raise ProblemError(
-            f"this needs {library}; pip install 'consistent-id[frames]'"
-        ) from None
+    return needed("xarray", "frames")

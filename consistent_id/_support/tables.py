@@ -1,6 +1,6 @@
 """Tables of text, for people (aligned) and for Markdown."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from html import escape
 
@@ -75,10 +75,10 @@ def _row(cells: Sequence[str]) -> str:
     return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
 
 
-def _numeric(cells: object) -> bool:
-    """Tell whether a column holds numbers (or dashes) only."""
+def _numeric(cells: Iterable[str]) -> bool:
+    """Return whether a column holds numbers (or dashes) only."""
     return all(
         cell.strip().lstrip("+-").replace("e", "").replace("%", "")[:1].isdigit()
         or cell in ("", "-", "inf")
-        for cell in cells  # type: ignore[attr-defined]
+        for cell in cells
     )

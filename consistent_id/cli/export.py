@@ -7,11 +7,11 @@ from typing import Any
 
 from consistent_id.cli.answers import Answer, show
 from consistent_id.cli.options import add_command, add_dry_run
+from consistent_id.export.export_formats import EXPORT_FORMATS, exported
 
-_FORMATS = ("urdf", "mjcf", "json", "pin", "numpy", "casadi", "c")
-_MORE = """Into the problem's own URDF (only numbers change) or MJCF, or as JSON,
-pinocchio.Model, stand-alone NumPy, CasADi function or C. What a format cannot express
-is said. Exit code 1: the estimate is refused, and nothing was written."""
+_MORE = f"""The formats are {", ".join(known.content for known in EXPORT_FORMATS)}. In
+the problem's own URDF only numbers change. What a format cannot express is printed.
+Exit code 1: the estimate is refused, and nothing was written."""
 _EXAMPLES = """
 consistent-id export problems/ur10e --format urdf --output ur10e.urdf
 consistent-id export problems/rx60 --format c --output rx60.c
@@ -24,7 +24,7 @@ def add_export(commands: Any) -> None:
     command = add_command(
         commands,
         "export",
-        "write the constrained estimate for other programmes",
+        "write the constrained estimate for other programs",
         run_export,
         more=_MORE,
         examples=_EXAMPLES,
@@ -32,7 +32,8 @@ def add_export(commands: Any) -> None:
     command.add_argument(
         "problem", type=Path, help="folder with a problem.toml, or the file"
     )
-    command.add_argument("--format", choices=_FORMATS, required=True)
+    names = [known.name for known in EXPORT_FORMATS]
+    command.add_argument("--format", choices=names, required=True)
     command.add_argument("--output", type=Path, required=True, help="file to write")
     command.add_argument(
         "--estimate",
@@ -55,8 +56,8 @@ def add_export(commands: Any) -> None:
 
 def run_export(options: argparse.Namespace) -> int:
     """Export an estimate; return the exit code."""
-    from consistent_id.cli.commands_export import estimate_for_export, exported
-    from consistent_id.export.pedigree import export_verdict
+    from consistent_id.cli.commands_export import estimate_for_export
+    from consistent_id.export.provenance import export_verdict
     from consistent_id.problems.problem import load_problem
 
     problem = load_problem(options.problem)
@@ -70,10 +71,9 @@ def run_export(options: argparse.Namespace) -> int:
         )
         return 1
     export = exported(
-        problem,
         estimate,
         options.format,
-        source=options.source,
+        source=options.source or problem.model_files.get(options.format),
         allow_refused=options.allow_refused,
     )
     written = None if options.dry_run else export.save(options.output)

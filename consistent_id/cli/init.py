@@ -8,6 +8,7 @@ from consistent_id.cli.answers import Answer, show
 from consistent_id.cli.log_options import add_draft_options, draft_of
 from consistent_id.cli.options import add_command, add_dry_run
 from consistent_id.errors import ProblemError
+from consistent_id.recordings.log_formats import LOG_FORMATS
 
 _MORE = """Joints and columns are matched by name; the rate, the rows that move and the
 cut-off are found in the log. What is a guess says so in a comment."""
@@ -30,7 +31,9 @@ def add_init(commands: Any) -> None:
         examples=_EXAMPLES,
     )
     command.add_argument("model", type=Path, help="URDF or MJCF file")
-    command.add_argument("log", type=Path, help="CSV, Parquet, NPZ, HDF5, MATLAB, bag")
+    command.add_argument(
+        "log", type=Path, help=", ".join(known.name for known in LOG_FORMATS)
+    )
     command.add_argument(
         "--output",
         type=Path,

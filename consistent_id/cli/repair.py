@@ -9,9 +9,9 @@ from consistent_id.cli.options import add_command, add_dry_run
 from consistent_id.errors import ProblemError
 
 _MORE = """Masses, centres of mass and axes stay; moments of inertia move to the
-nearest ones that a body has. Nothing else in the file changes by a byte. What would
-have to be made up is refused unless it is stated. Exit code 1: something was refused,
-and nothing was written."""
+nearest physically consistent ones. Nothing else in the file changes by a byte. A value
+that cannot be known is refused unless an option states it. Exit code 1: something was
+refused, and nothing was written."""
 _EXAMPLES = """
 consistent-id repair robot.urdf --dry-run
 consistent-id repair robot.urdf --output good.urdf --mass tool=0.4
@@ -24,7 +24,7 @@ def add_repair(commands: Any) -> None:
     command = add_command(
         commands,
         "repair",
-        "make the inertials of a URDF those of bodies, with the least change",
+        "make the inertials of a URDF physically consistent, with the least change",
         run_repair,
         more=_MORE,
         examples=_EXAMPLES,
@@ -52,15 +52,15 @@ def add_repair(commands: Any) -> None:
         type=float,
         default=0.0,
         metavar="M",
-        help="standard deviation of mass that every body is to have in each direction, "
+        help="least standard deviation of mass in each direction of a link, "
         "for simulators that refuse point masses and plates",
     )
 
 
 def run_repair(options: argparse.Namespace) -> int:
     """Repair a file; return the exit code."""
-    from consistent_id.export.repair.tell import repair_record, repair_table
-    from consistent_id.export.repair.urdf import repair_urdf
+    from consistent_id.export.repair.repair_report import repair_record, repair_table
+    from consistent_id.export.repair.urdf_repair import repair_urdf
 
     repair = repair_urdf(
         options.urdf,

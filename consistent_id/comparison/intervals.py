@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from consistent_id._support.arrays import Array, Vector, frozen
+from consistent_id._support.arrays import Array, Vector, freeze_arrays
 from consistent_id._support.threads import single_threaded
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.cones.programmes import (
@@ -61,9 +61,7 @@ class ConsistentIntervals:
     slack: float
 
     def __post_init__(self) -> None:
-        shape = (len(self.layout), 2)
-        bounds = frozen(self.bounds, shape, "bounds", finite=False)
-        object.__setattr__(self, "bounds", bounds)
+        freeze_arrays(self, {"bounds": (len(self.layout), 2)}, finite=False)
 
     @property
     def width(self) -> Vector:

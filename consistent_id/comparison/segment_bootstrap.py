@@ -13,7 +13,7 @@ from time import perf_counter
 
 import numpy as np
 
-from consistent_id._support.arrays import Array, Matrix, Vector, frozen
+from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays
 from consistent_id._support.threads import single_threaded
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.priors import Prior
@@ -57,10 +57,7 @@ class Bootstrap:
     seconds: float
 
     def __post_init__(self) -> None:
-        shape = (None, len(self.layout))
-        object.__setattr__(
-            self, "estimates", frozen(self.estimates, shape, "estimates")
-        )
+        freeze_arrays(self, {"estimates": (None, len(self.layout))})
 
     @property
     def standard_deviation(self) -> Vector:

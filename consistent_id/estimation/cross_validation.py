@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._support.arrays import Array, Matrix, Vector, frozen
+from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays, frozen
 from consistent_id._support.threads import single_threaded
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.distances import NominalDistance, nominal_distance
@@ -65,14 +65,9 @@ class RegularisationPath:
 
     def __post_init__(self) -> None:
         n = len(self.weights)
-        for name, shape in (
-            ("weights", (n,)),
-            ("errors", (n, None)),
-            ("misfits", (n,)),
-            ("distances", (n,)),
-            ("parameters", (n, None)),
-        ):
-            object.__setattr__(self, name, frozen(getattr(self, name), shape, name))
+        shapes = dict.fromkeys(("weights", "misfits", "distances"), (n,))
+        freeze_arrays(self, shapes)
+        freeze_arrays(self, {"errors": (n, None), "parameters": (n, None)})
 
     @property
     def error(self) -> Vector:

@@ -26,7 +26,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from consistent_id._support.arrays import Array, Matrix, Vector, frozen
+from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays
 from consistent_id._support.threads import single_threaded
 from consistent_id.errors import ProblemError, RecordingError
 from consistent_id.estimation.estimate import Estimate
@@ -64,8 +64,7 @@ class CutoffChoice:
 
     def __post_init__(self) -> None:
         n = len(self.motion)
-        for name, shape in (("motion", (n,)), ("torque", (n,)), ("errors", (n, None))):
-            object.__setattr__(self, name, frozen(getattr(self, name), shape, name))
+        freeze_arrays(self, {"motion": (n,), "torque": (n,), "errors": (n, None)})
 
     @property
     def error(self) -> Vector:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Self, get_args
 
 import numpy as np
 
-from consistent_id._support.arrays import Array, Matrix, Vector, frozen
+from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays
 from consistent_id._support.extras import pandas
 from consistent_id._support.files import write_atomically
 from consistent_id._support.tables import Table
@@ -83,15 +83,10 @@ class Estimate:
 
     def __post_init__(self) -> None:
         p, b, n = len(self.model.layout), len(self.base), len(self.model.torque_joints)
-        x = frozen(self.parameters, (p,), f"{self.method}: parameters")
-        object.__setattr__(self, "parameters", x)
-        sigma = frozen(self.sigma, (n,), f"{self.method}: sigma")
-        object.__setattr__(self, "sigma", sigma)
+        freeze_arrays(self, {"parameters": (p,), "sigma": (n,)}, self.method)
         if self.base_covariance is not None:
-            cov = frozen(
-                self.base_covariance, (b, b), f"{self.method}: covariance", finite=False
-            )
-            object.__setattr__(self, "base_covariance", cov)
+            shape = {"base_covariance": (b, b)}
+            freeze_arrays(self, shape, self.method, finite=False)
 
     def __getitem__(self, name: str) -> float:
         return float(self.parameters[self.model.layout.index(name)])

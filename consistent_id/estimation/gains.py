@@ -20,7 +20,7 @@ from time import perf_counter
 
 import numpy as np
 
-from consistent_id._support.arrays import Matrix, Vector, frozen
+from consistent_id._support.arrays import Matrix, Vector, freeze_arrays
 from consistent_id._support.threads import single_threaded
 from consistent_id.errors import RecordingError
 from consistent_id.estimation.gain_search import (
@@ -81,10 +81,9 @@ class DriveGains:
     seconds: float
 
     def __post_init__(self) -> None:
-        shape = (len(self.joints),)
-        for name in ("gains", "standard_errors", "linear", "current_noise"):
-            values = frozen(getattr(self, name), shape, name, finite=False)
-            object.__setattr__(self, name, values)
+        names = ("gains", "standard_errors", "linear", "current_noise")
+        shapes = dict.fromkeys(names, (len(self.joints),))
+        freeze_arrays(self, shapes, finite=False)
 
     @property
     def identified(self) -> tuple[bool, ...]:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from consistent_id._support.arrays import Array, Vector, frozen
+from consistent_id._support.arrays import Array, Vector, freeze_arrays
 from consistent_id._support.threads import single_threaded
 from consistent_id.constraints import (
     CentreOfMassBoxes,
@@ -72,8 +72,7 @@ class Payload:
     seconds: float
 
     def __post_init__(self) -> None:
-        errors = frozen(self.standard_errors, (10,), "standard errors", finite=False)
-        object.__setattr__(self, "standard_errors", errors)
+        freeze_arrays(self, {"standard_errors": (10,)}, finite=False)
 
     @property
     def open(self) -> tuple[str, ...]:

@@ -7,7 +7,7 @@ from typing import get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._support.arrays import Vector, checked, frozen, number
+from consistent_id._support.arrays import Vector, checked, freeze, frozen, number
 from consistent_id.errors import ProblemError
 from consistent_id.excitation.criteria import Objective, Scaling
 from consistent_id.recordings.recording import Recording
@@ -61,8 +61,7 @@ class PathForm:
             raise ProblemError(
                 f"harmonics is {self.harmonics}, expected a whole number, 1 or more"
             )
-        object.__setattr__(self, "duration", duration)
-        object.__setattr__(self, "harmonics", int(harmonics))
+        freeze(self, duration=duration, harmonics=int(harmonics))
         self.frequencies  # noqa: B018  frequencies that make no sense are refused here
 
     @property

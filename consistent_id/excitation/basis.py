@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from consistent_id._support.arrays import Array, Matrix, Vector, frozen
+from consistent_id._support.arrays import Array, Matrix, Vector, freeze, frozen
 from consistent_id.errors import ProblemError
 from consistent_id.motion.limits import MotionLimits
 from consistent_id.recordings.trajectory import FourierTrajectory
@@ -50,7 +50,7 @@ class FourierBasis:
 
     def __post_init__(self) -> None:
         frequencies = frozen(self.frequencies, (None,), "frequencies")
-        object.__setattr__(self, "frequencies", frequencies)
+        freeze(self, frequencies=frequencies)
         terms = 2 * len(frequencies)
         free = np.eye(terms)
         if self.rest:
@@ -65,8 +65,8 @@ class FourierBasis:
                 f"{len(frequencies)} frequencies leave no motion that rests at both "
                 "ends; give more harmonics"
             )
-        object.__setattr__(self, "free", frozen(free, free.shape, "free"))
-        object.__setattr__(self, "unit", frozen(self._units(), (None,), "unit"))
+        freeze(self, free=frozen(free, free.shape, "free"))
+        freeze(self, unit=frozen(self._units(), (None,), "unit"))
 
     @property
     def size(self) -> int:

@@ -7,10 +7,10 @@ from typing import Any
 
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.export.casadi_functions import to_casadi
-from consistent_id.export.exported import Export
-from consistent_id.export.pedigree import pedigree
+from consistent_id.export.exported_file import Export
+from consistent_id.export.provenance import provenance
 
-_HEAD = """/* {pedigree}
+_HEAD = """/* {provenance}
  *
  * Inverse dynamics, gravity torque and mass matrix. SI units; joints in this order:
 {joints}
@@ -78,7 +78,7 @@ def to_c(
         code = (Path(folder) / f"{name}.c").read_text()
     joints = "\n".join(f" *   {k} {j}" for k, j in enumerate(robot.joint_names))
     about = {"name": name, "n": len(robot), "joints": _harmless(joints)}
-    head = _HEAD.format(pedigree=_harmless(pedigree(estimate)), **about)
+    head = _HEAD.format(provenance=_harmless(provenance(estimate)), **about)
     return Export("c", (head + code + _TAIL.format(name=name)).encode())
 
 
@@ -87,11 +87,11 @@ def identifier(name: str) -> str:
 
     Examples
     --------
-    >>> identifier("ur-10e"), identifier("3dof")
-    ('ur_10e', 'robot_3dof')
+    >>> identifier("ur-10e"), identifier("3dof"), identifier("")
+    ('ur_10e', 'robot_3dof', 'robot')
     """
     plain = re.sub(r"[\W_]+", "_", name, flags=re.ASCII).strip("_")
-    return plain if plain[:1].isalpha() else f"robot_{plain}"
+    return plain if plain[:1].isalpha() else f"robot_{plain}".rstrip("_")
 
 
 def _harmless(text: str) -> str:

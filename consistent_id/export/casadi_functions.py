@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from consistent_id.estimation.estimate import Estimate
-from consistent_id.export.exported import Export
-from consistent_id.export.pedigree import require_usable
+from consistent_id.export.exported_file import Export
+from consistent_id.export.provenance import require_usable
 from consistent_id.regression.regressor import TorqueModel, casadi_regressor
 
 

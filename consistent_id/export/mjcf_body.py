@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector
+from consistent_id._support.extras import needed
 from consistent_id.errors import ModelError
 from consistent_id.export.pinocchio_model import central
 from consistent_id.robot.inertia import InertialParameters
@@ -21,7 +22,7 @@ _ROUNDING = 1e-14  # of the sum of second moments
 class PrincipalBody:
     """Mass, centre of mass, principal moments and their axes as a quaternion.
 
-    `raised` is by how much second moments were raised to be those of a body, [kg m^2].
+    `raised` is by how much second moments were raised to be consistent, [kg m^2].
     """
 
     mass: float
@@ -70,13 +71,7 @@ def quaternion(rotation: Matrix) -> Array:
 
 def require_mujoco() -> Any:
     """Return the package, or say how to install it."""
-    try:
-        import mujoco
-    except ImportError:
-        raise ModelError(
-            "MJCF needs MuJoCo; install it with: pip install 'consistent-id[mjcf]'"
-        ) from None
-    return mujoco
+    return needed("mujoco", "mjcf", "writing MJCF", ModelError)
 
 
 def compiled_body(model: Any, b: int) -> InertialParameters:

@@ -7,9 +7,9 @@ import numpy as np
 
 from consistent_id.errors import ModelError
 from consistent_id.estimation.estimate import Estimate
+from consistent_id.export.inertia_split import Part, split_inertia
 from consistent_id.export.mjcf_body import compiled_body, require_mujoco, set_body
 from consistent_id.export.mjcf_tree import SpecTree
-from consistent_id.export.shares import Part, shared
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.model import FixedFrame, RobotModel
 
@@ -74,12 +74,12 @@ def _set_link(
         for frame in (own, *link.merged)
         if frame.name in source.tree.bodies  # not so between joints of one body
     ]
-    shares = shared(whole, parts)
+    split = split_inertia(whole, parts)
     bodies = source.tree.bodies
-    notes = set_body(bodies[link.name], shares.bodies[0])
-    for part, share in zip(parts[1:], shares.bodies[1:], strict=True):
+    notes = set_body(bodies[link.name], split.bodies[0])
+    for part, share in zip(parts[1:], split.bodies[1:], strict=True):
         set_body(bodies[part.name], share, moves=False)
-    return [shares.note, *notes] if shares.note else notes
+    return [split.note, *notes] if split.note else notes
 
 
 def _part(source: Source, frame: FixedFrame) -> Part:

@@ -82,7 +82,7 @@ def _exact(document: Document, element: Element, exact: dict[str, Any]) -> list[
 
 
 def _plain(element: Element, name: str, value: Any) -> bool:
-    """Tell whether an attribute is stated, with as many numbers as the model has."""
+    """Return whether an attribute is stated, with as many numbers as the model has."""
     return len(element.attributes.get(name, "").split()) == len(value)
 
 

@@ -8,8 +8,8 @@ import numpy as np
 from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.export.drive_values import JointDrive, joint_drives
-from consistent_id.export.pedigree import pedigree
 from consistent_id.export.pinocchio_model import central
+from consistent_id.export.provenance import provenance
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.loaders.urdf_inertial import inertia_attributes, number
 from consistent_id.robot.model import FixedFrame, Joint
@@ -27,7 +27,7 @@ def urdf_text(estimate: Estimate) -> str:
     lines = [
         '<?xml version="1.0"?>',
         f"<robot name={quoteattr(robot.name)}>",
-        f"  <!-- {pedigree(estimate).replace('--', '- -')} -->",
+        f"  <!-- {provenance(estimate).replace('--', '- -')} -->",
         f"  <link name={quoteattr(world)}/>",
     ]
     if turned:

@@ -12,9 +12,9 @@ from consistent_id.export.drive_values import (
     coupling_values,
     joint_drives,
 )
-from consistent_id.export.exported import Export
+from consistent_id.export.exported_file import Export
 from consistent_id.export.numpy_template import BODY, HEAD
-from consistent_id.export.pedigree import pedigree, require_usable
+from consistent_id.export.provenance import provenance, require_usable
 from consistent_id.regression.drive_terms import (
     AsymmetricCoulomb,
     Coulomb,
@@ -42,7 +42,7 @@ def to_numpy(estimate: Estimate, *, allow_refused: bool = False) -> Export:
     require_usable(estimate, allow_refused)
     n = len(estimate.model.robot)
     head = HEAD.format(
-        pedigree=_harmless(pedigree(estimate)), n=n, data="\n".join(_data(estimate))
+        provenance=_harmless(provenance(estimate)), n=n, data="\n".join(_data(estimate))
     )
     text = head + BODY.replace("{n}", str(n)) + _drive(estimate)
     return Export("numpy", text.encode())

@@ -1,6 +1,6 @@
 """The text of the stand-alone module: what does not depend on the robot."""
 
-HEAD = '''"""{pedigree}
+HEAD = '''"""{provenance}
 
 Inverse dynamics, gravity torque and mass matrix, with friction and drive terms. Needs
 NumPy and nothing else. SI units; q, dq, ddq have shape (..., {n}), joints in the order

@@ -6,8 +6,8 @@ import numpy as np
 
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.export.drive_values import joint_drives, not_expressed
-from consistent_id.export.exported import Export
-from consistent_id.export.pedigree import require_usable
+from consistent_id.export.exported_file import Export
+from consistent_id.export.provenance import require_usable
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.model import Joint
 

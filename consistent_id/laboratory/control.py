@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from consistent_id._support.arrays import Array, Vector, frozen
+from consistent_id._support.arrays import Array, Vector, freeze_arrays
 from consistent_id.errors import ProblemError, RecordingError
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.mass_matrix import mass_matrices
@@ -56,8 +56,7 @@ class Controller:
             value = getattr(self, name)
             if not 0.0 < value < np.inf:
                 raise ProblemError(f"controller: {name} is {value}, expected above 0")
-        x = frozen(self.parameters, (len(self.model.layout),), "controller: parameters")
-        object.__setattr__(self, "parameters", x)
+        freeze_arrays(self, {"parameters": (len(self.model.layout),)}, "controller")
 
     def feedforward(self, motion: Recording) -> Array:
         """Return the model's torque for a motion, shape (samples, joints)."""

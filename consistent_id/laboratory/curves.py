@@ -14,7 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._support.arrays import Array, Matrix, Vector, checked, frozen
+from consistent_id._support.arrays import Array, Matrix, Vector, checked, freeze_arrays
 from consistent_id.errors import ProblemError
 
 _X, _Y = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
@@ -52,15 +52,8 @@ class HarmonicCurve:
 
     def __post_init__(self) -> None:
         terms = len(np.atleast_1d(self.rates))
-        for name, shape in (
-            ("rates", (terms,)),
-            ("sine", (terms, 3)),
-            ("cosine", (terms, 3)),
-            ("offset", (3,)),
-            ("slope", (3,)),
-        ):
-            values = frozen(getattr(self, name), shape, f"curve: {name}")
-            object.__setattr__(self, name, values)
+        shapes = {"rates": (terms,), "sine": (terms, 3), "cosine": (terms, 3)}
+        freeze_arrays(self, shapes | {"offset": (3,), "slope": (3,)}, "curve")
 
     def evaluate(self, u: ArrayLike, derivatives: int = 2) -> Array:
         """Return position and derivatives by `u`, (derivatives + 1, samples, 3)."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._support.arrays import Array, Vector, frozen
+from consistent_id._support.arrays import Array, Vector, array_default, freeze, frozen
 from consistent_id.errors import ProblemError
 
 
@@ -19,10 +19,10 @@ class Encoders:
         Of a reading; zero for an encoder without steps.
     """
 
-    step: Vector = 0.0  # type: ignore[assignment]
+    step: Vector = array_default(0.0)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "step", _each(self.step, "encoders: step"))
+        freeze(self, step=_each(self.step, "encoders: step"))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,13 +36,13 @@ class LoadCell:
     offset : array_like, shape () or (joints,), [N m or N]
     """
 
-    noise: Vector = 0.0  # type: ignore[assignment]
-    offset: Vector = 0.0  # type: ignore[assignment]
+    noise: Vector = array_default(0.0)
+    offset: Vector = array_default(0.0)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "noise", _each(self.noise, "load cell: noise"))
+        freeze(self, noise=_each(self.noise, "load cell: noise"))
         offset = frozen(self.offset, (None,) * np.ndim(self.offset), "offset")
-        object.__setattr__(self, "offset", offset)
+        freeze(self, offset=offset)
 
     def reads(self, torque: Array, rng: np.random.Generator) -> Array:
         """Return what it says of torques, shape (samples, joints)."""
@@ -74,8 +74,8 @@ class Cameras:
     rate: float = 300.0
     delay: float = 0.0
     drift: float = 0.0
-    position_noise: Vector = 0.0  # type: ignore[assignment]
-    acceleration_noise: Vector = 0.0  # type: ignore[assignment]
+    position_noise: Vector = array_default(0.0)
+    acceleration_noise: Vector = array_default(0.0)
 
     def __post_init__(self) -> None:
         if not 0.0 < self.rate < np.inf:
@@ -89,7 +89,7 @@ class Cameras:
             )
         for name in ("position_noise", "acceleration_noise"):
             values = _each(getattr(self, name), f"cameras: {name}")
-            object.__setattr__(self, name, values)
+            freeze(self, **{name: values})
 
     def stamps(self, start: float, stop: float) -> tuple[Vector, Vector]:
         """Return true times of the pictures between two, and their stamps, [s]."""

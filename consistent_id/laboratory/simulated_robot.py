@@ -6,7 +6,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._support.arrays import Vector, frozen
+from consistent_id._support.arrays import Vector, freeze, frozen
 from consistent_id.errors import ModelError, ProblemError
 from consistent_id.regression.friction import DriveTerms
 from consistent_id.regression.mass_matrix import least_mass_eigenvalue, random_poses
@@ -56,8 +56,7 @@ class SimulatedRobot:
     def __post_init__(self) -> None:
         model = replace(self.model, torque_joints=())
         x = frozen(self.parameters, (len(model.layout),), "true parameters")
-        object.__setattr__(self, "model", model)
-        object.__setattr__(self, "parameters", x)
+        freeze(self, model=model, parameters=x)
         for name, terms in zip(model.robot.joint_names, model.terms, strict=True):
             if terms.load_friction:
                 raise ProblemError(

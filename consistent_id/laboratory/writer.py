@@ -10,7 +10,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from consistent_id._support.arrays import Array, Vector, frozen
+from consistent_id._support.arrays import (
+    Array,
+    Vector,
+    array_default,
+    freeze,
+    freeze_arrays,
+)
 from consistent_id.errors import ProblemError
 from consistent_id.laboratory.writing_tasks import WritingTask
 from consistent_id.robot.frame_motion import (
@@ -51,7 +57,7 @@ class Writer:
 
     robot: RobotModel
     frame: str
-    point: Vector = (0.0, 0.0, 0.0)  # type: ignore[assignment]
+    point: Vector = array_default((0.0, 0.0, 0.0))
     joints: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -62,8 +68,8 @@ class Writer:
                 raise ProblemError(
                     f"joint {name!r} does not move {self.frame!r}; {near}"
                 )
-        object.__setattr__(self, "joints", tuple(self.joints) or carrying)
-        object.__setattr__(self, "point", frozen(self.point, (3,), "point"))
+        freeze(self, joints=tuple(self.joints) or carrying)
+        freeze_arrays(self, {"point": (3,)})
 
     @property
     def places(self) -> list[int]:

@@ -10,7 +10,15 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._support.arrays import Array, Matrix, Vector, checked, frozen
+from consistent_id._support.arrays import (
+    Array,
+    Matrix,
+    Vector,
+    array_default,
+    checked,
+    freeze,
+    frozen,
+)
 from consistent_id.errors import ProblemError
 from consistent_id.laboratory.curves import Curve, arc_length
 
@@ -88,7 +96,7 @@ class Orientation:
     """
 
     start: Matrix
-    axis: Vector = (0.0, 0.0, 1.0)  # type: ignore[assignment]
+    axis: Vector = array_default((0.0, 0.0, 1.0))
     angle: float = 0.0
 
     def __post_init__(self) -> None:
@@ -103,8 +111,7 @@ class Orientation:
         length = float(np.linalg.norm(axis))
         if length == 0.0:
             raise ProblemError("orientation: axis is zero, expected a direction")
-        object.__setattr__(self, "start", start)
-        object.__setattr__(self, "axis", frozen(axis / length, (3,), "axis"))
+        freeze(self, start=start, axis=frozen(axis / length, (3,), "axis"))
 
     def at(self, u: Vector) -> Array:
         """Return rotations at `u`, shape (samples, 3, 3)."""

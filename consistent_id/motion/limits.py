@@ -7,7 +7,7 @@ from typing import Self, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._support.arrays import Vector, frozen
+from consistent_id._support.arrays import Vector, freeze, freeze_arrays
 from consistent_id.errors import ProblemError
 from consistent_id.robot.model import Joint, RobotModel
 from consistent_id.robot.parameters import did_you_mean
@@ -45,11 +45,10 @@ class MotionLimits:
     effort: Vector
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "joints", tuple(self.joints))
-        n = len(self.joints)
-        for name in ("lower", "upper", *_ORDERS, "effort"):
-            values = frozen(getattr(self, name), (n,), f"limits: {name}", finite=False)
-            object.__setattr__(self, name, values)
+        freeze(self, joints=tuple(self.joints))
+        names = ("lower", "upper", *_ORDERS, "effort")
+        shapes = dict.fromkeys(names, (len(self.joints),))
+        freeze_arrays(self, shapes, "limits", finite=False)
         for j, joint in enumerate(self.joints):
             self._check(j, f"limits of joint {joint!r}")
 

@@ -6,7 +6,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._support.arrays import Matrix, frozen
+from consistent_id._support.arrays import Matrix, freeze, freeze_arrays, frozen
 from consistent_id.recordings.paths import JointPath
 
 
@@ -30,9 +30,8 @@ class MotionState:
     values: Matrix
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "joints", tuple(self.joints))
-        shape = (4, len(self.joints))
-        object.__setattr__(self, "values", frozen(self.values, shape, "state"))
+        freeze(self, joints=tuple(self.joints))
+        freeze_arrays(self, {"values": (4, len(self.joints))}, "state")
 
     @classmethod
     def at_rest(cls, joints: tuple[str, ...], position: ArrayLike) -> Self:

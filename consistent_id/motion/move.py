@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._support.arrays import Array, BoolArray, Vector, checked
+from consistent_id._support.arrays import Array, BoolArray, Vector, checked, freeze
 from consistent_id.errors import ProblemError
 from consistent_id.motion.polynomial_path import PolynomialPath
 from consistent_id.recordings.paths import sampled
@@ -56,8 +56,7 @@ class Move:
     run_out: tuple[PolynomialPath, ...]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "run_in", tuple(self.run_in))
-        object.__setattr__(self, "run_out", tuple(self.run_out))
+        freeze(self, run_in=tuple(self.run_in), run_out=tuple(self.run_out))
         for number, piece in enumerate(self.pieces, 1):
             if piece.joints != self.joints:
                 raise ProblemError(

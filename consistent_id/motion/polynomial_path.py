@@ -5,7 +5,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._support.arrays import Array, Matrix, Vector, checked, frozen, number
+from consistent_id._support.arrays import (
+    Array,
+    Matrix,
+    Vector,
+    checked,
+    freeze,
+    frozen,
+    number,
+)
 from consistent_id.errors import ProblemError
 from consistent_id.motion import bernstein
 
@@ -36,7 +44,7 @@ class PolynomialPath:
     start: float = 0.0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "joints", tuple(self.joints))
+        freeze(self, joints=tuple(self.joints))
         n = len(self.joints)
         if not n or len(set(self.joints)) != n:
             raise ProblemError(
@@ -47,10 +55,10 @@ class PolynomialPath:
             raise ProblemError(
                 f"polynomial path: {len(control)} coefficients, expected 1 to 10"
             )
-        object.__setattr__(self, "control", control)
+        freeze(self, control=control)
         for name in ("duration", "start"):
             time = number(getattr(self, name), f"polynomial path: {name}")
-            object.__setattr__(self, name, time)
+            freeze(self, **{name: time})
         if not 0.0 < self.duration < np.inf:
             raise ProblemError(
                 f"polynomial path: duration is {self.duration} s, expected more than 0"

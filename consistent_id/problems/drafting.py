@@ -12,7 +12,7 @@ from consistent_id.estimation.cutoff import CutoffChoice, best_cutoff
 from consistent_id.problems.draft import VELOCITY_SCALE, Draft
 from consistent_id.problems.file import PreparationTable
 from consistent_id.problems.preparation import prepared
-from consistent_id.recordings.log_columns import guess_columns
+from consistent_id.recordings.column_guess import guess_columns
 from consistent_id.recordings.readers import read_recording
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import (

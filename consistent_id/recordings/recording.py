@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from consistent_id._support.arrays import Matrix, Vector, frozen
+from consistent_id._support.arrays import Matrix, Vector, freeze, frozen
 from consistent_id._support.extras import pandas, xarray
 from consistent_id._support.tables import Table
 from consistent_id.errors import RecordingError
@@ -63,7 +63,7 @@ class Recording:
             raise RecordingError(
                 f"{self.name}: joints are {self.joints!r}, expected distinct names"
             )
-        object.__setattr__(self, "joints", joints)
+        freeze(self, joints=joints)
         if self.position is None:
             raise RecordingError(f"{self.name}: position is missing")
         time = frozen(
@@ -74,12 +74,12 @@ class Recording:
                 f"{self.name}: {len(time)} samples, expected 2 or more"
             )
         self._check_time(time)
-        object.__setattr__(self, "time", time)
+        freeze(self, time=time)
         for channel in _CHANNELS:
             values = getattr(self, channel)
             if values is not None:
                 array = self._checked(channel, values, len(time))
-                object.__setattr__(self, channel, array)
+                freeze(self, **{channel: array})
 
     def _check_time(self, time: Vector) -> None:
         if not np.isfinite(time).all():

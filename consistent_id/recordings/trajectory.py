@@ -15,7 +15,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._support.arrays import Array, Matrix, Vector, checked, frozen, number
+from consistent_id._support.arrays import (
+    Array,
+    Matrix,
+    Vector,
+    checked,
+    freeze,
+    freeze_arrays,
+    frozen,
+    number,
+)
 from consistent_id.errors import ProblemError
 from consistent_id.recordings.paths import sampled
 from consistent_id.recordings.recording import Recording
@@ -58,7 +67,7 @@ class FourierTrajectory:
     start: float = 0.0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "joints", tuple(self.joints))
+        freeze(self, joints=tuple(self.joints))
         n = len(self.joints)
         if not n or len(set(self.joints)) != n:
             raise ProblemError(
@@ -70,17 +79,13 @@ class FourierTrajectory:
                 f"trajectory: frequencies are {frequencies.tolist()} Hz, expected "
                 "positive and increasing ones"
             )
-        object.__setattr__(self, "frequencies", frequencies)
-        for name, shape in (
-            ("offset", (n,)),
-            ("sine", (len(frequencies), n)),
-            ("cosine", (len(frequencies), n)),
-        ):
-            values = frozen(getattr(self, name), shape, f"trajectory: {name}")
-            object.__setattr__(self, name, values)
+        freeze(self, frequencies=frequencies)
+        shape = (len(frequencies), n)
+        shapes = {"offset": (n,), "sine": shape, "cosine": shape}
+        freeze_arrays(self, shapes, "trajectory")
         for name in ("duration", "start"):
             time = number(getattr(self, name), f"trajectory: {name}")
-            object.__setattr__(self, name, time)
+            freeze(self, **{name: time})
         if not 0.0 < self.duration < np.inf:
             raise ProblemError(
                 f"trajectory: duration is {self.duration} s, expected more than 0"

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from consistent_id._support.arrays import Array, Matrix, Vector, frozen
+from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays
 from consistent_id._support.threads import single_threaded
 from consistent_id.errors import NotExcitedError
 from consistent_id.regression.regressor import TorqueModel
@@ -50,7 +50,7 @@ class BaseParameters:
 
     def __post_init__(self) -> None:
         shape = (len(self.independent), len(self.dependent))
-        object.__setattr__(self, "regrouping", frozen(self.regrouping, shape, "K"))
+        freeze_arrays(self, {"regrouping": shape})
 
     def __len__(self) -> int:
         return len(self.independent)

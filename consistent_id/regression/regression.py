@@ -14,7 +14,15 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._support.arrays import Array, IntArray, Matrix, Vector, frozen
+from consistent_id._support.arrays import (
+    Array,
+    IntArray,
+    Matrix,
+    Vector,
+    array_default,
+    freeze,
+    frozen,
+)
 from consistent_id._support.threads import single_threaded
 from consistent_id.errors import NotExcitedError, ProblemError, RecordingError
 from consistent_id.recordings.recording import Recording
@@ -43,7 +51,7 @@ class Regression:
         ``F_j`` with ``||F_j [x, -1]|| = ||Y_j x - tau_j||`` for every ``x``.
     counts : tuple of int
         Samples behind each factor.
-    sigma : array_like, shape (joints,), optional, [N m or N]
+    sigma : array_like, shape (joints,) or (), optional, [N m or N]
         Noise standard deviation by which each joint's rows are divided in `stacked`;
         by default ones.
     fingerprint : str
@@ -54,7 +62,7 @@ class Regression:
     joints: tuple[str, ...]
     factors: tuple[Matrix, ...]
     counts: tuple[int, ...]
-    sigma: Vector = None  # type: ignore[assignment]
+    sigma: Vector = array_default(1.0)
     fingerprint: str = ""
 
     def __post_init__(self) -> None:
@@ -67,12 +75,11 @@ class Regression:
         )
         if min(self.counts) < 1:
             raise ProblemError(f"counts are {self.counts}, expected 1 sample or more")
-        sigma = np.ones(n) if self.sigma is None else self.sigma
+        sigma = self.sigma if np.ndim(self.sigma) else np.full(n, self.sigma)
         sigma = frozen(sigma, (n,), "sigma")
         if not (sigma > 0.0).all():
             raise ProblemError(f"sigma is {sigma}, expected positive values")
-        object.__setattr__(self, "factors", factors)
-        object.__setattr__(self, "sigma", sigma)
+        freeze(self, factors=factors, sigma=sigma)
 
     def __add__(self, other: "Regression") -> Self:
         """Merge two regressions of one torque model."""
@@ -90,7 +97,7 @@ class Regression:
 
     def weighted(self, sigma: ArrayLike) -> Self:
         """Return the regression with each joint's rows divided by its noise level."""
-        return replace(self, sigma=np.asarray(sigma, dtype=np.float64))
+        return replace(self, sigma=frozen(sigma, (len(self.joints),), "sigma"))
 
     def stacked(self) -> Matrix:
         """Return one triangular factor for all joints, weights applied.

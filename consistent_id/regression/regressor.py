@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._support.arrays import Array, Vector, checked, frozen
+from consistent_id._support.arrays import Array, Vector, checked, freeze, frozen
 from consistent_id.errors import ProblemError
 from consistent_id.regression.friction import DriveTerms, GearCoupling, drive_unit
 from consistent_id.regression.joint_geometry import floats, joint_geometry
@@ -103,17 +103,16 @@ class TorqueModel:
                 for _, joint, term in columns
             ),
         )
-        object.__setattr__(self, "terms", drive)
-        object.__setattr__(self, "couplings", couplings)
-        object.__setattr__(self, "torque_joints", rows)
-        object.__setattr__(self, "layout", layout)
+        freeze(
+            self, terms=drive, couplings=couplings, torque_joints=rows, layout=layout
+        )
         load = _load_reference(self)
-        object.__setattr__(self, "load_reference", load)
+        freeze(self, load_reference=load)
         gravity = robot.gravity.tolist()
         content = repr((joint_geometry(robot), gravity, drive, couplings, layout, rows))
         content += "" if load is None else repr(load.tolist())
         digest = sha256(content.encode()).hexdigest()[:16]
-        object.__setattr__(self, "fingerprint", digest)
+        freeze(self, fingerprint=digest)
 
     def regressor(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Array:
         """Return the regressor of samples.

@@ -24,7 +24,7 @@ class Selection:
     locked: Mapping[str, float] | None = None
 
     def moves(self, joint: str) -> bool:
-        """Tell whether a joint, if it is on the chain, is neither locked nor left."""
+        """Return whether a joint, if it is on the chain, is neither locked nor left."""
         kept = self.joints is None or joint in self.joints
         return kept and joint not in (self.locked or {})
 

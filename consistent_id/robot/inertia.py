@@ -21,7 +21,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._support.arrays import Array, Matrix, Vector, frozen
+from consistent_id._support.arrays import Array, Matrix, Vector, freeze, frozen
 from consistent_id.errors import ModelError
 
 INERTIAL_NAMES = ("m", "hx", "hy", "hz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
@@ -115,7 +115,7 @@ class InertialParameters:
 
     def __post_init__(self) -> None:
         vector = frozen(self.vector, (10,), "inertial parameters", ModelError)
-        object.__setattr__(self, "vector", vector)
+        freeze(self, vector=vector)
 
     @classmethod
     def from_central(
@@ -177,7 +177,7 @@ class InertialParameters:
         return pseudo_inertia(self.vector)
 
     def is_consistent(self, tolerance: float = 0.0) -> bool:
-        """Tell whether a body of non-negative density could have these parameters.
+        """Return whether the parameters are physically consistent.
 
         `tolerance` is relative to the largest eigenvalue of ``J``.
         """

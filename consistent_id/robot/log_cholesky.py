@@ -1,7 +1,7 @@
-"""Bodies as points of an unconstrained space: the log-Cholesky parametrisation.
+"""Inertial parameters without constraints: the log-Cholesky parametrisation.
 
-Ten variables ``theta`` give a body, and every body with mass and thickness has its
-``theta`` [Rucker2022]_.  In the central form used here
+Any ten variables ``theta`` give physically consistent parameters with mass and
+thickness, and each of those has one ``theta`` [Rucker2022]_.  In the central form
 
 ``m = exp(theta_0)``, ``c = theta_1..3``, central second moments ``m L L^T``
 
@@ -136,7 +136,7 @@ def log_cholesky_from_body(vector: ArrayLike) -> Array:
     Raises
     ------
     ModelError
-        If no body with mass and thickness has them.
+        If they are not consistent, or without mass or thickness.
     """
     J = pseudo_inertia(frozen(vector, (10,), "inertial parameters", ModelError))
     mass = J[3, 3]
@@ -147,7 +147,8 @@ def log_cholesky_from_body(vector: ArrayLike) -> Array:
         L = np.linalg.cholesky(J[:3, :3] / mass - np.outer(c, c))
     except np.linalg.LinAlgError:
         raise ModelError(
-            "the body is flat, or no body at all: its pseudo-inertia has eigenvalues "
+            "the parameters are flat or not consistent: their pseudo-inertia has "
+            "eigenvalues "
             f"from {np.linalg.eigvalsh(J)[0]:.1e}, expected more than zero"
         ) from None
     entries = L[_ROWS, _COLUMNS]

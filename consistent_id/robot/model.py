@@ -5,7 +5,14 @@ from typing import Literal, Self, get_args
 
 import numpy as np
 
-from consistent_id._support.arrays import Array, Matrix, Vector, frozen
+from consistent_id._support.arrays import (
+    Array,
+    Matrix,
+    Vector,
+    array_default,
+    freeze,
+    frozen,
+)
 from consistent_id.errors import ModelError
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.parameters import did_you_mean
@@ -76,10 +83,9 @@ class Joint:
         translation = frozen(
             self.translation, (3,), f"{where}: translation", ModelError
         )
-        object.__setattr__(self, "rotation", rotation)
-        object.__setattr__(self, "translation", translation)
+        freeze(self, rotation=rotation, translation=translation)
         axis = frozen(axis / length, (3,), "axis")
-        object.__setattr__(self, "axis", axis)
+        freeze(self, axis=axis)
 
 
 def _rotation(matrix: Matrix, where: str) -> Matrix:
@@ -122,12 +128,12 @@ class Datasheet:
                 )
         if self.com is not None:
             com = frozen(self.com, (3,), "datasheet com", ModelError)
-            object.__setattr__(self, "com", com)
+            freeze(self, com=com)
         if self.com_box is not None:
             box = frozen(self.com_box, (2, 3), "datasheet com_box", ModelError)
             if (box[0] > box[1]).any():
                 raise ModelError(f"datasheet com_box: lower {box[0]} > upper {box[1]}")
-            object.__setattr__(self, "com_box", box)
+            freeze(self, com_box=box)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -147,8 +153,7 @@ class FixedFrame:
         translation = frozen(
             self.translation, (3,), f"{where}: translation", ModelError
         )
-        object.__setattr__(self, "rotation", _rotation(self.rotation, where))
-        object.__setattr__(self, "translation", translation)
+        freeze(self, rotation=_rotation(self.rotation, where), translation=translation)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -191,7 +196,7 @@ class RobotModel:
     name: str
     joints: tuple[Joint, ...]
     links: tuple[Link, ...]
-    gravity: Vector = STANDARD_GRAVITY  # type: ignore[assignment]
+    gravity: Vector = array_default(STANDARD_GRAVITY)
     ground: tuple[FixedFrame, ...] = ()
 
     def __post_init__(self) -> None:
@@ -213,7 +218,7 @@ class RobotModel:
                     "expected one that comes before it"
                 )
         gravity = frozen(self.gravity, (3,), "gravity", ModelError)
-        object.__setattr__(self, "gravity", gravity)
+        freeze(self, gravity=gravity)
 
     def __len__(self) -> int:
         return len(self.joints)

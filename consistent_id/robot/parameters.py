@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
+from consistent_id._support.arrays import freeze
 from consistent_id.errors import ProblemError
 from consistent_id.robot.inertia import INERTIAL_NAMES, INERTIAL_UNITS
 
@@ -59,9 +60,9 @@ class ParameterLayout:
         repeated = {name for name in names if names.count(name) > 1}
         if repeated:
             raise ProblemError(f"parameter names are not unique: {sorted(repeated)}")
-        object.__setattr__(self, "names", names)
+        freeze(self, names=names)
         units = (*INERTIAL_UNITS * len(self.links), *self.drive_units)
-        object.__setattr__(self, "units", units)
+        freeze(self, units=units)
 
     def __len__(self) -> int:
         return len(self.names)

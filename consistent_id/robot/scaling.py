@@ -9,8 +9,8 @@ from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.model import RobotModel
 
 _MASSLESS = 1e-3  # mass of a link stated to have none, over the mean of the others
-_FLAT = 1e-3  # ratio of thickness to length below which a nominal body is none
-_THICK = 0.1  # ratio that a reference body is then given
+_FLAT = 1e-3  # ratio of thickness to length below which a nominal link counts as flat
+_THICK = 0.1  # ratio that its reference is then given
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,11 +61,11 @@ def link_scales(robot: RobotModel) -> LinkScales:
 
 
 def reference_bodies(robot: RobotModel) -> Array:
-    """Return a consistent body for each link, shape (links, 10).
+    """Return physically consistent parameters of each link, shape (links, 10).
 
-    The nominal one where it is known; where it is flat, as of point masses, or no body,
-    its vanishing extents are raised to a tenth of the link's length.  Else a ball of
-    the link's typical mass and length about the datasheet's centre of mass.
+    Nominal parameters where they are known; if they are flat, as of point masses, or
+    not consistent, the extents that vanish are raised to a tenth of the link's length.
+    Otherwise a ball of typical mass and length about the datasheet's centre of mass.
     """
     scales = link_scales(robot)
     bodies = []

@@ -7,7 +7,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._support.arrays import Array, Matrix, Vector, frozen
+from consistent_id._support.arrays import Array, Matrix, Vector, freeze, frozen
 from consistent_id.errors import ProblemError
 
 _STEPS = 20_000  # of the search for the smallest ellipsoid
@@ -39,9 +39,7 @@ class Ellipsoid:
         rotation = frozen(rotation, (3, 3), "ellipsoid rotation")
         if abs(rotation.T @ rotation - np.eye(3)).max() > 1e-9:
             raise ProblemError("ellipsoid rotation is not orthonormal")
-        object.__setattr__(self, "centre", centre)
-        object.__setattr__(self, "semi_axes", axes)
-        object.__setattr__(self, "rotation", rotation)
+        freeze(self, centre=centre, semi_axes=axes, rotation=rotation)
 
     @classmethod
     def around(cls, points: ArrayLike) -> Self:
@@ -112,10 +110,11 @@ class Polytope:
         lengths = np.linalg.norm(normals, axis=1)
         if not (lengths > 0.0).all():
             raise ProblemError("polytope: a facet's normal is zero")
-        object.__setattr__(
-            self, "normals", frozen(normals / lengths[:, None], (None, 3), "normals")
+        freeze(
+            self,
+            normals=frozen(normals / lengths[:, None], (None, 3), "normals"),
+            offsets=frozen(offsets / lengths, (None,), "b"),
         )
-        object.__setattr__(self, "offsets", frozen(offsets / lengths, (None,), "b"))
         self._require_body()
 
     def _require_body(self) -> None:

@@ -26,7 +26,8 @@ from consistent_id import (
     to_numpy,
     to_pinocchio,
 )
-from consistent_id.export import casadi_file, pinocchio_file
+from consistent_id.export.casadi_functions import casadi_file
+from consistent_id.export.pinocchio_model import pinocchio_file
 
 SEEDS = range(3)
 

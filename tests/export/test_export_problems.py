@@ -8,7 +8,8 @@ import pytest
 from estimates import rigid
 
 from consistent_id import load_problem, load_urdf, to_mjcf, to_urdf
-from consistent_id.cli.commands_export import estimate_for_export, exported
+from consistent_id.cli.commands_export import estimate_for_export
+from consistent_id.export.export_formats import exported
 
 pytestmark = pytest.mark.skipif(
     "CONSISTENT_ID_DATASETS" not in os.environ,
@@ -20,8 +21,9 @@ pytestmark = pytest.mark.skipif(
 def test_the_estimates_torque_is_in_the_file_and_mujoco_loads_it(robot, tmp_path):
     problem = load_problem(f"problems/{robot}")
     estimate = estimate_for_export(problem)
-    export = exported(problem, estimate, "urdf")
-    assert to_urdf(estimate, problem.model_files["urdf"]) == export
+    source = problem.model_files["urdf"]
+    export = exported(estimate, "urdf", source=source)
+    assert to_urdf(estimate, source) == export
     path = export.save(tmp_path / "robot.urdf")
     names = estimate.model.robot.joint_names
     model = pin.buildModelFromUrdf(str(path))

@@ -247,7 +247,7 @@ def test_estimates_that_no_robot_has_are_refused(written):
     impossible = InertialParameters(-nominal[1].vector)
     bodies = [nominal[0], impossible, nominal[2]]
     estimate = estimate_of(TorqueModel(robot), bodies)
-    with pytest.raises(ProblemError, match=r"refused \(two: no body\)"):
+    with pytest.raises(ProblemError, match=r"\(not physically consistent: two\)"):
         to_urdf(estimate, path)
     export = to_urdf(estimate, path, allow_refused=True)
     assert "verdict refused" in str(export)

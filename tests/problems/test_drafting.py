@@ -12,8 +12,8 @@ from consistent_id import (
     load_problem,
 )
 from consistent_id.problems.drafting import draft_problem
-from consistent_id.recordings.log_columns import guess_columns
-from consistent_id.recordings.readers.names import column_names
+from consistent_id.recordings.column_guess import guess_columns
+from consistent_id.recordings.readers.recording_file import column_names
 from consistent_id.robot.chains import Selection
 
 ARM = ("shoulder", "elbow")
@@ -244,5 +244,5 @@ def test_names_of_columns_are_found(tmp_path, kind):
 def test_of_other_files_the_columns_are_asked_for(tmp_path):
     with pytest.raises(RecordingError, match="--position"):
         column_names(tmp_path / "log.h5")
-    with pytest.raises(RecordingError, match="cannot be read"):
+    with pytest.raises(RecordingError, match="no such file"):
         column_names(tmp_path / "nowhere.csv")

@@ -44,7 +44,7 @@ def test_after_the_guard_the_filter_has_forgotten_what_is_held_out():
         (1, 0.0, "1 blocks, expected 2"),
         (60, 0.0, "100 samples cannot be cut into 60"),
         (2, -1.0, "guard is -1.0 s"),
-        (2, 3.0, "nothing is left to learn from 3 s away"),
+        (2, 3.0, "nothing is left for training 3 s away"),
     ],
 )
 def test_folds_that_cannot_be_made_are_refused(count, guard, message):

@@ -184,7 +184,9 @@ def test_a_missing_file_is_refused(tmp_path, name):
 @pytest.mark.parametrize("name", ["log.txt", "log", "log.csv.gz", "log.npy"])
 def test_an_ending_that_cannot_be_read_is_refused(tmp_path, name):
     path = written(tmp_path, "time,q_elbow\n0,1\n1,2\n", name)
-    with pytest.raises(RecordingError, match=rf"{name}: cannot read .*\.csv, .*a bag"):
+    with pytest.raises(
+        RecordingError, match=rf"{name}: cannot read .*\.csv, .*bag's folder"
+    ):
         read_recording(path, ["elbow"])
 
 

@@ -170,7 +170,7 @@ BAD_ARRAYS = {
     "as many samples as joints": (
         {"t": TIME[:3], "q": VALUES[:3]},
         ARRAY,
-        r"array 'q' has shape \(3, 3\) .*which axis is time cannot be told",
+        r"array 'q' has shape \(3, 3\) .*which axis is time cannot be known",
     ),
     "too few joints": (
         {"t": TIME, "q": VALUES[:, :2]},

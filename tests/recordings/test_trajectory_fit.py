@@ -73,8 +73,11 @@ def test_frequencies_are_refused_where_noise_would_be_ten_times_as_large():
 @pytest.mark.parametrize(
     ("frequencies", "says"),
     [
-        ([0.005, 1.0], "0.005 Hz and 0 Hz are 0.005 Hz apart, too near to tell in 4 s"),
-        ([0.1, 0.2, 0.3, 0.4], "too near to tell in 4 s"),
+        (
+            [0.005, 1.0],
+            "0.005 Hz and 0 Hz are 0.005 Hz apart, too near to resolve in 4 s",
+        ),
+        ([0.1, 0.2, 0.3, 0.4], "too near to resolve in 4 s"),
         ([], "positive and increasing"),
         ([0.5, 0.5], "positive and increasing"),
         ([-1.0], "positive and increasing"),
@@ -82,7 +85,7 @@ def test_frequencies_are_refused_where_noise_would_be_ten_times_as_large():
         (np.arange(1, 111) / 4.0, "expected at least 442"),
     ],
 )
-def test_what_a_recording_cannot_tell_is_refused(frequencies, says):
+def test_what_a_recording_cannot_resolve_is_refused(frequencies, says):
     time = np.arange(400) / 100.0
     with pytest.raises(RecordingError, match=says):
         fit_trajectory(Recording(("a",), time, np.sin(time)[:, None]), frequencies)

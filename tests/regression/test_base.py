@@ -166,7 +166,7 @@ def test_base_parameters_check_and_freeze_their_map():
     assert base.names == ("link1.hx", "link1.hy", "link1.Izz") and len(base) == 3
     with pytest.raises(ValueError, match="read-only"):
         base.regrouping[0] = 1.0
-    with pytest.raises(ProblemError, match=r"K: expected shape \(3, 7\)"):
+    with pytest.raises(ProblemError, match=r"regrouping: expected shape \(3, 7\)"):
         BaseParameters(base.layout, base.independent, base.dependent, np.eye(3))
 
 

@@ -11,7 +11,7 @@ from typing import Self
 
 import numpy as np
 
-from consistent_id._support.arrays import Array, Matrix, Vector, frozen
+from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays
 from consistent_id.errors import ProblemError
 
 
@@ -36,13 +36,11 @@ class SemidefiniteBlock:
 
     def __post_init__(self) -> None:
         k = len(self.scale)
-        for name, shape in (
-            ("coefficients", (None, k, k)),
-            ("constant", (k, k)),
-            ("scale", (k,)),
-        ):
-            array = frozen(getattr(self, name), shape, f"{self.label}: {name}")
-            object.__setattr__(self, name, array)
+        freeze_arrays(
+            self,
+            {"coefficients": (None, k, k), "constant": (k, k), "scale": (k,)},
+            self.label,
+        )
 
     @property
     def description(self) -> str:

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from consistent_id._support.arrays import Array, Vector, frozen
+from consistent_id._support.arrays import Array, Vector, freeze_arrays
 from consistent_id.estimation.shapes.shape_misfit import Misfit, ShapeGroup
 
 _FIRST = 0.05  # first step of a profile, in the logarithm of the shape
@@ -44,7 +44,7 @@ class ShapeProfile:
     high_found: bool
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "curve", frozen(self.curve, (None, 2), "curve"))
+        freeze_arrays(self, {"curve": (None, 2)})
 
     @property
     def determined(self) -> bool:

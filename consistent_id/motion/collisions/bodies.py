@@ -11,7 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._support.arrays import Array, Matrix, Vector, frozen
+from consistent_id._support.arrays import Array, Matrix, Vector, freeze, frozen
 from consistent_id.errors import ProblemError
 
 _ORTHONORMAL = 1e-9  # entries of R^T R - 1
@@ -61,7 +61,7 @@ class Box:
 
     def __post_init__(self) -> None:
         size = tuple(frozen(self.size, (3,), "box size").tolist())
-        object.__setattr__(self, "size", size)
+        freeze(self, size=size)
         for name, value in zip("xyz", size, strict=True):
             _positive("box", **{name: value})
 
@@ -151,8 +151,7 @@ class Hull:
         inwards = (np.cross(b - a, c - a) * hull.equations[:, :3]).sum(axis=1) < 0.0
         facets[inwards] = facets[inwards][:, ::-1]
         facets.setflags(write=False)
-        object.__setattr__(self, "points", corners)
-        object.__setattr__(self, "facets", facets)
+        freeze(self, points=corners, facets=facets)
 
     def farthest(self, directions: Array) -> Array:
         """Return the farthest point in each direction, one of the corners."""
@@ -216,8 +215,7 @@ class Body:
             raise ProblemError(f"{where}: rotation is none, got {rotation.tolist()}")
         translation = np.zeros(3) if self.translation is None else self.translation
         translation = frozen(translation, (3,), f"{where}: translation")
-        object.__setattr__(self, "rotation", rotation)
-        object.__setattr__(self, "translation", translation)
+        freeze(self, rotation=rotation, translation=translation)
         if self.frame is not None and isinstance(self.shape, HalfSpace):
             raise ProblemError(f"{where}: a half-space cannot move with {self.frame!r}")
 

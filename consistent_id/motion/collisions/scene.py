@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from consistent_id._support.arrays import Array
+from consistent_id._support.arrays import Array, freeze
 from consistent_id.errors import ProblemError
 from consistent_id.motion.collisions.bodies import Body
 from consistent_id.robot.chains import Place
@@ -64,7 +64,7 @@ class Scene:
 
     def __post_init__(self) -> None:
         for name in ("bodies", "pairs", "notes", "dropped"):
-            object.__setattr__(self, name, tuple(getattr(self, name)))
+            freeze(self, **{name: tuple(getattr(self, name))})
         names = [body.name for body in self.bodies]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:

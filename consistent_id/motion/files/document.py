@@ -23,8 +23,8 @@ from consistent_id.errors import ProblemError
 from consistent_id.motion.files.content import require_size
 from consistent_id.motion.move import Move
 from consistent_id.motion.polynomial_path import PolynomialPath
-from consistent_id.recordings.readers.arrays import Arrays
-from consistent_id.recordings.readers.npz import read_npz
+from consistent_id.recordings.readers.named_arrays import Arrays
+from consistent_id.recordings.readers.npz import read_arrays
 from consistent_id.recordings.trajectory import FourierTrajectory
 
 FORMAT = "consistent_id trajectory 1"
@@ -125,7 +125,7 @@ def path_of_npz(where: Path) -> ExactPath:
         If the file, or an array in it, cannot be read.
     """
     names = [name for name in _members(where) if name.startswith("piece")]
-    arrays = read_npz(where, ["format", "kind", *names])
+    arrays = read_arrays(where, ["format", "kind", *names])
     _check_format(str(arrays["format"]), where)
     pieces: dict[int, dict[str, Any]] = {}
     for name in names:

@@ -15,8 +15,8 @@ import numpy as np
 from msgspec import Meta
 
 from consistent_id._support.arrays import Matrix
+from consistent_id._support.extras import needed
 from consistent_id.errors import RecordingError
-from consistent_id.recordings.readers.columns import missing_library
 from consistent_id.recordings.recording import Recording
 
 _BILLION = 1_000_000_000
@@ -120,12 +120,11 @@ def _decoded(content: bytes, where: Path) -> _JointTrajectory:
 
 def _yaml(content: bytes, where: Path) -> Any:
     """Return the only document of a YAML file, built of plain values."""
-    try:
-        from ruamel.yaml import YAML
-        from ruamel.yaml.error import YAMLError
-        from ruamel.yaml.events import AliasEvent
-    except ImportError:
-        raise missing_library(str(where), "YAML", "ruamel.yaml", "ros") from None
+    needed("ruamel.yaml", "ros", f"{where}: reading YAML", RecordingError)
+    from ruamel.yaml import YAML
+    from ruamel.yaml.error import YAMLError
+    from ruamel.yaml.events import AliasEvent
+
     try:
         text = content.decode("utf-8")
         # References within a file can make it grow without end.

@@ -2,15 +2,15 @@
 
 import csv
 import io
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from consistent_id._support.arrays import Vector
+from consistent_id._support.extras import needed
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers import Columns, read_recording
-from consistent_id.recordings.readers.columns import missing_library
+from consistent_id.recordings.readers.recording_file import column_names
 from consistent_id.recordings.recording import Recording
 
 TRAJECTORY_COLUMNS = Columns(velocity="dq_{joint}", acceleration="ddq_{joint}")
@@ -40,13 +40,9 @@ def csv_of(samples: Recording) -> str:
 
 def parquet_of(samples: Recording, where: Path) -> bytes:
     """Return samples as the content of a Parquet file."""
-    try:
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-    except ImportError:
-        raise missing_library(
-            str(where), "Parquet", "pyarrow", "parquet", doing="writing"
-        ) from None
+    pa = needed("pyarrow", "parquet", f"{where}: writing Parquet", RecordingError)
+    import pyarrow.parquet as pq
+
     file = io.BytesIO()
     pq.write_table(pa.table(columns_of(samples)), file)
     return file.getvalue()
@@ -60,7 +56,7 @@ def samples_of_table(path: Path) -> Recording:
     RecordingError
         If it cannot be read, or no joint has all of ``q_``, ``dq_`` and ``ddq_``.
     """
-    names = _csv_names(path) if path.suffix.lower() == ".csv" else _parquet_names(path)
+    names = column_names(path)
     joints = [
         name.removeprefix("q_")
         for name in names
@@ -72,26 +68,3 @@ def samples_of_table(path: Path) -> Recording:
             "joint, q_NAME, dq_NAME and ddq_NAME; use read_recording for other names"
         )
     return read_recording(path, joints, TRAJECTORY_COLUMNS)
-
-
-def _csv_names(path: Path) -> Sequence[str]:
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            return [name.strip() for name in next(csv.reader(file), [])]
-    except OSError as cause:
-        raise RecordingError(f"{path}: cannot be read ({cause.strerror})") from None
-    except (csv.Error, UnicodeDecodeError) as cause:
-        raise RecordingError(f"{path}: not readable as CSV: {cause}") from None
-
-
-def _parquet_names(path: Path) -> Sequence[str]:
-    try:
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-    except ImportError:
-        raise missing_library(str(path), "Parquet", "pyarrow", "parquet") from None
-    try:
-        names: Sequence[str] = pq.read_schema(path).names
-    except (pa.ArrowException, OSError) as cause:
-        raise RecordingError(f"{path}: not readable as Parquet: {cause}") from None
-    return names

@@ -3,29 +3,16 @@
 import struct
 import sys
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from consistent_id.errors import RecordingError
-from consistent_id.recordings.readers.columns import (
-    Columns,
-    joints_asked_for,
-    missing_library,
-)
-from consistent_id.recordings.readers.jointstate import (
-    FIELDS,
-    JointMessage,
-    joint_state_fields,
-    recording_of_messages,
-)
-from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.readers.jointstate import FIELDS, JointMessage
 from consistent_id.robot.parameters import did_you_mean
 
-BAGS = (".mcap", ".db3", ".bag")
 _TYPE = "sensor_msgs/msg/JointState"
 # What the library lets through when a file is cut or overwritten.
 _UNREADABLE = (
@@ -51,45 +38,21 @@ _STORAGE = {
 }
 
 
-def read_bag(
-    path: Path,
-    joints: Sequence[str],
-    columns: Columns,
-    *,
-    torque_gain: ArrayLike,
-    topic: str | None,
-) -> Recording:
-    """Read a recording from the joint states of a bag.
+def read_messages(path: Path, topic: str | None) -> list[JointMessage]:
+    """Return the joint states of a topic; of the only one if `topic` is None.
 
     Raises
     ------
     RecordingError
-        If there is no such bag or topic, or as `recording_of_messages`.
+        If the file is no bag, or there is no such topic.
     """
-    joints_asked_for(joints, str(path))
-    joint_state_fields(columns, str(path))
-    if not path.exists():
-        raise RecordingError(f"{path}: no such file")
+    import rosbags.rosbag1
+    import rosbags.rosbag2
+    from rosbags.serde import SerdeError
+    from rosbags.typesys import Stores, get_typestore
+
     if path.is_dir() and not (path / "metadata.yaml").is_file():
         raise RecordingError(f"{path}: a folder without metadata.yaml is no bag")
-    return recording_of_messages(
-        _messages(path, topic),
-        joints,
-        columns,
-        where=str(path),
-        name=path.name,
-        torque_gain=torque_gain,
-    )
-
-
-def _messages(path: Path, topic: str | None) -> list[JointMessage]:
-    try:
-        import rosbags.rosbag1
-        import rosbags.rosbag2
-        from rosbags.serde import SerdeError
-        from rosbags.typesys import Stores, get_typestore
-    except ImportError:
-        raise missing_library(str(path), "ROS bags", "rosbags", "ros") from None
     old = path.suffix.lower() == ".bag" and path.is_file()
     types = get_typestore(Stores.ROS1_NOETIC if old else Stores.ROS2_HUMBLE)
     decode = types.deserialize_ros1 if old else types.deserialize_cdr

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from string import Formatter
 
+from consistent_id._support.arrays import freeze
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers.units import refuse_units_of_a_name
 from consistent_id.robot.parameters import did_you_mean
@@ -51,12 +52,11 @@ class Columns:
     torque_joints: Sequence[str] = ()
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "torque_joints", tuple(self.torque_joints))
-        object.__setattr__(self, "names", dict(self.names))
+        freeze(self, torque_joints=tuple(self.torque_joints), names=dict(self.names))
         order = self.array_joints
         if isinstance(order, str) or len(set(order)) != len(order):
             raise RecordingError(f"array_joints are {order!r}, expected distinct names")
-        object.__setattr__(self, "array_joints", tuple(order))
+        freeze(self, array_joints=tuple(order))
         if len(set(self.names.values())) != len(self.names):
             raise RecordingError(
                 f"names give one joint several names in the log: {self.names}"
@@ -129,9 +129,9 @@ def wanted(columns: Columns, joints: Sequence[str], where: str) -> Wanted:
     Raises
     ------
     RecordingError
-        If a pattern is faulty, does not tell joints apart or names a unit.
+        If a pattern is faulty, gives two joints one name, or names a unit.
     """
-    joints = joints_asked_for(joints, where)
+    joints = at_least_one(joints, where)
     for channel in ("time", "position", "velocity", "acceleration"):
         if (pattern := getattr(columns, channel)) is not None:
             refuse_units_of_a_name(where, pattern)
@@ -157,15 +157,15 @@ def wanted(columns: Columns, joints: Sequence[str], where: str) -> Wanted:
             )
     single = {channel: n for channel, n in expanded.items() if channel not in arrays}
     places = _places(columns, in_log) if arrays else ()
-    dumb = columns.without_torque(joints)
+    silent = columns.without_torque(joints)
     if "torque" in single:
         named = enumerate(single["torque"])
-        single["torque"] = tuple("" if i in dumb else name for i, name in named)
-    return Wanted(joints, columns.time, single, arrays, width, places, dumb)
+        single["torque"] = tuple("" if i in silent else name for i, name in named)
+    return Wanted(joints, columns.time, single, arrays, width, places, silent)
 
 
-def joints_asked_for(joints: Sequence[str], where: str) -> tuple[str, ...]:
-    """Return the joints as a tuple of distinct names, at least one."""
+def at_least_one(joints: Sequence[str], where: str) -> tuple[str, ...]:
+    """Return the joints as a tuple; refuse none."""
     if not joints:
         raise RecordingError(f"{where}: no joint to read; name at least one")
     return tuple(joints)
@@ -179,15 +179,6 @@ def require(where: str, names: Sequence[str], known: Sequence[str]) -> None:
             raise RecordingError(f"{where}: no column {name!r}; {near}")
         if list(known).count(name) > 1:
             raise RecordingError(f"{where}: column {name!r} stands there twice")
-
-
-def missing_library(
-    where: str, kind: str, library: str, extra: str, *, doing: str = "reading"
-) -> RecordingError:
-    """Return the error that says how to install what reads or writes a format."""
-    return RecordingError(
-        f"{where}: {doing} {kind} needs {library}; pip install 'consistent-id[{extra}]'"
-    )
 
 
 def _places(columns: Columns, in_log: Sequence[str]) -> tuple[int, ...]:

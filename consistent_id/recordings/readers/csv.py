@@ -1,4 +1,4 @@
-"""Columns of a text file: separators and decimal commas are told from the file.
+"""Columns of a text file: separators and decimal commas are found in the file.
 
 Fields are read by NumPy where that cannot differ from the exact way, which is the only
 one that knows rows and columns, and which therefore words every refusal.
@@ -14,8 +14,8 @@ import numpy as np
 
 from consistent_id._support.arrays import IntArray, Matrix
 from consistent_id.errors import RecordingError
-from consistent_id.recordings.readers.arrays import Arrays
 from consistent_id.recordings.readers.columns import require
+from consistent_id.recordings.readers.named_arrays import Arrays
 
 _SEPARATORS = (",", ";", "\t")
 _DELICATE = '"\0\x1c\x1d\x1e\x1f'  # quotes, and what is space to one way only
@@ -41,7 +41,7 @@ class _Header:
     end: int
 
 
-def read_csv(path: Path, names: Sequence[str]) -> Arrays:
+def read_arrays(path: Path, names: Sequence[str]) -> Arrays:
     """Return the named columns.
 
     The separator is the one of comma, semicolon and tab by which the header has all
@@ -67,6 +67,29 @@ def read_csv(path: Path, names: Sequence[str]) -> Arrays:
     except csv.Error as cause:
         raise RecordingError(f"{path}: not readable as CSV: {cause}") from None
     return dict(zip(names, values.T, strict=True))
+
+
+def array_names(path: Path) -> tuple[str, ...]:
+    """Return the header: the first line, or above numbers the last comment.
+
+    Its fields are separated by what makes the most of them.
+    """
+    comment = first = ""
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as lines:
+            for first in lines:
+                if not first.startswith("#"):
+                    break
+                comment = first.lstrip("# ")
+        names, above = _most_fields(first), _most_fields(comment)
+    except (OSError, UnicodeDecodeError, csv.Error) as cause:
+        raise RecordingError(f"{path}: not readable as CSV: {cause}") from None
+    return above if comment and all(map(_is_number, names)) else names
+
+
+def _most_fields(line: str) -> tuple[str, ...]:
+    split = (_split(io.StringIO(line, newline=""), 0, mark) for mark in _SEPARATORS)
+    return max((header.names for header in split), key=len)
 
 
 def _header(path: Path, text: str, names: Sequence[str]) -> _Header:
@@ -111,7 +134,7 @@ def _split(lines: io.StringIO, start: int, separator: str) -> _Header:
 
 
 def _fast(body: str, header: _Header, places: Sequence[int]) -> Matrix | None:
-    """Return the columns, or None where only the exact way can tell."""
+    """Return the columns, or None where only the exact way knows."""
     separator, width = header.separator, len(header.names)
     if width < 2 or not body.isascii() or any(c in body for c in _DELICATE):
         return None

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from consistent_id.errors import RecordingError
-from consistent_id.recordings.readers.arrays import Arrays
-from consistent_id.recordings.readers.columns import missing_library
+from consistent_id.recordings.readers.named_arrays import Arrays
 from consistent_id.recordings.readers.units import refuse_units_of_an_attribute
 from consistent_id.robot.parameters import did_you_mean
 
@@ -23,7 +22,7 @@ _NUMBERS = (
 _UNREADABLE = (OSError, RuntimeError, KeyError, ValueError, TypeError, MemoryError)
 
 
-def read_hdf5(path: Path, names: Sequence[str]) -> Arrays:
+def read_arrays(path: Path, names: Sequence[str]) -> Arrays:
     """Return the datasets at the named paths, such as ``run/q``.
 
     Raises
@@ -40,16 +39,14 @@ def read_matlab_73(path: Path, names: Sequence[str]) -> Arrays:
     Raises
     ------
     RecordingError
-        As `read_hdf5`; and if a variable is no array of numbers in MATLAB.
+        As `read_arrays`; and if a variable is no array of numbers in MATLAB.
     """
     return _datasets(path, {name: name.replace(".", "/") for name in names})
 
 
 def _datasets(path: Path, places: dict[str, str]) -> Arrays:
-    try:
-        import h5py
-    except ImportError:
-        raise missing_library(str(path), "HDF5", "h5py", "hdf5") from None
+    import h5py
+
     try:
         with h5py.File(path, "r") as file:
             return {name: _array(path, file, name, at) for name, at in places.items()}

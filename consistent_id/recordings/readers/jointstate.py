@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from consistent_id._support.arrays import Matrix
 from consistent_id.errors import RecordingError
-from consistent_id.recordings.readers.arrays import gained
-from consistent_id.recordings.readers.columns import CHANNELS, Columns, joints_asked_for
+from consistent_id.recordings.readers.columns import CHANNELS, Columns, at_least_one
 from consistent_id.recordings.readers.merging import Layout, merged, seconds
+from consistent_id.recordings.readers.named_arrays import gained
 from consistent_id.recordings.recording import Recording
 from consistent_id.robot.parameters import did_you_mean
 
@@ -32,14 +32,17 @@ class JointMessage(NamedTuple):
     fields: Mapping[str, NDArray[np.float64]]
 
 
-def joint_state_fields(columns: Columns, where: str) -> dict[str, str]:
+def joint_state_fields(
+    columns: Columns, joints: Sequence[str], where: str
+) -> dict[str, str]:
     """Return the message's field of each wanted channel.
 
     Raises
     ------
     RecordingError
-        If the columns name what a joint state does not have.
+        If there is no joint, or the columns name what a joint state does not have.
     """
+    at_least_one(joints, where)
     fields = {
         channel: name
         for channel in CHANNELS
@@ -77,8 +80,7 @@ def recording_of_messages(
         If a joint is never seen, a value of it is missing or not finite, its clock
         runs backwards, or the joints hardly ever share a stamp.
     """
-    joints = joints_asked_for(joints, where)
-    fields = joint_state_fields(columns, where)
+    fields = joint_state_fields(columns, joints, where)
     stamps_are_zero = bool(messages) and not any(m.stamp for m in messages)
     if columns.time == STAMP and stamps_are_zero:
         _log.warning("%s: all stamps are zero, the time of logging is used", where)
@@ -92,7 +94,7 @@ def recording_of_messages(
     time = (stamps - stamps[0]) / 1e9
     channels = dict(zip(fields, values, strict=True))
     return gained(
-        joints,
+        tuple(joints),
         time,
         channels,
         torque_gain=torque_gain,

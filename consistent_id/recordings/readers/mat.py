@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from consistent_id.errors import RecordingError
-from consistent_id.recordings.readers.arrays import Arrays
-from consistent_id.recordings.readers.hdf5 import read_matlab_73
+from consistent_id.recordings.log_formats import HDF5
 from consistent_id.recordings.readers.mat_lint import damage
+from consistent_id.recordings.readers.named_arrays import Arrays
 from consistent_id.robot.parameters import did_you_mean
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
@@ -33,7 +33,7 @@ _UNREADABLE = (
 )
 
 
-def read_mat(path: Path, names: Sequence[str]) -> Arrays:
+def read_arrays(path: Path, names: Sequence[str]) -> Arrays:
     """Return the named variables of a file of any version.
 
     Raises
@@ -44,7 +44,8 @@ def read_mat(path: Path, names: Sequence[str]) -> Arrays:
     with path.open("rb") as file:
         start = file.read(520)
     if _HDF5 in (start[:8], start[512:]):
-        return read_matlab_73(path, names)
+        arrays: Arrays = HDF5.reader(path).read_matlab_73(path, names)
+        return arrays
     if fault := damage(path.read_bytes()):
         raise RecordingError(f"{path}: not readable as MATLAB file: {fault}")
     variables = _loaded(path, [name.replace("/", ".").split(".")[0] for name in names])

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from consistent_id.errors import RecordingError
-from consistent_id.recordings.readers.arrays import Arrays
 from consistent_id.recordings.readers.columns import require
+from consistent_id.recordings.readers.named_arrays import Arrays
 
 # What zipfile and NumPy let through when a file is cut or overwritten.
 _UNREADABLE = (
@@ -28,7 +28,7 @@ _UNREADABLE = (
 )
 
 
-def read_npz(path: Path, names: Sequence[str]) -> Arrays:
+def read_arrays(path: Path, names: Sequence[str]) -> Arrays:
     """Return the named arrays.
 
     Raises
@@ -36,12 +36,19 @@ def read_npz(path: Path, names: Sequence[str]) -> Arrays:
     RecordingError
         If the file is not NPZ, or an array is missing or holds pickled objects.
     """
+    require(str(path), names, array_names(path))
     try:
-        with zipfile.ZipFile(path) as members:
-            known = [name.removesuffix(".npy") for name in members.namelist()]
-        require(str(path), names, known)
         with np.load(path, allow_pickle=False) as file:
             return {name: _array(path, file, name) for name in names}
+    except _UNREADABLE as cause:
+        raise RecordingError(f"{path}: not readable as NPZ: {cause}") from None
+
+
+def array_names(path: Path) -> tuple[str, ...]:
+    """Return the names of the arrays."""
+    try:
+        with zipfile.ZipFile(path) as members:
+            return tuple(name.removesuffix(".npy") for name in members.namelist())
     except _UNREADABLE as cause:
         raise RecordingError(f"{path}: not readable as NPZ: {cause}") from None
 

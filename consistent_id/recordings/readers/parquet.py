@@ -1,16 +1,17 @@
-"""Columns of a Parquet file."""
+"""Columns of a Parquet file, and of any Arrow table."""
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from consistent_id.errors import RecordingError
-from consistent_id.recordings.readers.arrays import Arrays
-from consistent_id.recordings.readers.columns import missing_library, require
+from consistent_id.recordings.readers.columns import require
+from consistent_id.recordings.readers.named_arrays import Arrays
 
 
-def read_parquet(path: Path, names: Sequence[str]) -> Arrays:
+def read_arrays(path: Path, names: Sequence[str]) -> Arrays:
     """Return the named columns; what is missing in one becomes NaN.
 
     Raises
@@ -18,22 +19,39 @@ def read_parquet(path: Path, names: Sequence[str]) -> Arrays:
     RecordingError
         If the file is not Parquet, or a column is missing or holds no numbers.
     """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    require(str(path), names, array_names(path))
     try:
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-    except ImportError:
-        raise missing_library(str(path), "Parquet", "pyarrow", "parquet") from None
-    try:
-        require(str(path), names, pq.read_schema(path).names)
         table = pq.read_table(path, columns=list(names))
     except (pa.ArrowException, OSError) as cause:
         raise RecordingError(f"{path}: not readable as Parquet: {cause}") from None
-    columns = {}
-    for name in names:
-        kind = table[name].type
-        if not (pa.types.is_floating(kind) or pa.types.is_integer(kind)):
-            raise RecordingError(
-                f"{path}: column {name!r} holds {kind}, expected numbers in SI units"
-            )
-        columns[name] = table[name].to_numpy().astype(np.float64)
-    return columns
+    return {name: numbers_of(table[name], f"{path}: column {name!r}") for name in names}
+
+
+def array_names(path: Path) -> tuple[str, ...]:
+    """Return the names of the columns."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        return tuple(pq.read_schema(path).names)
+    except (pa.ArrowException, OSError) as cause:
+        raise RecordingError(f"{path}: not readable as Parquet: {cause}") from None
+
+
+def numbers_of(column: Any, where: str) -> np.ndarray:
+    """Return an Arrow column as float64; what is missing becomes NaN.
+
+    Raises
+    ------
+    RecordingError
+        If it holds no numbers.
+    """
+    import pyarrow as pa
+
+    kind = column.type
+    if not (pa.types.is_floating(kind) or pa.types.is_integer(kind)):
+        raise RecordingError(f"{where} holds {kind}, expected numbers in SI units")
+    return np.asarray(column.to_numpy(), dtype=np.float64)

@@ -1,4 +1,4 @@
-"""By how much one signal comes later than another that tells of the same motion.
+"""By how much one signal is later than another of the same motion.
 
 With ``r`` the reference, differentiated as often as needed, and ``y`` the late signal,
 both filtered alike,
@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from consistent_id._support.arrays import Matrix, Vector, frozen
+from consistent_id._support.arrays import Matrix, Vector, freeze_arrays
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.clocks import is_uniform, own_rate, resampled
@@ -54,9 +54,8 @@ class Delay:
     gains: Vector
 
     def __post_init__(self) -> None:
-        for name in ("correlations", "gains"):
-            values = frozen(getattr(self, name), (len(self.joints),), name)
-            object.__setattr__(self, name, values)
+        shape = (len(self.joints),)
+        freeze_arrays(self, {"correlations": shape, "gains": shape})
 
 
 def estimate_delay(
@@ -84,7 +83,7 @@ def estimate_delay(
     Raises
     ------
     RecordingError
-        If the signals do not overlap or do not tell of one motion, or if the delay is
+        If the signals do not overlap or are not of one motion, or if the delay is
         as long as `longest`.
 
     Examples
@@ -260,7 +259,7 @@ def _with_error(
     error = y - gain * r
     J = -gain * _centred(pair.slope(pair.time - shift))
     J -= r * ((r * J).sum(axis=0) / power)
-    # Not the mean of J^2: noise of the reference is steep, yet tells nothing.
+    # Not the mean of J^2: noise of the reference is steep, yet holds no information.
     bend = -gain * _centred(pair.bend(pair.time - shift))
     variance = np.maximum((error**2).mean(axis=0), 1e-24 * (y**2).mean(axis=0) + tiny)
     scores = (J * error / variance).sum(axis=1)

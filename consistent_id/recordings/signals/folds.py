@@ -1,4 +1,4 @@
-"""Blocks of a recording, held out in turn: for who has no second recording."""
+"""Blocks of a recording, held out in turn: validation without a second recording."""
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -11,7 +11,7 @@ from consistent_id.recordings.recording import Recording
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fold:
-    """One block of a recording to be judged by, and the others to learn from.
+    """One block of a recording for validation, and the others for training.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ def blocked_folds(
     count : int
         Number of blocks, of like length.
     guard : float, [s]
-        On either side of the held-out block samples so near to it are not learned from:
+        On either side of the held-out block samples so near to it do not train:
         a filter has mixed them with what is held out.  A zero-phase Butterworth filter
         of order 4 and cut-off ``f`` forgets as ``exp(-2.4 f t)``: after ``5 / f``, six
         parts in a million are left.
@@ -86,7 +86,7 @@ def _fold(recording: Recording, block: slice, label: str, guard: float) -> Fold:
     )
     if not training:
         raise RecordingError(
-            f"{recording.name}: nothing is left to learn from {guard:g} s away from "
+            f"{recording.name}: nothing is left for training {guard:g} s away from "
             f"{label}; the recording lasts {recording.duration:.4g} s"
         )
     return Fold(training, replace(held_out, name=f"{recording.name} ({label})"))

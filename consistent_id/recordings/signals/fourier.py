@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._support.arrays import Matrix, Vector, frozen
+from consistent_id._support.arrays import Matrix, Vector, freeze_arrays, frozen
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.clocks import own_rate
@@ -41,11 +41,9 @@ class FourierFit:
     criterion: Vector
 
     def __post_init__(self) -> None:
-        for name, shape in (
-            ("residual", (len(self.trajectory.joints),)),
-            ("criterion", (None,)),
-        ):
-            object.__setattr__(self, name, frozen(getattr(self, name), shape, name))
+        freeze_arrays(
+            self, {"residual": (len(self.trajectory.joints),), "criterion": (None,)}
+        )
 
     @property
     def period(self) -> float | None:
@@ -120,8 +118,8 @@ def fit_trajectory(recording: Recording, frequencies: ArrayLike) -> FourierFit:
     ------
     RecordingError
         If samples are too few or too far apart, or if frequencies are nearer to each
-        other, or to zero, than the recording's length can tell: noise in a coefficient
-        would be more than ten times what it is with frequencies far apart.
+        other, or to zero, than the recording's length can resolve: noise in a
+        coefficient would be more than ten times what it is with frequencies far apart.
 
     Examples
     --------
@@ -230,7 +228,7 @@ def _refuse_near_ones(recording: Recording, frequencies: Vector, R: Matrix) -> N
     apart = abs(nearest - frequencies[worst])
     raise RecordingError(
         f"{recording.name}: {frequencies[worst]:g} Hz and {nearest:g} Hz are "
-        f"{apart:.3g} Hz apart, too near to tell in {_span(recording):.4g} s: noise "
+        f"{apart:.3g} Hz apart, too near to resolve in {_span(recording):.4g} s: noise "
         f"in their coefficients would be {noise[worst]:.2g} times what it should be. "
         f"Record about {1.0 / apart:.3g} s, or leave one out"
     )

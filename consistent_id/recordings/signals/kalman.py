@@ -19,7 +19,7 @@ import numpy as np
 from consistent_id._support.arrays import Array, Matrix, Vector
 
 _DIFFUSE = 1e6  # variance of what is not known at the start
-SETTLED = 1e-9
+STEADY = 1e-9
 """Relative change of covariances in a step, below which gains are kept."""
 
 
@@ -65,7 +65,7 @@ def gains(
     order: int,
     samples: int,
     *,
-    settled: float = SETTLED,
+    steady: float = STEADY,
     covariances: bool = True,
 ) -> Gains:
     """Run the covariances, which do not depend on data, until they settle.
@@ -87,7 +87,7 @@ def gains(
         updated = kept @ P @ kept.transpose(0, 2, 1) + K[:, :, None] * K[:, None, :]
         new = F @ updated @ F.T + ratio[:, None, None] * M
         new = 0.5 * (new + new.transpose(0, 2, 1))
-        change = abs(new - P) <= settled * abs(new)
+        change = abs(new - P) <= steady * abs(new)
         P = new
         if change.all():
             break
@@ -107,14 +107,14 @@ def innovations(z: Matrix, found: Gains, states: Array | None = None) -> Matrix:
     given, shape (samples, order, columns).
     """
     order = found.gain.shape[1]
-    F, settled = transition(order), len(found.gain) - 1
+    F, steady = transition(order), len(found.gain) - 1
     innovation = np.empty(z.shape)
     x = _start(z, order)
     for k in range(len(z)):
         if states is not None:
             states[k] = x
         e = innovation[k] = z[k] - x[0]
-        x = F @ (x + found.gain[min(k, settled)] * e)
+        x = F @ (x + found.gain[min(k, steady)] * e)
     return innovation
 
 
@@ -125,19 +125,19 @@ def smoothed(z: Matrix, ratio: Vector, order: int) -> Array:
     """
     found = gains(ratio, order, len(z))
     P = found.covariance
-    settled = len(found.gain) - 1
+    steady = len(found.gain) - 1
     states = np.empty((len(z), order, z.shape[1]))
     innovation = innovations(z, found, states)
     back = transition(order).T
     adjoint = np.empty(states.shape)
     a = np.zeros(states.shape[1:])
     for k in range(len(z) - 1, -1, -1):
-        i = min(k, settled)
+        i = min(k, steady)
         a[0] -= (found.gain[i] * a).sum(axis=0) + innovation[k] / found.variance[i]
         adjoint[k] = a
         a = back @ a
-    states[:settled] -= np.einsum("kijc,kjc->kic", P[:settled], adjoint[:settled])
-    states[settled:] -= np.einsum("ijc,kjc->kic", P[-1], adjoint[settled:])
+    states[:steady] -= np.einsum("kijc,kjc->kic", P[:steady], adjoint[:steady])
+    states[steady:] -= np.einsum("ijc,kjc->kic", P[-1], adjoint[steady:])
     return states
 
 

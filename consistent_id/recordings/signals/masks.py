@@ -1,4 +1,4 @@
-"""Samples of which the torque tells little or something wrong."""
+"""Samples whose torque holds little information, or is wrong."""
 
 from collections.abc import Sequence
 

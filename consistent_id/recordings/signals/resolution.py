@@ -5,7 +5,7 @@ import numpy as np
 from consistent_id._support.arrays import Vector
 from consistent_id.recordings.recording import Recording
 
-_LEVELS = 12  # fewest steps between levels that tell of a quantum
+_LEVELS = 12  # fewest steps between levels that show a quantum
 _REACHES = (3, 30, 300, 3000)  # multiples over which the quantum is refined in turn
 _DIVISORS = 12  # of the smallest step that are tried
 _OFF = 0.1  # of the quantum, by which a step may miss a multiple,

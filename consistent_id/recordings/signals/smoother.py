@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._support.arrays import Matrix, Vector, frozen
+from consistent_id._support.arrays import Matrix, Vector, freeze, frozen
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.clocks import uniform_rate
@@ -18,7 +18,7 @@ ORDERS = (3, 4, 5, 6)
 
 # Smoothing acts below ``ratio^(1 / (2 order))`` radians per sample: its decades.
 _COARSE = np.arange(-3.25, 0.6, 0.25)
-_ROUGHLY = 1e-4  # settled enough to compare likelihoods
+_ROUGHLY = 1e-4  # steady enough to compare likelihoods
 _FINE = np.arange(-0.25, 0.26, 0.0625)  # about the best of them
 
 
@@ -51,7 +51,7 @@ class MotionNoise:
             )
             if not (values > 0.0).all():
                 raise RecordingError(f"{name} is {values}, expected positive numbers")
-            object.__setattr__(self, name, values)
+            freeze(self, **{name: values})
 
 
 def motion_noise(
@@ -162,7 +162,7 @@ def _costs(
 ) -> tuple[Matrix, Matrix]:
     """Return ``-2 log`` likelihoods and the best noise variance for ratios tried."""
     different, where = np.unique(ratios, return_inverse=True)
-    found = gains(different, order, len(z), settled=_ROUGHLY, covariances=False)
+    found = gains(different, order, len(z), steady=_ROUGHLY, covariances=False)
     found = Gains(
         found.gain[..., where.ravel()],
         found.variance[..., where.ravel()],
@@ -170,7 +170,7 @@ def _costs(
     )
     innovation = innovations(np.tile(z, len(ratios)), found)
     last = np.minimum(np.arange(len(z)), len(found.variance) - 1)
-    # The first innovations tell of the start alone; of as many for every order.
+    # The first innovations depend on the start alone; of as many for every order.
     S = found.variance[last[ORDERS[-1] :]]
     n = len(S)
     power = (innovation[ORDERS[-1] :] ** 2 / S).sum(axis=0).reshape(ratios.shape)

@@ -5,7 +5,7 @@ from typing import Literal, Self
 
 import numpy as np
 
-from consistent_id._support.arrays import Matrix, Vector
+from consistent_id._support.arrays import Matrix, Vector, freeze
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.recording import Recording
 
@@ -56,9 +56,12 @@ class Track:
         channels = {"position": np.zeros(np.shape(self.values))}
         channels[self.channel] = self.values
         checked = Recording(self.joints, self.time, **channels, name=self.name)
-        object.__setattr__(self, "joints", checked.joints)
-        object.__setattr__(self, "time", checked.time)
-        object.__setattr__(self, "values", getattr(checked, self.channel))
+        freeze(
+            self,
+            joints=checked.joints,
+            time=checked.time,
+            values=getattr(checked, self.channel),
+        )
 
     def of(self, joints: tuple[str, ...]) -> Self:
         """Return the named joints' values, in the given order."""

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from consistent_id._support.extras import needed
 from consistent_id.errors import ModelError
 from consistent_id.robot.chains import Place, Selection, selected, snapped, turn
 from consistent_id.robot.inertia import InertialParameters
@@ -69,13 +70,7 @@ def load_mjcf(
 
 
 def _compiled(path: Path) -> Any:
-    try:
-        import mujoco
-    except ImportError:
-        raise ModelError(
-            f"{path}: reading MJCF needs MuJoCo; "
-            "install it with: pip install 'consistent-id[mjcf]'"
-        ) from None
+    mujoco = needed("mujoco", "mjcf", f"{path}: reading MJCF", ModelError)
     try:
         spec = mujoco.MjSpec.from_file(str(path))
         model = spec.compile()

@@ -1,6 +1,6 @@
 """XML text changed in place: only the bytes of what changes differ.
 
-Comments, CDATA, white space, quotes, encodings and elements of other programmes stay as
+Comments, CDATA, white space, quotes, encodings and elements of other programs stay as
 they are, because nothing is parsed and written anew: edits are cut into the bytes.
 """
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from consistent_id.errors import ModelError
 from consistent_id.robot.chains import Selection, selected, snapped
 from consistent_id.robot.inertia import InertialParameters
-from consistent_id.robot.loaders.findings import Finding
+from consistent_id.robot.loaders.urdf_finding import Finding
 from consistent_id.robot.loaders.urdf_lint import read_bytes, urdf_findings
 from consistent_id.robot.loaders.urdf_tree import joints_between
 from consistent_id.robot.loaders.xml import XmlFault, parse
@@ -43,8 +43,8 @@ def load_urdf(
     """Load a robot from a URDF file; fixed joints are merged into their parents.
 
     Masses and centres of mass of the file become nominal values and datasheet values.
-    Where a fixed link ended up, `Link.merged` and `RobotModel.carrier` tell.  What
-    `lint_urdf` warns of is logged.
+    `Link.merged` and `RobotModel.carrier` say where a fixed link is.  Warnings of
+    `lint_urdf` are logged.
 
     Parameters
     ----------
@@ -84,15 +84,17 @@ def load_urdf(
         raise ModelError(f"{path}, {fault}") from None
     chosen = joints_between(root, base, tip)
     moving = {name for name in chosen if selection.moves(name)}
-    _tell(path, urdf_findings(root, moving.__contains__))
+    _report(path, urdf_findings(root, moving.__contains__))
     try:
         model = pin.buildModelFromXML(_decoded(text, path))
     except (ValueError, RuntimeError) as cause:
         raise ModelError(f"{path}: Pinocchio refuses it: {cause}") from None
-    return selected(from_pinocchio(_settled(model, moving), gravity=gravity), selection)
+    return selected(
+        from_pinocchio(_without_loose(model, moving), gravity=gravity), selection
+    )
 
 
-def _tell(path: Path, findings: tuple[Finding, ...]) -> None:
+def _report(path: Path, findings: tuple[Finding, ...]) -> None:
     """Raise the first error, or log the first warning."""
     more = f" ({len(findings) - 1} more: see lint_urdf)" if findings[1:] else ""
     for finding in findings:
@@ -115,7 +117,7 @@ def _decoded(text: bytes, path: Path) -> str:
         ) from None
 
 
-def _settled(model: Any, moving: set[str]) -> Any:
+def _without_loose(model: Any, moving: set[str]) -> Any:
     """Fix joints of several degrees of freedom that do not move at their origin."""
     import pinocchio as pin
 

@@ -1,4 +1,4 @@
-"""The inertial of a URDF's link: read as a body, and written back in place."""
+"""The inertial of a URDF's link: read, and written back in place."""
 
 from collections.abc import Sequence
 
@@ -57,7 +57,7 @@ def inertia_attributes(matrix: Matrix) -> dict[str, float]:
 
 
 def body_of(link: Element) -> InertialParameters:
-    """Return a link's body in its frame, zero if it has no inertial.
+    """Return a link's parameters in its frame, zero if it has no inertial.
 
     The numbers must have been found readable.
     """
@@ -90,16 +90,16 @@ def set_numbers(
 
 
 def _same(stated: Array, wanted: Array) -> bool:
-    """Tell whether numbers differ by no more than what arithmetic rounds off."""
+    """Return whether numbers differ by no more than what arithmetic rounds off."""
     if stated.shape != wanted.shape:
         return False
     return bool(np.allclose(stated, wanted, rtol=_ROUNDED, atol=0.0))
 
 
 def set_body(document: Document, link: Element, body: InertialParameters) -> list[Edit]:
-    """Return edits that give a link a body: centre of mass in the link's own axes.
+    """Return edits that set a link's inertial: centre of mass in the link's axes.
 
-    There are none if that is the link's body already, in whatever axes.
+    There are none if the link has these parameters already, in whatever axes.
     """
     stated = body_of(link).vector
     if np.allclose(stated, body.vector, rtol=0.0, atol=_ROUNDED * abs(stated).max()):

@@ -6,7 +6,7 @@ from math import isfinite
 from pathlib import Path
 
 from consistent_id.errors import ModelError
-from consistent_id.robot.loaders.findings import Finding
+from consistent_id.robot.loaders.urdf_finding import Finding
 from consistent_id.robot.loaders.urdf_parts import (
     INERTIA_ENTRIES,
     joint_findings,
@@ -34,7 +34,7 @@ def lint_urdf(path: str | Path) -> tuple[Finding, ...]:
     """Find what is wrong or odd in a URDF file, in the order of its lines.
 
     Joints of more than one degree of freedom and mimic joints are errors here; a robot
-    that is loaded without them may have them elsewhere.  Elements of other programmes
+    that is loaded without them may have them elsewhere.  Elements of other programs
     (Gazebo, ros2_control, transmissions) and shapes are not looked at.
 
     Raises
@@ -58,7 +58,7 @@ def read_bytes(path: Path) -> bytes:
 
 
 def urdf_findings(root: Element, moves: Callable[[str], bool]) -> tuple[Finding, ...]:
-    """Return all findings, where `moves` tells of a joint's name whether it moves."""
+    """Return all findings, where `moves` returns whether a named joint moves."""
     if root.tag != "robot":
         sentence = f"root element is <{root.tag}>, expected <robot>"
         return (Finding(root.line, "error", sentence),)
@@ -120,7 +120,7 @@ def _numbers(element: Element) -> Iterator[Finding]:
 
 
 def readable_numbers(value: str, count: int) -> bool:
-    """Tell whether text consists of so many finite decimal numbers."""
+    """Return whether text consists of so many finite decimal numbers."""
     words = value.split()
     numbers = [float(word) for word in words if _NUMBER.fullmatch(word)]
     return len(words) == len(numbers) == count and all(map(isfinite, numbers))

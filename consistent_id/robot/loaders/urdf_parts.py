@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from consistent_id.robot.loaders.findings import Finding
+from consistent_id.robot.loaders.urdf_finding import Finding
 from consistent_id.robot.loaders.xml import Element
 
 INERTIA_ENTRIES = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
@@ -42,17 +42,20 @@ def link_findings(link: Element) -> Iterator[Finding]:
         sentence = f"{where}: mass is {value:g} kg, expected 0 or more"
         yield Finding(mass.line, "error", sentence)
         return
-    fault = _body_fault(value, [float(inertia.attributes[e]) for e in INERTIA_ENTRIES])
+    fault = _inertia_fault(
+        value, [float(inertia.attributes[e]) for e in INERTIA_ENTRIES]
+    )
     if fault:
         yield Finding(
             inertia.line,
             "warning",
-            f"{where}: {fault}; no body has this inertia. It is only a nominal value: "
-            "estimates do not rest on it, priors take a body near it",
+            f"{where}: {fault}; this inertia is not physically consistent. It is only "
+            "a nominal value: estimates do not depend on it, priors take a consistent "
+            "inertia near it",
         )
 
 
-def _body_fault(mass: float, entries: list[float]) -> str:
+def _inertia_fault(mass: float, entries: list[float]) -> str:
     xx, xy, xz, yy, yz, zz = entries
     moments = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     largest = float(abs(moments).max())

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from consistent_id.robot.loaders.findings import Finding
+from consistent_id.robot.loaders.urdf_finding import Finding
 from consistent_id.robot.loaders.xml import Element
 from consistent_id.robot.parameters import did_you_mean
 

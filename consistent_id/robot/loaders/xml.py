@@ -88,6 +88,6 @@ def parse(text: bytes) -> Element:
     except expat.ExpatError as cause:
         sentence = f"not well-formed XML: {expat.errors.messages[cause.code]}"
         raise XmlFault(cause.lineno, sentence) from None
-    except (LookupError, ValueError) as cause:  # an encoding that nobody knows
+    except (LookupError, ValueError) as cause:  # an unknown encoding
         raise XmlFault(1, f"not readable as XML: {cause}") from None
     return top.children[0]

@@ -1,4 +1,4 @@
-"""The nearest body: an inertia that no body has, moved as little as it takes."""
+"""The nearest physically consistent inertia: one that is not, moved the least."""
 
 from dataclasses import dataclass
 
@@ -6,8 +6,8 @@ import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
 
-ROUNDING = 1e-12  # of the largest moment: by so much may printed numbers miss an edge
-THINNEST = 1e-3  # thickness that a repaired body gets, over its own size
+ROUNDING = 1e-12  # of the largest moment: printed numbers may be off by so much
+THINNEST = 1e-3  # thickness of a repaired link, over its own size
 POINT = 1e-6  # [m]; what is smaller has no extent, and its moments are rounding
 
 
@@ -28,12 +28,12 @@ class NearestInertia:
 
 
 def second_moments(inertia: Matrix) -> Matrix:
-    """Return ``S = tr(I)/2 1 - I``; a body has one iff it is positive semidefinite."""
+    """Return ``S = tr(I)/2 1 - I``; consistent iff it is positive semidefinite."""
     return np.asarray(np.trace(inertia) / 2 * np.eye(3) - inertia)
 
 
-def possible(inertia: Matrix, least: float = 0.0) -> bool:
-    """Tell whether a body has this inertia about its centre of mass.
+def is_consistent(inertia: Matrix, least: float = 0.0) -> bool:
+    """Return whether an inertia about the centre of mass is consistent.
 
     Every second moment must be `least` [kg m^2] or more, up to rounding.
     """
@@ -42,20 +42,20 @@ def possible(inertia: Matrix, least: float = 0.0) -> bool:
 
 
 def point_mass(mass: float, inertia: Matrix) -> bool:
-    """Tell whether a body has no extent but what printing its moments left."""
+    """Return whether an inertia has no extent but what printing its moments left."""
     return bool(abs(inertia).max() <= mass * POINT**2)
 
 
 def nearest_inertia(
     mass: float, inertia: Matrix, *, thickness: float = 0.0
 ) -> NearestInertia:
-    """Return the nearest central inertia that a body of this mass has.
+    """Return the nearest physically consistent central inertia.
 
-    Mass and centre of mass are kept.  Then the distance of pseudo-inertias
+    Mass and centre of mass stay.  Then the distance of pseudo-inertias
     ``||J0^-1/2 (J - J0) J0^-1/2||_F``, for a reference ``J0`` that has no direction,
     is that of the second moments ``S`` in the Frobenius norm; and the nearest ``S``
     whose eigenvalues are not below a least one has the same axes, with those that are
-    below it raised.  No programme need be solved.
+    below it raised.  No program need be solved.
 
     Parameters
     ----------
@@ -63,8 +63,8 @@ def nearest_inertia(
     inertia : ndarray, shape (3, 3), [kg m^2]
         About the centre of mass.
     thickness : float, [m]
-        Standard deviation of mass along every axis that the body must have; never less
-        than `THINNEST` of its size, so that simulators do not stumble over rounding.
+        Least standard deviation of mass along every axis; never less than `THINNEST` of
+        its size, so that simulators do not stumble over rounding.
 
     Returns
     -------

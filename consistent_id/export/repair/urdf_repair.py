@@ -1,4 +1,4 @@
-"""A URDF whose inertials no body could have, repaired in place."""
+"""A URDF whose inertials are not physically consistent, repaired in place."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from consistent_id.errors import ModelError
-from consistent_id.export.repair.account import Repair, Stated
-from consistent_id.export.repair.link import repaired_link
+from consistent_id.export.repair.inertial_repair import repaired_link
+from consistent_id.export.repair.link_repair import Repair, RepairOptions
 from consistent_id.robot.loaders.splice import Document
 from consistent_id.robot.loaders.urdf_lint import read_bytes, unexpanded
 from consistent_id.robot.loaders.xml import Element, XmlFault
@@ -21,10 +21,10 @@ def repair_urdf(
     density: float | None = None,
     thickness: float = 0.0,
 ) -> Repair:
-    """Make the inertials of a URDF those of bodies, with the least change.
+    """Make the inertials of a URDF physically consistent, with the least change.
 
     Mass, centre of mass and axes of a link stay; moments of inertia move to the nearest
-    ones that a body of this mass has (`nearest_inertia`).  A link stated to have no
+    consistent ones (`nearest_inertia`).  A link stated to have no
     mass gets no inertia.  Nothing else in the file changes by a byte, and a file in
     which nothing is wrong does not change at all.
 
@@ -41,9 +41,9 @@ def repair_urdf(
         A solid ball of the link's mass and this density stands for an inertia that
         cannot be read.
     thickness : float, [m]
-        Standard deviation of mass along each axis that every body with mass is to have;
-        makes point masses and plates, which are bodies at the edge of what can be, into
-        ones that simulators take.
+        Least standard deviation of mass along each axis of a link with mass.  Point
+        masses and plates are on the boundary of the consistency cone; a thickness makes
+        them links that simulators take.
 
     Returns
     -------
@@ -63,10 +63,10 @@ def repair_urdf(
         raise ModelError(f"{path}, {fault}") from None
     except ModelError as fault:
         raise ModelError(f"{path}: {fault}") from None
-    stated = Stated(dict(masses or {}), density, thickness)
-    _check(path, document.root, stated)
+    options = RepairOptions(dict(masses or {}), density, thickness)
+    _check(path, document.root, options)
     found = [
-        repaired_link(document, link, inertial, stated)
+        repaired_link(document, link, inertial, options)
         for link in document.root.all("link")
         if (inertial := link.child("inertial")) is not None
     ]
@@ -74,7 +74,7 @@ def repair_urdf(
     return Repair(path, data, document.spliced(edits), tuple(r for r, _ in found))
 
 
-def _check(path: Path, root: Element, stated: Stated) -> None:
+def _check(path: Path, root: Element, options: RepairOptions) -> None:
     if root.tag != "robot":
         raise ModelError(
             f"{path}, line {root.line}: root element is <{root.tag}>, expected <robot>"
@@ -82,13 +82,13 @@ def _check(path: Path, root: Element, stated: Stated) -> None:
     for finding in unexpanded(root):
         raise ModelError(f"{path}, {finding}")
     names = [link.name for link in root.all("link") if link.child("inertial")]
-    for name, mass in stated.masses.items():
+    for name, mass in options.masses.items():
         if name not in names:
             near = did_you_mean(name, names)
             raise ModelError(f"{path}: no link {name!r} with an <inertial>; {near}")
         if not 0.0 <= mass < np.inf:
             raise ModelError(f"mass of {name!r} is {mass} kg, expected 0 or more")
-    if stated.density is not None and not 0.0 < stated.density < np.inf:
-        raise ModelError(f"density is {stated.density}, expected a positive number")
-    if not 0.0 <= stated.thickness < np.inf:
-        raise ModelError(f"thickness is {stated.thickness} m, expected 0 or more")
+    if options.density is not None and not 0.0 < options.density < np.inf:
+        raise ModelError(f"density is {options.density}, expected a positive number")
+    if not 0.0 <= options.thickness < np.inf:
+        raise ModelError(f"thickness is {options.thickness} m, expected 0 or more")

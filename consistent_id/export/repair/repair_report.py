@@ -1,4 +1,4 @@
-"""A repair, for people and for programmes."""
+"""A repair, for people and for programs."""
 
 from dataclasses import asdict
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from consistent_id._support.tables import Table
-from consistent_id.export.repair.account import LinkRepair, Repair
+from consistent_id.export.repair.link_repair import LinkRepair, Repair
 
 
 def repair_table(repair: Repair) -> Table:
@@ -16,9 +16,9 @@ def repair_table(repair: Repair) -> Table:
     count = len(repair.links)
     notes = [
         f"{len(repair.repaired)} of {count} inertials repaired, "
-        f"{len(repair.refused)} cannot be without being told more"
+        f"{len(repair.refused)} cannot be without more information"
         if wrong
-        else f"nothing to repair: {count} inertials are those of bodies"
+        else f"nothing to repair: {count} inertials are physically consistent"
     ]
     for remedy in dict.fromkeys(link.remedy for link in advised):
         names = [link.link for link in advised if link.remedy == remedy]

@@ -1,4 +1,4 @@
-"""A moving link's body, dealt out to the links of a file that are fixed together.
+"""A moving link's inertia, divided among the links of a file that are fixed together.
 
 Only the whole is identified: how it divides among parts that never move against each
 other leaves no trace in any torque.
@@ -12,14 +12,12 @@ import numpy as np
 from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.robot.inertia import InertialParameters
 
-_ROUNDING = (
-    1e-12  # of the largest eigenvalue; a difference of bodies has no more digits
-)
+_ROUNDING = 1e-12  # of the largest eigenvalue: the digits of a difference of inertias
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Part:
-    """A link of the file: its body in its own frame, and that frame's place.
+    """A link of the file: its parameters in its own frame, and that frame's place.
 
     `rotation` and `translation` place it in the frame of the moving link.
     """
@@ -31,7 +29,7 @@ class Part:
 
     @property
     def placed(self) -> InertialParameters:
-        """The body in the moving link's frame."""
+        """The parameters in the moving link's frame."""
         return self.body.transformed(self.rotation, self.translation)
 
     def given(
@@ -44,38 +42,38 @@ class Part:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Shares:
-    """Bodies of the parts, in their own frames and their order, and how they came."""
+class SplitInertia:
+    """Parameters of the parts, in their own frames and order, and how they came."""
 
     bodies: tuple[InertialParameters, ...]
     note: str = ""
 
 
-def shared(whole: InertialParameters, parts: Sequence[Part]) -> Shares:
-    """Deal a body out to parts, of which the first is the moving link itself.
+def split_inertia(whole: InertialParameters, parts: Sequence[Part]) -> SplitInertia:
+    """Divide the whole among parts, of which the first is the moving link itself.
 
-    The others keep what the file says of them if that is a body each, and what remains
-    for the first is one.  Otherwise each gets, of the whole, its share by mass: bodies
-    all of them, none lighter than it was by more than the whole is.
+    The others keep what the file states if that, and what remains for the first, is
+    physically consistent.  Otherwise each gets a share of the whole in proportion to
+    its mass; all of these are consistent.
     """
     own, *others = parts
     heavy = [part for part in others if part.body.vector.any()]
     if not heavy:
-        return Shares((own.given(whole), *(part.body for part in others)))
+        return SplitInertia((own.given(whole), *(part.body for part in others)))
     stated = np.sum([part.placed.vector for part in heavy], axis=0)
     rest = InertialParameters(whole.vector - stated)
     names = ", ".join(part.name for part in heavy)
     keeps = all(part.body.is_consistent(_ROUNDING) for part in heavy)
     if not whole.is_consistent(_ROUNDING) or (keeps and rest.is_consistent(_ROUNDING)):
         note = f"{own.name} is what remains without {names}, which stay as they were"
-        return Shares((own.given(rest), *(part.body for part in others)), note)
+        return SplitInertia((own.given(rest), *(part.body for part in others)), note)
     masses = np.maximum([part.body.mass for part in parts], 0.0)
     if masses.sum() == 0.0:
         masses[0] = 1.0
     weights = masses / masses.sum()
     bodies = tuple(p.given(whole, w) for p, w in zip(parts, weights, strict=True))
     note = (
-        f"what remains of {own.name} without {names} would be no body: the whole is "
-        "shared in proportion to the masses"
+        f"what remains of {own.name} without {names} would not be physically "
+        "consistent: the whole is divided in proportion to the masses"
     )
-    return Shares(bodies, note)
+    return SplitInertia(bodies, note)

@@ -1,30 +1,20 @@
-"""Recordings from files: the ending, and where it leaves doubt the content, decide."""
+"""Recordings from files, and the names of what a file holds."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from numpy.typing import ArrayLike
 
 from consistent_id.errors import RecordingError
-from consistent_id.recordings.readers.arrays import Arrays, recording_of
-from consistent_id.recordings.readers.bag import BAGS, read_bag
+from consistent_id.recordings.log_formats import LOG_FORMATS, log_format
 from consistent_id.recordings.readers.columns import JOINT_STATE, Columns, wanted
-from consistent_id.recordings.readers.csv import read_csv
-from consistent_id.recordings.readers.hdf5 import read_hdf5
-from consistent_id.recordings.readers.mat import read_mat
-from consistent_id.recordings.readers.npz import read_npz
-from consistent_id.recordings.readers.parquet import read_parquet
+from consistent_id.recordings.readers.jointstate import (
+    joint_state_fields,
+    recording_of_messages,
+)
+from consistent_id.recordings.readers.named_arrays import recording_of
 from consistent_id.recordings.recording import Recording
-
-_READERS: dict[str, Callable[[Path, Sequence[str]], Arrays]] = {
-    ".csv": read_csv,
-    ".tsv": read_csv,
-    ".parquet": read_parquet,
-    ".npz": read_npz,
-    ".h5": read_hdf5,
-    ".hdf5": read_hdf5,
-    ".mat": read_mat,
-}
 
 
 def read_recording(
@@ -41,9 +31,10 @@ def read_recording(
     Parameters
     ----------
     path : str or Path
-        ``.csv`` and ``.tsv`` (comma, semicolon or tab; a decimal comma where the comma
-        does not separate), ``.parquet``, ``.npz``, ``.h5`` and ``.hdf5``, ``.mat``;
-        of bags with ``sensor_msgs/JointState`` a folder, ``.mcap``, ``.db3``, ``.bag``.
+        CSV (``.csv``, ``.tsv``; comma, semicolon or tab; a decimal comma where the
+        comma does not separate), Parquet (``.parquet``), Feather (``.feather``,
+        ``.arrow``), NPZ (``.npz``), HDF5 (``.h5``, ``.hdf5``), MATLAB (``.mat``); a ROS
+        bag with ``sensor_msgs/JointState`` (``.mcap``, ``.db3``, ``.bag`` or a folder).
     joints : sequence of str
         Names of the joints to read.
     columns : Columns
@@ -62,21 +53,28 @@ def read_recording(
         If the file, a column or a value is missing or faulty; with file, row, column.
     """
     path = Path(path)
-    if path.is_dir() or path.suffix.lower() in BAGS:
+    if log_format(path).holds == "joint states":
         if len(omit):
             raise RecordingError(
                 f"{path}: omit counts the rows of tables; messages of bags have none"
             )
         columns = columns or JOINT_STATE
-        return read_bag(path, joints, columns, torque_gain=torque_gain, topic=topic)
+        joint_state_fields(columns, joints, str(path))  # before a long read
+        return recording_of_messages(
+            _reader(path).read_messages(path, topic),
+            joints,
+            columns,
+            where=str(path),
+            name=path.name,
+            torque_gain=torque_gain,
+        )
     if topic is not None:
         raise RecordingError(
             f"{path}: topic {topic!r} is asked for, but only bags have topics"
         )
     want = wanted(columns or Columns(), joints, str(path))
-    arrays = _reader(path)(path, want.names)
     return recording_of(
-        arrays,
+        _reader(path).read_arrays(path, want.names),
         want,
         where=str(path),
         name=path.name,
@@ -85,12 +83,26 @@ def read_recording(
     )
 
 
-def _reader(path: Path) -> Callable[[Path, Sequence[str]], Arrays]:
-    if path.suffix.lower() not in _READERS:
+def column_names(path: Path) -> tuple[str, ...]:
+    """Return the names of a log's columns or arrays, in the file's order.
+
+    Raises
+    ------
+    RecordingError
+        If the file cannot be read, or names cannot be listed in its format.
+    """
+    if not log_format(path).lists_names:
+        listed = ", ".join(known.name for known in LOG_FORMATS if known.lists_names)
         raise RecordingError(
-            f"{path}: cannot read {path.suffix or 'files without an ending'}, "
-            f"expected {', '.join(_READERS)}, {', '.join(BAGS)} or a bag's folder"
+            f"{path}: columns can be found in files of {listed} alone; say which they "
+            "are (--position, --torque; in Python, Columns)"
         )
-    if not path.is_file():
+    names: tuple[str, ...] = _reader(path).array_names(path)
+    return names
+
+
+def _reader(path: Path) -> Any:
+    known = log_format(path)
+    if not path.exists():
         raise RecordingError(f"{path}: no such file")
-    return _READERS[path.suffix.lower()]
+    return known.reader(path)

@@ -7,9 +7,9 @@ import numpy as np
 
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.export.drive_values import coupling_values, joint_drives
-from consistent_id.export.exported import Export
-from consistent_id.export.pedigree import export_verdict, require_usable
+from consistent_id.export.exported_file import Export
 from consistent_id.export.pinocchio_model import central
+from consistent_id.export.provenance import export_verdict, require_usable
 from consistent_id.regression.friction import drive_unit
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.model import FixedFrame, Joint

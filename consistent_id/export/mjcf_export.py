@@ -8,13 +8,13 @@ import numpy as np
 from consistent_id.errors import ModelError
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.export.drive_values import JointDrive, joint_drives, not_expressed
-from consistent_id.export.exported import Export
+from consistent_id.export.exported_file import Export
 from consistent_id.export.mjcf_body import quaternion, require_mujoco, set_body
 from consistent_id.export.mjcf_gears import add_gears, set_number
 from consistent_id.export.mjcf_source import Source, put_into, read_spec
 from consistent_id.export.mjcf_text import exact_xml
 from consistent_id.export.mjcf_tree import spec_tree
-from consistent_id.export.pedigree import pedigree, require_usable
+from consistent_id.export.provenance import provenance, require_usable
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.model import Joint
 
@@ -67,7 +67,7 @@ def to_mjcf(
         text = exact_xml(spec)
     except (ValueError, mujoco.FatalError) as cause:
         raise ModelError(f"MuJoCo refuses the estimate: {cause}") from None
-    comment = pedigree(estimate).replace("--", "- -").encode("ascii", "replace")
+    comment = provenance(estimate).replace("--", "- -").encode("ascii", "replace")
     return Export("mjcf", b"<!-- " + comment + b" -->\n" + text, notes)
 
 

@@ -10,10 +10,10 @@ import numpy as np
 from consistent_id.errors import ModelError, ProblemError
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.export.drive_values import JointDrive, joint_drives, not_expressed
-from consistent_id.export.exported import Export
+from consistent_id.export.exported_file import Export
+from consistent_id.export.inertia_split import Part, split_inertia
 from consistent_id.export.new_urdf import urdf_text
-from consistent_id.export.pedigree import pedigree, require_usable
-from consistent_id.export.shares import Part, shared
+from consistent_id.export.provenance import provenance, require_usable
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.loaders.splice import Document, Edit
 from consistent_id.robot.loaders.urdf_inertial import (
@@ -43,11 +43,11 @@ def to_urdf(
 
     Masses, centres of mass and inertias of the model's links; ``<dynamics>`` of joints
     that have drive terms.  All else keeps its bytes: comments, CDATA, white space,
-    encoding, elements of other programmes.
+    encoding, elements of other programs.
 
     A moving link and the links fixed to it are identified as one body.  The fixed ones
-    keep their inertials, and the moving one gets what remains, if that is a body; else
-    all get shares of the whole, by mass.
+    keep their inertials, and the moving one gets what remains, if that is physically
+    consistent; else all get shares of the whole, by mass.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ def to_urdf(
         edits += _limit_edits(file, name, limit)
     notes += _left_out(file, estimate.model.robot)
     if comment:
-        edits.append(_comment_edit(file, pedigree(estimate)))
+        edits.append(_comment_edit(file, provenance(estimate)))
     content = file.document.spliced(_joined(edits))
     return Export("urdf", content, tuple(notes))
 
@@ -164,12 +164,12 @@ def _link_edits(
     for frame in link.merged:
         body = body_of(file.link(frame.name))
         parts.append(Part(frame.name, body, frame.rotation, frame.translation))
-    shares = shared(whole, parts)
+    split = split_inertia(whole, parts)
     edits = []
-    for part, body in zip(parts, shares.bodies, strict=True):
+    for part, body in zip(parts, split.bodies, strict=True):
         if body is not part.body:
             edits += set_body(file.document, file.link(part.name), body)
-    return edits, shares.note
+    return edits, split.note
 
 
 def _dynamics_edits(file: _File, drive: JointDrive) -> list[Edit]:

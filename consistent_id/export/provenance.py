@@ -1,4 +1,4 @@
-"""Whether an estimate may leave, and what a file says of where it comes from."""
+"""Whether an estimate may be exported, and the provenance that a file states."""
 
 from consistent_id.constraints.cones.certificate import Verdict
 from consistent_id.constraints.link_condition import link_conditions
@@ -6,15 +6,15 @@ from consistent_id.errors import ProblemError
 from consistent_id.estimation.estimate import Estimate
 
 
-def impossible_links(estimate: Estimate) -> tuple[str, ...]:
-    """Return the names of links that are no bodies."""
+def inconsistent_links(estimate: Estimate) -> tuple[str, ...]:
+    """Return the names of links that are not physically consistent."""
     found = link_conditions(estimate.model, estimate.parameters)
     return tuple(link.link for link in found if not link.consistent)
 
 
 def export_verdict(estimate: Estimate) -> Verdict:
-    """Return the estimate's verdict, ``refused`` if one of its links is no body."""
-    if impossible_links(estimate):
+    """Return the verdict: ``refused`` if a link is not physically consistent."""
+    if inconsistent_links(estimate):
         return "refused"
     return estimate.certificate.verdict
 
@@ -29,15 +29,17 @@ def require_usable(estimate: Estimate, allow_refused: bool) -> None:
     """
     if allow_refused or export_verdict(estimate) != "refused":
         return
-    links = impossible_links(estimate)
-    why = f"{', '.join(links)}: no body" if links else estimate.certificate.reason
+    links = inconsistent_links(estimate)
+    why = estimate.certificate.reason
+    if links:
+        why = f"not physically consistent: {', '.join(links)}"
     raise ProblemError(
         f"the estimate by {estimate.method!r} is refused ({why}); export a constrained "
         "one, or say allow_refused"
     )
 
 
-def pedigree(estimate: Estimate) -> str:
+def provenance(estimate: Estimate) -> str:
     """Return one line for a file's comment: method, robot, verdict."""
     return (
         f"consistent-id: robot {estimate.model.robot.name}, method {estimate.method}, "

@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any, cast
 
 from consistent_id.errors import ProblemError, RecordingError
-from consistent_id.recordings.readers.bag import BAGS
+from consistent_id.recordings.log_formats import log_format
 from consistent_id.recordings.readers.columns import JOINT_STATE, Columns
-from consistent_id.recordings.readers.names import column_names
+from consistent_id.recordings.readers.recording_file import column_names
 from consistent_id.robot.parameters import did_you_mean
 
 _WORDS = {
@@ -29,7 +29,7 @@ _NOT_MEASURED |= {"reference", "setpoint", "goal", "error", "limit"}
 
 @dataclass(frozen=True, slots=True)
 class ColumnGuess:
-    """A log's columns, as far as they could be told.
+    """A log's columns, as far as they could be found.
 
     Parameters
     ----------
@@ -67,18 +67,18 @@ def guess_columns(
     joints : sequence of str
         The robot's.
     known : mapping of str to str, optional
-        Columns by channel, as in `Columns`; the others are told from the log.
+        Columns by channel, as in `Columns`; the others are found in the log.
     torque_joints : sequence of str
         Joints whose torque the log has, if that is known.
 
     Raises
     ------
     RecordingError
-        If positions or torques cannot be told; with what the log has instead.
+        If positions or torques cannot be found; with what the log has instead.
     """
     joints, known = tuple(joints), dict(known or {})
     _require_channels(known)
-    bag = log.is_dir() or log.suffix.lower() in BAGS
+    bag = log_format(log).holds == "joint states"
     usual = replace(JOINT_STATE if bag else Columns(), torque_joints=torque_joints)
     found, notes = replace(usual, **cast(dict[str, Any], known)), list[str]()
     if bag or {"time", "position", "torque"} <= set(known):
@@ -96,7 +96,7 @@ def guess_columns(
             if not patterns:
                 continue
         if not patterns:
-            raise _untold(log, channel, names, joints)
+            raise _not_found(log, channel, names, joints)
         best, *others = patterns
         found = _with(found, channel, best)
         if channel == "position":
@@ -184,13 +184,13 @@ def _by_number(
 
 
 def _means(pattern: str, channel: str) -> bool:
-    """Tell whether what a pattern says besides the joint is a word for the channel."""
+    """Return whether a pattern has a word for the channel beside the joint."""
     rest = re.sub(r"\{\w+\}", " ", pattern)
     words = set(re.findall(r"[a-z]+", rest.lower()))
     return bool(words & _WORDS[channel]) and not words & _NOT_MEASURED
 
 
-def _untold(
+def _not_found(
     log: Path, channel: str, names: Sequence[str], joints: Sequence[str]
 ) -> RecordingError:
     example = {"position": "q_{joint}", "torque": "tau_{joint}"}[channel]
@@ -201,7 +201,7 @@ def _untold(
             "give the N m per ampere with --torque-gain."
         )
     return RecordingError(
-        f"{log}: no column could be told to be the {channel} of {_shown(joints)}; the "
+        f"{log}: found no column that is the {channel} of {_shown(joints)}; the "
         f"log has {_shown(names)}. Say which: --{channel} {example}, or with "
         f"{{number}} for the joint's place from 1.{more}"
     )

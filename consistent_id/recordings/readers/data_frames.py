@@ -7,20 +7,20 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from consistent_id.errors import RecordingError
-from consistent_id.recordings.readers.arrays import recording_of
 from consistent_id.recordings.readers.columns import Columns, require, wanted
+from consistent_id.recordings.readers.named_arrays import recording_of
 from consistent_id.recordings.recording import Recording
 
 
-class Table(Protocol):
-    """What gives columns by name, and tells its names by `columns` or `keys`."""
+class ColumnTable(Protocol):
+    """What gives columns by name, and lists its names in `columns` or `keys`."""
 
     def __getitem__(self, name: Any, /) -> Any:
         """Return a column."""
 
 
 def recording_from(
-    table: Table,
+    table: ColumnTable,
     joints: Sequence[str],
     columns: Columns | None = None,
     *,
@@ -63,7 +63,7 @@ def recording_from(
     return recording_of(arrays, want, where=name, name=name, torque_gain=torque_gain)
 
 
-def _names(table: Table, where: str) -> list[str]:
+def _names(table: ColumnTable, where: str) -> list[str]:
     for attribute in ("column_names", "columns"):  # Arrow's tables have both
         if (names := getattr(table, attribute, None)) is not None:
             return list(names)

@@ -13,7 +13,7 @@ from consistent_id.robot.loaders.xml import Element
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Statement:
+class StatedInertial:
     """A link's mass and inertia as stated; None where they cannot be read.
 
     `unreadable` says what stands in their place, `displaced` what stands in that of a
@@ -26,7 +26,7 @@ class Statement:
     displaced: str = ""
 
 
-def statement(inertial: Element) -> Statement:
+def stated_inertial(inertial: Element) -> StatedInertial:
     """Read an inertial; numbers that are none do not stop the rest."""
     found: dict[str, float] = {}
     unreadable = []
@@ -46,7 +46,7 @@ def statement(inertial: Element) -> Statement:
     whole = all(entry in found for entry in INERTIA_ENTRIES)
     inertia = inertia_matrix([found[e] for e in INERTIA_ENTRIES]) if whole else None
     displaced = _displaced(inertial.child("origin"))
-    return Statement(found.get("value"), inertia, tuple(unreadable), displaced)
+    return StatedInertial(found.get("value"), inertia, tuple(unreadable), displaced)
 
 
 def _displaced(origin: Element | None) -> str:

@@ -47,7 +47,7 @@ class LinkRepair:
 
 @dataclass(frozen=True, slots=True)
 class Repair:
-    """A repaired file, and an account of each of its links.
+    """A repaired file, and a record of each of its links.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ class Repair:
 
 
 @dataclass(frozen=True, slots=True)
-class Stated:
+class RepairOptions:
     """What a user states beside the file.
 
     Parameters
@@ -101,7 +101,7 @@ class Stated:
     density : float, optional, [kg/m^3]
         Of a ball that stands for an inertia which is missing or unreadable.
     thickness : float, [m]
-        Standard deviation of mass along each axis that every body is to have.
+        Least standard deviation of mass along each axis of a link with mass.
     """
 
     masses: Mapping[str, float]

@@ -7,7 +7,7 @@ from pathlib import Path
 from numpy.typing import ArrayLike
 
 from consistent_id.recordings.readers.columns import Columns
-from consistent_id.recordings.readers.files import read_recording
+from consistent_id.recordings.readers.recording_file import read_recording
 from consistent_id.recordings.signals.track import Channel, Track, track
 
 

@@ -29,7 +29,7 @@ def recording_of(
     ----------
     arrays : mapping of str to ndarray
         Columns of shape (samples,), (samples, 1) or (1, samples); two-dimensional
-        arrays of shape (samples, width) or its transpose, as the length of time tells.
+        arrays of shape (samples, width) or its transpose, by the length of time.
     want : Wanted
     where, name : str
         Of the file: in messages, and of the recording.
@@ -139,7 +139,7 @@ def _matrix(
     if upright == lying:
         raise RecordingError(
             f"{where}: array {name!r} has shape {values.shape} with as many samples as "
-            "joints: which axis is time cannot be told. Name single columns instead"
+            "joints: which axis is time cannot be known. Name single columns instead"
         )
     if values.shape not in (upright, lying):
         raise RecordingError(

@@ -1,0 +1,92 @@
+"""The formats to which an estimate is exported: one entry each.
+
+An entry names the function that exports, which is imported when it is called.
+"""
+
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from consistent_id.errors import ProblemError
+
+if TYPE_CHECKING:
+    from consistent_id.estimation.estimate import Estimate
+    from consistent_id.export.exported_file import Export
+
+
+@dataclass(frozen=True, slots=True)
+class ExportFormat:
+    """A format to which an estimate is exported.
+
+    Parameters
+    ----------
+    name : str
+    content : str
+        What is written, for people.
+    module, function : str
+        ``function(estimate, [source,] *, allow_refused) -> Export`` in a module of this
+        package.
+    takes_source : bool
+        Whether the estimate can be put into an existing file of the robot.
+    """
+
+    name: str
+    content: str
+    module: str
+    function: str
+    takes_source: bool = False
+
+
+EXPORT_FORMATS = (
+    ExportFormat("urdf", "URDF", "urdf_export", "to_urdf", takes_source=True),
+    ExportFormat("mjcf", "MJCF", "mjcf_export", "to_mjcf", takes_source=True),
+    ExportFormat("json", "JSON", "json_record", "to_json"),
+    ExportFormat("pin", "pinocchio.Model", "pinocchio_model", "pinocchio_file"),
+    ExportFormat("numpy", "stand-alone NumPy", "numpy_source", "to_numpy"),
+    ExportFormat("casadi", "CasADi function", "casadi_functions", "casadi_file"),
+    ExportFormat("c", "C", "c_source", "to_c"),
+)
+
+
+def exported(
+    estimate: "Estimate",
+    form: str,
+    *,
+    source: Path | None = None,
+    allow_refused: bool = False,
+) -> "Export":
+    """Return an estimate in a format.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    form : str
+        Name of an entry of `EXPORT_FORMATS`.
+    source : Path, optional
+        File of the robot to put the estimate into; without it the file is new.
+    allow_refused : bool
+
+    Raises
+    ------
+    ProblemError
+        If there is no such format, if it takes no source, or if the estimate is refused
+        and `allow_refused` is false.
+    """
+    formats = {known.name: known for known in EXPORT_FORMATS}
+    if form not in formats:
+        from consistent_id.robot.parameters import did_you_mean
+
+        raise ProblemError(f"no format {form!r}; {did_you_mean(form, formats)}")
+    known, options = formats[form], dict[str, Any]()
+    if source is not None:
+        if not known.takes_source:
+            taking = [f.content for f in EXPORT_FORMATS if f.takes_source]
+            raise ProblemError(
+                f"a source is for {' and '.join(taking)}, not for {form}"
+            )
+        options["source"] = source
+    module = import_module(f"consistent_id.export.{known.module}")
+    function = getattr(module, known.function)
+    export: Export = function(estimate, allow_refused=allow_refused, **options)
+    return export

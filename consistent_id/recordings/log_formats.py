@@ -1,0 +1,103 @@
+"""The formats of logs that can be read: one entry each.
+
+An entry names a module of `consistent_id.recordings.readers`, imported when a file is
+read.  The module of a format of arrays has ``read_arrays(path, names)`` and, unless the
+entry says otherwise, ``array_names(path)``; that of a format of joint states has
+``read_messages(path, topic)``.
+"""
+
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any, Literal
+
+from consistent_id._support.extras import needed
+from consistent_id.errors import RecordingError
+
+
+@dataclass(frozen=True, slots=True)
+class LogFormat:
+    """A format of logs.
+
+    Parameters
+    ----------
+    name : str
+    suffixes : tuple of str
+        With the dot, in lower case.
+    module : str
+        The module that reads it.
+    library, extra : str
+        The library that it needs, and the package's extra that installs it.
+    holds : {"arrays", "joint states"}
+        Named arrays or columns; or messages of joint states, which have topics.
+    lists_names : bool
+        Whether the names of its arrays can be listed.
+    folders : bool
+        Whether a log may be a folder.
+    """
+
+    name: str
+    suffixes: tuple[str, ...]
+    module: str
+    library: str = ""
+    extra: str = ""
+    holds: Literal["arrays", "joint states"] = "arrays"
+    lists_names: bool = True
+    folders: bool = False
+
+    def reader(self, where: object) -> Any:
+        """Return the module that reads it.
+
+        Raises
+        ------
+        RecordingError
+            If the library that it needs is not installed; `where` is the file.
+        """
+        if self.library:
+            what = f"{where}: reading {self.name}"
+            needed(self.library, self.extra, what, RecordingError)
+        return import_module(f"consistent_id.recordings.readers.{self.module}")
+
+
+HDF5 = LogFormat(
+    "HDF5", (".h5", ".hdf5"), "hdf5", "h5py", extra="hdf5", lists_names=False
+)
+
+LOG_FORMATS = (
+    LogFormat("CSV", (".csv", ".tsv"), "csv"),
+    LogFormat("Parquet", (".parquet",), "parquet", "pyarrow", extra="parquet"),
+    LogFormat("Feather", (".feather", ".arrow"), "feather", "pyarrow", extra="parquet"),
+    LogFormat("NPZ", (".npz",), "npz"),
+    HDF5,
+    LogFormat("MATLAB", (".mat",), "mat", lists_names=False),
+    LogFormat(
+        "ROS bag",
+        (".mcap", ".db3", ".bag"),
+        "bag",
+        "rosbags",
+        extra="ros",
+        holds="joint states",
+        lists_names=False,
+        folders=True,
+    ),
+)
+
+
+def log_format(path: Path) -> LogFormat:
+    """Return the format of a log, by its suffix.
+
+    Raises
+    ------
+    RecordingError
+        If there is none of such a suffix.
+    """
+    suffix = path.suffix.lower()
+    for known in LOG_FORMATS:
+        if known.folders if path.is_dir() else suffix in known.suffixes:
+            return known
+    suffixes = (suffix for known in LOG_FORMATS for suffix in known.suffixes)
+    folders = (f"a {known.name}'s folder" for known in LOG_FORMATS if known.folders)
+    raise RecordingError(
+        f"{path}: cannot read {path.suffix or 'files without a suffix'}, expected one "
+        f"of {', '.join([*suffixes, *folders])}"
+    )

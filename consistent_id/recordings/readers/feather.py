@@ -1,0 +1,47 @@
+"""Columns of a Feather or Arrow IPC file, or of an Arrow stream in a file."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from consistent_id.errors import RecordingError
+from consistent_id.recordings.readers.columns import require
+from consistent_id.recordings.readers.named_arrays import Arrays
+from consistent_id.recordings.readers.parquet import numbers_of
+
+_FILE = b"ARROW1"  # how the file format begins; a stream has no mark of its own
+
+
+def read_arrays(path: Path, names: Sequence[str]) -> Arrays:
+    """Return the named columns; what is missing in one becomes NaN.
+
+    Raises
+    ------
+    RecordingError
+        If the file is not Arrow's, or a column is missing or holds no numbers.
+    """
+    known, table = _columns(path)
+    require(str(path), names, known)
+    return {name: numbers_of(table[name], f"{path}: column {name!r}") for name in names}
+
+
+def array_names(path: Path) -> tuple[str, ...]:
+    """Return the names of the columns."""
+    return tuple(_columns(path)[0])
+
+
+def _columns(path: Path) -> tuple[tuple[str, ...], Any]:
+    """Return the names, and the table; what is not compressed is mapped, not read."""
+    import pyarrow as pa
+
+    try:
+        file = pa.memory_map(str(path))
+        whole = file.read(len(_FILE)) == _FILE
+        file.seek(0)
+        table = (pa.ipc.open_file if whole else pa.ipc.open_stream)(file).read_all()
+        table.validate()
+        return tuple(table.column_names), table
+    except (pa.ArrowException, OSError, UnicodeDecodeError) as cause:
+        raise RecordingError(
+            f"{path}: not readable as Feather (version 2) or Arrow IPC: {cause}"
+        ) from None
