@@ -158,7 +158,8 @@ from consistent_id.regression.base import (
     base_parameters,
     condition_number,
 )
-from consistent_id.regression.friction import DriveTerms, GearCoupling
+from consistent_id.regression.drive.drive_terms import DriveTerms
+from consistent_id.regression.drive.gear_coupling import GearCoupling
 from consistent_id.regression.regression import Regression, build_regression
 from consistent_id.regression.regressor import (
     TorqueModel,

@@ -1,11 +1,10 @@
 """The identified robot's dynamics as one Python file that needs NumPy alone."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
-from consistent_id.errors import ProblemError
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.export.drive_values import (
     JointDrive,
@@ -15,17 +14,10 @@ from consistent_id.export.drive_values import (
 from consistent_id.export.exported import Export
 from consistent_id.export.numpy_template import BODY, HEAD
 from consistent_id.export.pedigree import pedigree, require_usable
-from consistent_id.regression.drive_terms import (
-    AsymmetricCoulomb,
-    Coulomb,
-    DriveTerm,
-    LoadFriction,
-    Offset,
-    RotorInertia,
-    Spring,
-    Stribeck,
-    Viscous,
-)
+from consistent_id.export.source_text import SourceText
+from consistent_id.regression.drive.term import JointSamples, term_columns
+
+_SAMPLES = ("q", "dq", "ddq", "load")  # arguments of the function that is written
 
 
 def to_numpy(estimate: Estimate, *, allow_refused: bool = False) -> Export:
@@ -74,7 +66,7 @@ def _array(name: str, values: Any) -> str:
 def _rotors(estimate: Estimate) -> Any:
     names = estimate.model.robot.joint_names
     rotors = np.diag(
-        [d.values.get("rotor_inertia", 0.0) for d in joint_drives(estimate)]
+        [drive.simulated("armature") or 0.0 for drive in joint_drives(estimate)]
     )
     for coupling, values in coupling_values(estimate):
         i, j = names.index(coupling.first), names.index(coupling.second)
@@ -95,10 +87,9 @@ def _drive(estimate: Estimate) -> str:
     if estimate.model.load_reference is not None:
         lines.append("    load = rigid_body(q, dq, ddq, bodies=LOAD_BODIES)")
     for k, joint in enumerate(joint_drives(estimate)):
-        terms = [text for text in _terms(joint, k) if text]
+        terms = list(_terms(joint, k))
         if terms:
             lines.append(f"    # {joint.joint!r}")
-            lines.append(f"    q_, v = q[..., {k}], dq[..., {k}]")
             lines += [f"    tau[..., {k}] += {text}" for text in terms]
     for coupling, values in coupling_values(estimate):
         i, j = names.index(coupling.first), names.index(coupling.second)
@@ -108,35 +99,14 @@ def _drive(estimate: Estimate) -> str:
 
 
 def _terms(joint: JointDrive, k: int) -> Iterator[str]:
+    """Yield the torque of each coefficient but those of `ROTORS`, as an expression."""
+    samples = JointSamples(*(SourceText(f"{x}[..., {k}]") for x in _SAMPLES))
     for term in joint.terms.terms:
-        yield _term(term, [joint.values[name] for name in term.names], k)
-
-
-def _term(term: DriveTerm, values: Sequence[float], k: int) -> str:
-    """Return a term's torque as an expression in ``q_``, ``v`` and ``load``."""
-    c = values[0]
-    match term:
-        case Viscous():
-            return f"{c!r} * v"
-        case Coulomb(scale):
-            return f"{c!r} * {_sign('v', scale)}"
-        case AsymmetricCoulomb(scale):
-            s = _sign("v", scale)
-            return (
-                f"{c!r} * np.maximum({s}, 0.0) + {values[1]!r} * np.minimum({s}, 0.0)"
-            )
-        case Stribeck(velocity, exponent, scale):
-            fading = f"np.exp(-(np.abs(v / {velocity!r}) ** {exponent!r}))"
-            return f"{c!r} * {_sign('v', scale)} * {fading}"
-        case LoadFriction(scale):
-            return f"{c!r} * {_sign('v', scale)} * np.abs(load[..., {k}])"
-        case Offset():
-            return f"{c!r}"
-        case Spring():
-            return f"{c!r} * q_"
-        case RotorInertia():
-            return ""  # part of ROTORS
-    raise ProblemError(f"{type(term).__name__} cannot be written as NumPy source")
+        if term.simulated_as != "armature":
+            for name, column in zip(
+                term.names, term_columns(term, samples), strict=True
+            ):
+                yield f"{joint.values[name]!r} * {SourceText.of(column).text}"
 
 
 def _coupled(

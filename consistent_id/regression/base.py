@@ -12,6 +12,7 @@ import numpy as np
 from consistent_id._support.arrays import Array, Matrix, Vector, frozen
 from consistent_id._support.threads import single_threaded
 from consistent_id.errors import NotExcitedError
+from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.parameters import ParameterLayout
 
@@ -115,8 +116,14 @@ def random_regressor(model: TorqueModel, *, seed: int = 0) -> Array:
     samples = 3 * p
     q = rng.uniform(-np.pi, np.pi, (samples, n))
     dq, ddq = rng.uniform(-2.0, 2.0, (2, samples, n))
-    dq[::2] *= [terms.stribeck_velocity or 1.0 for terms in model.terms]
+    dq[::2] *= [_slow(terms) for terms in model.terms]
     return model.regressor(q, dq, ddq)
+
+
+def _slow(terms: DriveTerms) -> float:
+    """Return what slows a joint's random velocity, so that fading friction shows."""
+    fading = (term.fading_velocity for term in terms.terms)
+    return min((v for v in fading if v is not None), default=1.0)
 
 
 def independent_columns(

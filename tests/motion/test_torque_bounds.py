@@ -19,7 +19,7 @@ from consistent_id.motion.proofs.jets import Jet, jet, sine_and_cosine
 from consistent_id.motion.proofs.margins import motion_margins
 from consistent_id.motion.proofs.torque_bounds import _Torque, torque_bounds
 from consistent_id.motion.proofs.torque_motion import smooth_torque
-from consistent_id.regression.friction import GearCoupling
+from consistent_id.regression.drive.gear_coupling import GearCoupling
 from consistent_id.regression.joint_geometry import floats, joint_geometry
 from consistent_id.regression.newton_euler import (
     JointMotion,

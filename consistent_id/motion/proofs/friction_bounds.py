@@ -1,8 +1,8 @@
-"""Friction that depends on the direction of motion, over stretches of time.
+"""Friction that is no polynomial of the motion, over stretches of time.
 
-It jumps, or nearly, where a joint turns back: there is no use in its derivative.  Its
-columns are asked for with intervals instead of numbers, for motion forwards, backwards
-and standing still apart, so that all that has one sign keeps one.
+It may jump, or nearly, where a joint turns back: there is no use in its derivative.
+Its columns are computed with intervals instead of numbers, for motion forwards,
+backwards and standing still apart, so that all that has one sign keeps one.
 """
 
 from collections.abc import Sequence
@@ -11,12 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from consistent_id._support.arrays import Array, Matrix, Vector
+from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.motion.proofs.extremes import path_interval
 from consistent_id.motion.proofs.interval import Interval
 from consistent_id.recordings.paths import JointPath
 from consistent_id.regression.regressor import TorqueModel, drive_entries
-from consistent_id.regression.shapes import SHAPED_TERMS
 
 _COLUMN = 64.0 * np.finfo(float).eps  # rounding of a column, relative to its size
 _LEAST = float(np.finfo(float).tiny)  # a rate that has a direction
@@ -24,7 +23,7 @@ _LEAST = float(np.finfo(float).tiny)  # a rate that has a direction
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DirectedFriction:
-    """The columns of a model that depend on directions, and their coefficients.
+    """The columns of a model that are no polynomials, and their coefficients.
 
     Parameters
     ----------
@@ -41,12 +40,12 @@ class DirectedFriction:
     @property
     def needed(self) -> bool:
         """Tell whether there is any such friction."""
-        return any(term in SHAPED_TERMS for _, term in self.model.layout.drive)
+        return not all(term.polynomial for term in self.model.column_terms)
 
     def enclosed(
         self, path: JointPath, middle: Vector, radius: float, load: Interval
     ) -> Interval:
-        """Enclose the friction over stretches of time.
+        """Enclose the friction over stretches of time, rounding included.
 
         Parameters
         ----------
@@ -80,36 +79,25 @@ class DirectedFriction:
         low = np.stack([x.low.T for x in ends], axis=-1)
         return Interval(low, np.stack([x.high.T for x in ends], axis=-1))
 
-    def rounding(self, load: Interval) -> Array:
-        """Bound what rounding does to `enclosed`, shape (1, robots, 1).
-
-        A column is no larger than one, or than the load.
-        """
-        terms = self.model.layout.drive
-        shaped = [term in SHAPED_TERMS for _, term in terms]
-        directed = self.parameters[:, self.model.layout.inertial_size :][:, shaped]
-        size = 1.0 + float(load.size.max(initial=0.0))
-        total = abs(directed).sum(axis=1)[None, :, None]
-        return np.asarray(_COLUMN * size * total)
-
     def _sum(
         self, model: TorqueModel, motion: Sequence[Any], loads: list[Any], start: int
     ) -> list[Any]:
         """Add up the columns from `start` on, joint by joint."""
         total: list[Any] = [0.0] * len(model.robot)
-        terms, skip = self.model.layout.drive, self.model.layout.inertial_size
+        terms, skip = self.model.column_terms, self.model.layout.inertial_size
         needed = {
-            j: loads[j] for j, terms in enumerate(model.terms) if terms.load_friction
+            j: loads[j] for j, joint in enumerate(model.terms) if joint.needs_load
         }
         q, dq, ddq = motion
         for j, column, values in drive_entries(model, q, dq, ddq, needed):
-            if column >= start and terms[column - skip][1] in SHAPED_TERMS:
-                total[j] = values * self.parameters[:, column, None] + total[j]
+            if column >= start and not terms[column - skip].polynomial:
+                x = self.parameters[:, column, None]
+                total[j] = _rounded(values) * x + total[j]
         return total
 
 
 def directed_friction(model: TorqueModel, parameters: Matrix) -> DirectedFriction:
-    """Return the friction of a model that depends on the direction of motion."""
+    """Return the friction of a model that is no polynomial of the motion."""
     return DirectedFriction(model, replace(model, couplings=()), parameters)
 
 
@@ -127,6 +115,13 @@ def _directions(rate: Interval) -> list[Interval]:
         Interval(np.where(x, r.low, rate.low), np.where(x, r.high, rate.high))
         for x, r in zip(there, (forwards, backwards, at_rest), strict=True)
     ]
+
+
+def _rounded(x: Any) -> Interval:
+    """Return a column with what rounding does to it, relative to one or to its size."""
+    x = x if isinstance(x, Interval) else Interval(np.asarray(x), np.asarray(x))
+    doubt = _COLUMN * (1.0 + x.size)
+    return Interval(x.low - doubt, x.high + doubt)
 
 
 def _interval(x: Any, shape: tuple[int, int]) -> Interval:

@@ -5,7 +5,7 @@ not outwards; who claims a proof adds a slack for that, see `torque_bounds`.
 """
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -26,7 +26,18 @@ class Interval:
 
     low: Array
     high: Array
-    __array_ufunc__: ClassVar[None] = None  # an array times an interval is ours
+
+    def __array_ufunc__(
+        self, ufunc: Any, method: str, *inputs: Any, **options: Any
+    ) -> Any:
+        """Apply NumPy's elementary functions, and operators behind an array."""
+        if method != "__call__" or options or ufunc not in _METHODS:
+            return NotImplemented
+        first, *others = inputs
+        if isinstance(first, Interval):
+            return getattr(first, _METHODS[ufunc])(*others)
+        first = np.asarray(first)
+        return getattr(Interval(first, first), _METHODS[ufunc])(*others)
 
     @property
     def size(self) -> Array:
@@ -58,12 +69,26 @@ class Interval:
 
     __rmul__ = __mul__
 
-    def __truediv__(self, other: float) -> "Interval":
+    def __truediv__(self, other: Any) -> "Interval":
+        if isinstance(other, Interval):
+            if not (other.low * other.high > 0.0).all():
+                raise ValueError("division by an interval that may hold zero")
+            return self * _hull(1.0 / other.low, 1.0 / other.high)
         return _hull(self.low / other, self.high / other)
 
+    def __rtruediv__(self, other: Any) -> "Interval":
+        return Interval(np.asarray(other), np.asarray(other)).__truediv__(self)
+
     def __pow__(self, exponent: float) -> "Interval":
-        """Raise what is not negative to a positive power."""
-        return Interval(self.low**exponent, self.high**exponent)
+        """Raise to a positive power, which is an integer if the base is negative."""
+        if not exponent > 0.0:
+            raise ValueError(f"power {exponent} of an interval, expected above zero")
+        if exponent % 2 == 1.0:
+            return Interval(self.low**exponent, self.high**exponent)
+        base = abs(self) if exponent % 2 == 0.0 else self
+        if (base.low < 0.0).any():
+            raise ValueError(f"power {exponent} of an interval that is negative")
+        return Interval(base.low**exponent, base.high**exponent)
 
     def __abs__(self) -> "Interval":
         return Interval(np.maximum(np.maximum(self.low, -self.high), 0.0), self.size)
@@ -104,6 +129,23 @@ class Interval:
     def exp(self) -> "Interval":
         """Enclose the exponential."""
         return Interval(np.exp(self.low), np.exp(self.high))
+
+
+_METHODS = {
+    np.add: "__add__",
+    np.subtract: "__sub__",
+    np.multiply: "__mul__",
+    np.divide: "__truediv__",
+    np.negative: "__neg__",
+    np.power: "__pow__",
+    np.absolute: "__abs__",
+    np.sin: "sin",
+    np.cos: "cos",
+    np.sign: "sign",
+    np.tanh: "tanh",
+    np.exp: "exp",
+}
+"""What encloses each of NumPy's functions; others are refused with a TypeError."""
 
 
 def _hull(x: Array, y: Array) -> Interval:
