@@ -15,6 +15,7 @@ from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.motion.proofs.extremes import path_interval
 from consistent_id.motion.proofs.interval import Interval
 from consistent_id.recordings.paths import JointPath
+from consistent_id.regression.drive.term import JointSamples, term_columns
 from consistent_id.regression.regressor import TorqueModel, drive_entries
 
 _COLUMN = 64.0 * np.finfo(float).eps  # rounding of a column, relative to its size
@@ -39,8 +40,13 @@ class DirectedFriction:
 
     @property
     def needed(self) -> bool:
-        """Tell whether there is any such friction."""
-        return not all(term.polynomial for term in self.model.column_terms)
+        """Whether any robot has such friction."""
+        start = self.model.layout.inertial_size
+        terms = self.model.column_terms
+        return any(
+            not term.polynomial and self.parameters[:, column].any()
+            for column, term in enumerate(terms, start)
+        )
 
     def enclosed(
         self, path: JointPath, middle: Vector, radius: float, load: Interval
@@ -99,6 +105,19 @@ class DirectedFriction:
 def directed_friction(model: TorqueModel, parameters: Matrix) -> DirectedFriction:
     """Return the friction of a model that is no polynomial of the motion."""
     return DirectedFriction(model, replace(model, couplings=()), parameters)
+
+
+def require_enclosable(model: TorqueModel) -> None:
+    """Refuse terms that cannot be computed for intervals, before any work is done.
+
+    Raises
+    ------
+    ProblemError
+        Naming the term, and why.
+    """
+    stretch = Interval(np.array([-0.5]), np.array([0.5]))
+    for term in model.column_terms:
+        term_columns(term, JointSamples(stretch, stretch, stretch, stretch))
 
 
 def _directions(rate: Interval) -> list[Interval]:

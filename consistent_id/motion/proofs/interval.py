@@ -31,13 +31,15 @@ class Interval:
         self, ufunc: Any, method: str, *inputs: Any, **options: Any
     ) -> Any:
         """Apply NumPy's elementary functions, and operators behind an array."""
-        if method != "__call__" or options or ufunc not in _METHODS:
+        if method != "__call__" or options:
             return NotImplemented
-        first, *others = inputs
-        if isinstance(first, Interval):
-            return getattr(first, _METHODS[ufunc])(*others)
-        first = np.asarray(first)
-        return getattr(Interval(first, first), _METHODS[ufunc])(*others)
+        x, *others = (_interval(x) for x in inputs)
+        if ufunc in _INCREASING:
+            low = ufunc(x.low, *(y.low for y in others))
+            return Interval(low, ufunc(x.high, *(y.high for y in others)))
+        if ufunc in _METHODS:
+            return getattr(x, _METHODS[ufunc])(*others)
+        return NotImplemented
 
     @property
     def size(self) -> Array:
@@ -77,7 +79,7 @@ class Interval:
         return _hull(self.low / other, self.high / other)
 
     def __rtruediv__(self, other: Any) -> "Interval":
-        return Interval(np.asarray(other), np.asarray(other)).__truediv__(self)
+        return _interval(other) / self
 
     def __pow__(self, exponent: float) -> "Interval":
         """Raise to a positive power, which is an integer if the base is negative."""
@@ -118,34 +120,32 @@ class Interval:
         away = abs(other(middle)) * radius + abs(value) * radius**2 / 2.0
         return Interval(np.maximum(value - away, -1.0), np.minimum(value + away, 1.0))
 
-    def sign(self) -> "Interval":
-        """Enclose the sign."""
-        return Interval(np.sign(self.low), np.sign(self.high))
 
-    def tanh(self) -> "Interval":
-        """Enclose the hyperbolic tangent."""
-        return Interval(np.tanh(self.low), np.tanh(self.high))
-
-    def exp(self) -> "Interval":
-        """Enclose the exponential."""
-        return Interval(np.exp(self.low), np.exp(self.high))
-
-
+_INCREASING = (
+    np.add,
+    np.maximum,
+    np.minimum,
+    np.sign,
+    np.tanh,
+    np.arctan,
+    np.exp,
+    np.sinh,
+    np.arcsinh,
+)
 _METHODS = {
-    np.add: "__add__",
     np.subtract: "__sub__",
     np.multiply: "__mul__",
     np.divide: "__truediv__",
     np.negative: "__neg__",
-    np.power: "__pow__",
     np.absolute: "__abs__",
     np.sin: "sin",
     np.cos: "cos",
-    np.sign: "sign",
-    np.tanh: "tanh",
-    np.exp: "exp",
 }
-"""What encloses each of NumPy's functions; others are refused with a TypeError."""
+"""NumPy's functions that can be enclosed; others are refused with a TypeError."""
+
+
+def _interval(x: Any) -> Interval:
+    return x if isinstance(x, Interval) else Interval(np.asarray(x), np.asarray(x))
 
 
 def _hull(x: Array, y: Array) -> Interval:

@@ -166,10 +166,10 @@ def term_columns(term: DriveTerm, joint: JointSamples) -> list[Any]:
     try:
         columns = list(term.columns(joint))
     except (TypeError, AttributeError, ValueError, RuntimeError) as cause:
-        kind = type(joint.dq).__name__
+        kind, reason = type(joint.dq).__name__, str(cause).partition("\n")[0]
         raise ProblemError(
             f"the columns of {type(term).__name__} ({', '.join(term.names)}) cannot be "
-            f"computed for {_USES.get(kind, kind)} ({type(cause).__name__}: {cause}); "
+            f"computed for {_USES.get(kind, kind)} ({type(cause).__name__}: {reason}); "
             "make them of + - * / **, abs and NumPy's elementary functions"
         ) from cause
     if len(columns) != len(term.names):
