@@ -11,14 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from consistent_id._support.arrays import Matrix, Vector
+from consistent_id._support.arrays import Array, Matrix, Vector
 from consistent_id.motion.proofs.extremes import path_interval
 from consistent_id.motion.proofs.interval import Interval
 from consistent_id.recordings.paths import JointPath
 from consistent_id.regression.drive.term import JointSamples, term_columns
 from consistent_id.regression.regressor import TorqueModel, drive_entries
 
-_COLUMN = 64.0 * np.finfo(float).eps  # rounding of a column, relative to its size
+_ROUNDING = 64.0 * np.finfo(float).eps  # of motion and columns, relative
 _LEAST = float(np.finfo(float).tiny)  # a rate that has a direction
 
 
@@ -66,7 +66,10 @@ class DirectedFriction:
         -------
         Interval, shape (stretches, robots, joints), [N m or N]
         """
-        q, dq, ddq = (x.columns() for x in path_interval(path, middle, radius, 2))
+        q, dq, ddq = (
+            [_widened(x, x.size) for x in order.columns()]
+            for order in path_interval(path, middle, radius, 2)
+        )
         loads = load.columns()
         # at rest exactly, a joint may be about to move either way
         dq = [Interval(x.low - 2.0 * _LEAST, x.high + 2.0 * _LEAST) for x in dq]
@@ -97,8 +100,9 @@ class DirectedFriction:
         q, dq, ddq = motion
         for j, column, values in drive_entries(model, q, dq, ddq, needed):
             if column >= start and not terms[column - skip].polynomial:
-                x = self.parameters[:, column, None]
-                total[j] = _rounded(values) * x + total[j]
+                values = _interval(values)
+                values = _widened(values, 1.0 + values.size)
+                total[j] = values * self.parameters[:, column, None] + total[j]
         return total
 
 
@@ -136,14 +140,12 @@ def _directions(rate: Interval) -> list[Interval]:
     ]
 
 
-def _rounded(x: Any) -> Interval:
-    """Return a column with what rounding does to it, relative to one or to its size."""
-    x = x if isinstance(x, Interval) else Interval(np.asarray(x), np.asarray(x))
-    doubt = _COLUMN * (1.0 + x.size)
-    return Interval(x.low - doubt, x.high + doubt)
+def _widened(x: Interval, size: Array) -> Interval:
+    """Return an interval with what rounding does to numbers of some size."""
+    return Interval(x.low - _ROUNDING * size, x.high + _ROUNDING * size)
 
 
-def _interval(x: Any, shape: tuple[int, int]) -> Interval:
-    if not isinstance(x, Interval):
-        return Interval(np.full(shape, x), np.full(shape, x))
-    return Interval(np.broadcast_to(x.low, shape), np.broadcast_to(x.high, shape))
+def _interval(x: Any, shape: tuple[int, ...] = ()) -> Interval:
+    low, high = (x.low, x.high) if isinstance(x, Interval) else (x, x)
+    shape = np.broadcast_shapes(np.shape(low), shape)
+    return Interval(np.broadcast_to(low, shape), np.broadcast_to(high, shape))
