@@ -10,6 +10,7 @@ from consistent_id.regression.drive.coulomb import (
     Coulomb,
     CoulombShape,
 )
+from consistent_id.regression.drive.drag import Drag
 from consistent_id.regression.drive.load_friction import LoadFriction
 from consistent_id.regression.drive.offset import Offset
 from consistent_id.regression.drive.rotor_inertia import RotorInertia
@@ -39,10 +40,12 @@ class DriveOptions(TypedDict, total=False):
     stribeck_velocity: float | None
     stribeck_exponent: float
     load_friction: bool
+    drag: bool
 
 
 LAWS: tuple[type[DriveTerm], ...] = (
     Viscous,
+    Drag,
     Coulomb,
     AsymmetricCoulomb,
     Stribeck,
@@ -105,6 +108,8 @@ class DriveTerms:
     load_friction : bool
         Term in ``s(dq) |load|``, a pure number; see `TorqueModel`, which computes the
         load.
+    drag : bool
+        Term in ``dq |dq|``, [N m s^2/rad^2] or [N s^2/m^2].
     terms : sequence of DriveTerm
         Terms as values, such as laws of one's own.  The keywords given change and add
         to them.
