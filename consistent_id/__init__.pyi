@@ -160,6 +160,7 @@ from consistent_id.regression.base import (
 )
 from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.drive.gear_coupling import GearCoupling
+from consistent_id.regression.drive.term import DriveTerm, JointSamples, ShapeParameter
 from consistent_id.regression.regression import Regression, build_regression
 from consistent_id.regression.regressor import (
     TorqueModel,
@@ -233,6 +234,7 @@ __all__ = [
     "Diagnosis",
     "Draft",
     "DriveGains",
+    "DriveTerm",
     "DriveTerms",
     "Ellipsoid",
     "EqualLinks",
@@ -254,6 +256,7 @@ __all__ = [
     "InfeasibleError",
     "Joint",
     "JointLimits",
+    "JointSamples",
     "LinearRelation",
     "Link",
     "LinkCondition",
@@ -290,6 +293,7 @@ __all__ = [
     "Scene",
     "ShadowPrice",
     "ShapeFit",
+    "ShapeParameter",
     "SharedMotors",
     "SolverError",
     "Sphere",
