@@ -161,6 +161,7 @@ from consistent_id.regression.base import (
 from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.drive.gear_coupling import GearCoupling
 from consistent_id.regression.drive.term import DriveTerm, JointSamples, ShapeParameter
+from consistent_id.regression.friction_shapes import shapes_of, with_shapes
 from consistent_id.regression.regression import Regression, build_regression
 from consistent_id.regression.regressor import (
     TorqueModel,
@@ -168,7 +169,6 @@ from consistent_id.regression.regressor import (
     joint_torque_regressor,
 )
 from consistent_id.regression.segments import segment_regressions
-from consistent_id.regression.shapes import shapes_of, with_shapes
 from consistent_id.regression.simulation import simulate_torque
 from consistent_id.report import (
     Advice,

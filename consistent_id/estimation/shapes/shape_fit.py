@@ -16,9 +16,9 @@ from consistent_id.estimation.shapes.shape_profile import ShapeProfile, profile
 from consistent_id.recordings.recording import Recording, several
 from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.correlation import correlation_length
+from consistent_id.regression.friction_shape_regression import shape_regression
+from consistent_id.regression.friction_shapes import SHAPE_NAMES, shapes_of
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.regression.shaped_regression import shaped_regression
-from consistent_id.regression.shapes import SHAPE_NAMES, shapes_of
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -122,7 +122,7 @@ def fit_shapes(
     groups = _groups(model, kinds, shared)
     box = np.log([_bounds(group, bounds) for group in groups])
     base = base_parameters(model) if base is None else base
-    data = shaped_regression(model, several(recordings))
+    data = shape_regression(model, several(recordings))
     before = data.regression(model)
     sigma = joint_noise(model, before, base=base) if weighted else before.sigma
     misfit = ShapeMisfit(data, base, groups, sigma)

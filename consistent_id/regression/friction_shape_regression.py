@@ -38,7 +38,7 @@ class _Rows:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ShapedRegression:
+class ShapeRegression:
     """All that is needed to compress recordings for any shapes of friction.
 
     Memory grows with the samples: some forty numbers for each sample and joint.
@@ -112,9 +112,9 @@ class ShapedRegression:
         return tuple(residuals)
 
 
-def shaped_regression(
+def shape_regression(
     model: TorqueModel, recordings: Sequence[Recording]
-) -> ShapedRegression:
+) -> ShapeRegression:
     """Factorise what does not depend on shapes, once."""
     motions = [motion_of(model, recording, None) for recording in recordings]
     start = model.layout.inertial_size
@@ -132,7 +132,7 @@ def shaped_regression(
         np.concatenate([getattr(m, name) for m in motions]).T
         for name in ("q", "dq", "ddq")
     )
-    return ShapedRegression(model, tuple(rows), q, dq, ddq, loads)
+    return ShapeRegression(model, tuple(rows), q, dq, ddq, loads)
 
 
 def _blocks(
