@@ -43,7 +43,10 @@ class NonNegativeDrive:
         """
         layout = model.layout
         every = [term for joint in model.terms for term in joint.terms]
-        names_of = [*(law.names for law in LAWS), *(term.names for term in every)]
+        names_of = [
+            *(law.names for law in LAWS.values()),
+            *(term.names for term in every),
+        ]
         known = dict.fromkeys(n for names in (*names_of, COUPLING_NAMES) for n in names)
         if self.terms is None:
             signed = {name for t in every if t.nonnegative for name in t.names}

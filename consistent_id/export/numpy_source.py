@@ -1,23 +1,17 @@
 """The identified robot's dynamics as one Python file that needs NumPy alone."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
 from consistent_id.estimation.estimate import Estimate
-from consistent_id.export.drive_values import (
-    JointDrive,
-    coupling_values,
-    joint_drives,
-)
+from consistent_id.export.drive_values import coupling_values, joint_drives
 from consistent_id.export.exported import Export
 from consistent_id.export.numpy_template import BODY, HEAD
 from consistent_id.export.pedigree import pedigree, require_usable
 from consistent_id.export.source_text import SourceText
-from consistent_id.regression.drive.term import JointSamples, term_columns
-
-_SAMPLES = ("q", "dq", "ddq", "load")  # arguments of the function that is written
+from consistent_id.regression.regressor import drive_entries
 
 
 def to_numpy(estimate: Estimate, *, allow_refused: bool = False) -> Export:
@@ -76,7 +70,6 @@ def _rotors(estimate: Estimate) -> Any:
 
 
 def _drive(estimate: Estimate) -> str:
-    names = estimate.model.robot.joint_names
     lines = [
         "",
         "",
@@ -86,47 +79,17 @@ def _drive(estimate: Estimate) -> str:
     ]
     if estimate.model.load_reference is not None:
         lines.append("    load = rigid_body(q, dq, ddq, bodies=LOAD_BODIES)")
-    for k, joint in enumerate(joint_drives(estimate)):
-        terms = list(_terms(joint, k))
-        if terms:
-            lines.append(f"    # {joint.joint!r}")
-            lines += [f"    tau[..., {k}] += {text}" for text in terms]
-    for coupling, values in coupling_values(estimate):
-        i, j = names.index(coupling.first), names.index(coupling.second)
-        lines.append(f"    # {coupling.label!r}")
-        lines += _coupled(i, j, values, coupling.velocity_scale)
+    model, x = estimate.model, estimate.parameters
+    q, dq, ddq, load = (
+        [SourceText(f"{name}[..., {k}]") for k in range(len(model.robot))]
+        for name in ("q", "dq", "ddq", "load")
+    )
+    layout, terms = model.layout, model.column_terms
+    for j, column, value in drive_entries(model, q, dq, ddq, dict(enumerate(load))):
+        if terms[column - layout.inertial_size].simulated_as != "armature":  # in ROTORS
+            torque = f"{x[column].item()!r} * {SourceText.of(value).text}"
+            lines.append(f"    tau[..., {j}] += {torque}  # {layout.names[column]!r}")
     return "\n".join([*lines, "    return tau", ""])
-
-
-def _terms(joint: JointDrive, k: int) -> Iterator[str]:
-    """Yield the torque of each coefficient but those of `ROTORS`, as an expression."""
-    samples = JointSamples(*(SourceText(f"{x}[..., {k}]") for x in _SAMPLES))
-    for term in joint.terms.terms:
-        if term.simulated_as != "armature":
-            for name, column in zip(
-                term.names, term_columns(term, samples), strict=True
-            ):
-                yield f"{joint.values[name]!r} * {SourceText.of(column).text}"
-
-
-def _coupled(
-    i: int, j: int, values: Mapping[str, float], scale: float | None
-) -> list[str]:
-    lines = []
-    viscous = values.get("coupling_viscous")
-    coulomb = values.get("coupling_coulomb")
-    if viscous is not None:
-        lines.append(f"    tau[..., {i}] += {viscous!r} * dq[..., {j}]")
-        lines.append(f"    tau[..., {j}] += {viscous!r} * dq[..., {i}]")
-    if coulomb is not None:
-        both = _sign(f"(dq[..., {i}] + dq[..., {j}])", scale)
-        lines.append(f"    shared = {coulomb!r} * {both}")
-        lines += [f"    tau[..., {k}] += shared" for k in (i, j)]
-    return lines
-
-
-def _sign(rate: str, scale: float | None) -> str:
-    return f"np.sign({rate})" if scale is None else f"np.tanh({rate} / {scale!r})"
 
 
 def _harmless(text: str) -> str:

@@ -4,17 +4,16 @@ Velocity scales, Stribeck velocities and exponents, by names such as
 ``"elbow.velocity_scale"``.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from consistent_id.errors import ProblemError
-from consistent_id.regression.drive.coulomb import VELOCITY_SCALE
 from consistent_id.regression.drive.drive_terms import LAWS
-from consistent_id.regression.drive.term import ShapeParameter
+from consistent_id.regression.drive.term import DriveTerm
 from consistent_id.regression.regressor import TorqueModel, coupled_joints
 from consistent_id.robot.parameters import did_you_mean
 
-SHAPE_NAMES = tuple(dict.fromkeys(k for law in LAWS for k in law.shape_parameters))
+SHAPE_NAMES = tuple(dict.fromkeys(k for x in LAWS.values() for k in x.shape_parameters))
 """Shapes that known laws have."""
 
 
@@ -62,13 +61,12 @@ def shapes_of(model: TorqueModel) -> tuple[Shape, ...]:
     for joint, terms in zip(robot.joints, model.terms, strict=True):
         if joint.name in model.torque_joints:
             slides = joint.kind == "prismatic"
-            known = terms.shape_parameters
-            found += _shapes(joint.name, terms.shapes, known, slides)
+            found += _shapes(joint.name, terms.terms, slides)
     for coupling in model.couplings:
         if {coupling.first, coupling.second} & set(model.torque_joints):
             first, _ = coupled_joints(robot, coupling)
             slides = robot.joints[first].kind == "prismatic"
-            found += _shapes(coupling.label, coupling.shapes, VELOCITY_SCALE, slides)
+            found += _shapes(coupling.label, coupling.terms, slides)
     return tuple(found)
 
 
@@ -100,12 +98,11 @@ def with_shapes(model: TorqueModel, values: Mapping[str, float]) -> TorqueModel:
     return replace(model, drive=drive, couplings=couplings)
 
 
-def _shapes(
-    owner: str,
-    values: Mapping[str, float],
-    known: Mapping[str, ShapeParameter],
-    slides: bool,
-) -> Iterator[Shape]:
-    for kind, value in values.items():
-        unit, low, high = known[kind]
-        yield Shape(owner, kind, value, unit[slides], (low, high))
+def _shapes(owner: str, terms: Sequence[DriveTerm], slides: bool) -> Iterable[Shape]:
+    """Return the shapes of terms, those that several share once."""
+    found: dict[str, Shape] = {}
+    for term in terms:
+        for kind, value in term.shapes.items():
+            unit, low, high = term.shape_parameters[kind]
+            found[kind] = Shape(owner, kind, value, unit[slides], (low, high))
+    return found.values()

@@ -2,14 +2,10 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, TypedDict, Unpack
+from typing import Any, Literal, TypedDict, Unpack, get_args
 
 from consistent_id.errors import ProblemError
-from consistent_id.regression.drive.coulomb import (
-    AsymmetricCoulomb,
-    Coulomb,
-    CoulombShape,
-)
+from consistent_id.regression.drive.coulomb import AsymmetricCoulomb, Coulomb
 from consistent_id.regression.drive.drag import Drag
 from consistent_id.regression.drive.load_friction import LoadFriction
 from consistent_id.regression.drive.offset import Offset
@@ -19,12 +15,13 @@ from consistent_id.regression.drive.stribeck import Stribeck
 from consistent_id.regression.drive.term import (
     DriveTerm,
     JointSamples,
-    ShapeParameter,
     require_sound,
     term_columns,
 )
 from consistent_id.regression.drive.viscous import Viscous
 from consistent_id.robot.parameters import did_you_mean
+
+CoulombShape = Literal["sign", "tanh", "none"]
 
 
 class DriveOptions(TypedDict, total=False):
@@ -43,18 +40,21 @@ class DriveOptions(TypedDict, total=False):
     drag: bool
 
 
-LAWS: tuple[type[DriveTerm], ...] = (
-    Viscous,
-    Drag,
-    Coulomb,
-    AsymmetricCoulomb,
-    Stribeck,
-    LoadFriction,
-    Offset,
-    RotorInertia,
-    Spring,
-)
-"""What the keywords choose from, in the order of the columns."""
+LAWS: Mapping[str, type[DriveTerm]] = {
+    "viscous": Viscous,
+    "drag": Drag,
+    "coulomb": Coulomb,
+    "asymmetric": AsymmetricCoulomb,
+    "stribeck_velocity": Stribeck,
+    "load_friction": LoadFriction,
+    "offset": Offset,
+    "rotor_inertia": RotorInertia,
+    "spring": Spring,
+}
+"""What each keyword chooses, in the order of the columns.
+
+The fields of a law are keywords too.
+"""
 
 _NOT_FALSE = {
     "coulomb": "none",
@@ -142,7 +142,7 @@ class DriveTerms:
                 raise ProblemError(f"no drive term {name!r}; {near}")
         chosen = tuple(terms)
         if given:
-            own = tuple(term for term in chosen if type(term) not in LAWS)
+            own = tuple(term for term in chosen if type(term) not in LAWS.values())
             chosen = (*_from_options(_options(chosen) | given), *own)
         for term in chosen:
             require_sound(term)
@@ -185,12 +185,6 @@ class DriveTerms:
         """Numbers that the columns' shapes depend on, by name."""
         return {k: v for term in self.terms for k, v in term.shapes.items()}
 
-    @property
-    def shape_parameters(self) -> dict[str, ShapeParameter]:
-        """What is known of the shapes, by name."""
-        known = {k: v for t in self.terms for k, v in t.shape_parameters.items()}
-        return {name: known[name] for name in self.shapes}
-
     def columns(self, q: Any, dq: Any, ddq: Any, load: Any = None) -> list[Any]:
         """Return the coefficients' columns for one joint's samples.
 
@@ -220,13 +214,50 @@ class DriveTerms:
 
 
 def _from_options(options: Mapping[str, Any]) -> tuple[DriveTerm, ...]:
-    found = [law.from_options(options) for law in LAWS]
-    return tuple(term for term in found if term is not None)
+    """Return the terms that the keywords choose."""
+    _require_direction(options["coulomb"], options["velocity_scale"])
+    chosen: list[DriveTerm] = []
+    for name, law in LAWS.items():
+        if options[name] in (False, None, "none"):
+            continue
+        if "velocity_scale" in law.shape_parameters and options["coulomb"] == "none":
+            raise ProblemError(
+                f'{name} is {options[name]}, but coulomb is "none"; it needs a '
+                'direction of motion: choose coulomb "sign" or "tanh"'
+            )
+        if not (law is Coulomb and options["asymmetric"]):
+            chosen.append(
+                law(**{field: options[field] for field in law.shape_parameters})
+            )
+    if options["asymmetric"] and options["offset"]:
+        raise ProblemError(
+            "asymmetric Coulomb friction and an offset differ near standstill alone; "
+            "choose one of them"
+        )
+    return tuple(chosen)
+
+
+def _require_direction(shape: str, velocity_scale: float | None) -> None:
+    if shape not in get_args(CoulombShape):
+        known = ", ".join(get_args(CoulombShape))
+        raise ProblemError(f"coulomb is {shape!r}, expected one of {known}")
+    if (shape == "tanh") is (velocity_scale is None):
+        raise ProblemError(
+            f"velocity_scale is {velocity_scale}, but coulomb is {shape!r}; 'tanh' "
+            "needs the velocity at which it saturates, and nothing else has one"
+        )
 
 
 def _options(terms: Sequence[DriveTerm]) -> dict[str, Any]:
-    known = [term.options for term in terms if type(term) in LAWS]
-    return {**DEFAULTS, **{k: v for options in known for k, v in options.items()}}
+    """Return the keywords that choose the terms, those of one's own left out."""
+    options = dict(DEFAULTS)
+    for name, law in LAWS.items():
+        for term in (term for term in terms if type(term) is law):
+            options |= {name: True, **term.shapes}
+            if "velocity_scale" in law.shape_parameters:
+                scale = term.shapes.get("velocity_scale")
+                options |= {"coulomb": "sign" if scale is None else "tanh"}
+    return options
 
 
 def _require_distinct(terms: Sequence[DriveTerm]) -> None:

@@ -5,14 +5,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from consistent_id.errors import ProblemError
-from consistent_id.regression.drive.coulomb import (
-    Coulomb,
-    CoulombShape,
-    require_direction_options,
-)
-from consistent_id.regression.drive.rotor_inertia import RotorInertia
+from consistent_id.regression.drive.coulomb import Coulomb
+from consistent_id.regression.drive.drive_terms import CoulombShape, DriveTerms
 from consistent_id.regression.drive.term import DriveTerm, JointSamples, term_columns
-from consistent_id.regression.drive.viscous import Viscous
 
 COUPLING_NAMES = ("coupling_viscous", "coupling_coulomb", "coupling_rotor_inertia")
 
@@ -60,7 +55,6 @@ class GearCoupling:
     rotor_inertia: bool = False
 
     def __post_init__(self) -> None:
-        require_direction_options(self.coulomb, self.velocity_scale)
         if self.first == self.second:
             raise ProblemError(f"joint {self.first!r} cannot be coupled to itself")
         if not self.names:
@@ -77,14 +71,12 @@ class GearCoupling:
     @property
     def terms(self) -> tuple[DriveTerm, ...]:
         """The terms that the joints share, in the order of their columns."""
-        chosen: list[DriveTerm] = []
-        if self.viscous:
-            chosen.append(Viscous())
-        if self.coulomb != "none":
-            chosen.append(Coulomb(self.velocity_scale))
-        if self.rotor_inertia:
-            chosen.append(RotorInertia())
-        return tuple(chosen)
+        return DriveTerms(
+            viscous=self.viscous,
+            coulomb=self.coulomb,
+            velocity_scale=self.velocity_scale,
+            rotor_inertia=self.rotor_inertia,
+        ).terms
 
     @property
     def names(self) -> tuple[str, ...]:

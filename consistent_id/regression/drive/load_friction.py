@@ -1,16 +1,10 @@
 """Coulomb friction of loaded gears."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any
 
-from consistent_id.regression.drive.coulomb import (
-    VELOCITY_SCALE,
-    chosen_scale,
-    direction,
-    direction_options,
-    without_jump,
-)
+from consistent_id.regression.drive.coulomb import VELOCITY_SCALE, direction
 from consistent_id.regression.drive.term import DriveTerm, JointSamples
 
 
@@ -33,19 +27,3 @@ class LoadFriction(DriveTerm):
     def columns(self, joint: JointSamples) -> Sequence[Any]:
         """Return the direction times the size of the transmitted torque."""
         return [direction(joint.dq, self.velocity_scale) * abs(joint.load)]
-
-    def smoothed(self, velocity: float) -> Self:
-        """Return the term with a slope in place of the jump."""
-        return without_jump(self, velocity)
-
-    @property
-    def options(self) -> dict[str, Any]:
-        """The keywords of `DriveTerms` that choose this term."""
-        return {"load_friction": True, **direction_options(self.velocity_scale)}
-
-    @classmethod
-    def from_options(cls, options: Mapping[str, Any]) -> Self | None:
-        """Return the term that the keywords of `DriveTerms` choose, if they do."""
-        if not options["load_friction"]:
-            return None
-        return cls(chosen_scale("load_friction", options))

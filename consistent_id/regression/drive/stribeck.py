@@ -1,18 +1,12 @@
 """Stribeck friction: what friction at rest has beyond the Coulomb level."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
-from consistent_id.regression.drive.coulomb import (
-    VELOCITY_SCALE,
-    chosen_scale,
-    direction,
-    direction_options,
-    without_jump,
-)
+from consistent_id.regression.drive.coulomb import VELOCITY_SCALE, direction
 from consistent_id.regression.drive.term import (
     SPEED,
     TORQUE,
@@ -48,24 +42,7 @@ class Stribeck(DriveTerm):
         fading = np.exp(-(speed**self.stribeck_exponent))
         return [direction(joint.dq, self.velocity_scale) * fading]
 
-    def smoothed(self, velocity: float) -> Self:
-        """Return the term with a slope in place of the jump."""
-        return without_jump(self, velocity)
-
     @property
     def fading_velocity(self) -> float:
         """Velocity above which little is left of the term."""
         return self.stribeck_velocity
-
-    @property
-    def options(self) -> dict[str, Any]:
-        """The keywords of `DriveTerms` that choose this term."""
-        return self.shapes | direction_options(self.velocity_scale)
-
-    @classmethod
-    def from_options(cls, options: Mapping[str, Any]) -> Self | None:
-        """Return the term that the keywords of `DriveTerms` choose, if they do."""
-        velocity, exponent = options["stribeck_velocity"], options["stribeck_exponent"]
-        if velocity is None:
-            return None
-        return cls(velocity, exponent, chosen_scale("stribeck_velocity", options))

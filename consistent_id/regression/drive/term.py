@@ -2,7 +2,8 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, Literal, NamedTuple, Self
+from dataclasses import replace
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
@@ -104,6 +105,9 @@ class DriveTerm(ABC):
     def smoothed(self, velocity: float) -> "DriveTerm":
         """Return a smooth term that stands in for this one in a design.
 
+        The term itself if it is smooth.  A term with a field `velocity_scale` has a
+        jump where that is None, and becomes smooth by a value.
+
         Parameters
         ----------
         velocity : float, [rad/s or m/s]
@@ -114,6 +118,11 @@ class DriveTerm(ABC):
         ProblemError
             If the term is not smooth and has no stand-in.
         """
+        if "velocity_scale" in self.shape_parameters:
+            if "velocity_scale" in self.shapes:
+                return self
+            scaled: DriveTerm = replace(self, velocity_scale=velocity)  # type: ignore[type-var]
+            return scaled
         if self.smooth:
             return self
         raise ProblemError(
@@ -133,16 +142,6 @@ class DriveTerm(ABC):
     def fading_velocity(self) -> float | None:
         """Velocity above which little is left of the term; None if it does not fade."""
         return None
-
-    @property
-    def options(self) -> dict[str, Any]:
-        """The keywords of `DriveTerms` that choose this term."""
-        return dict.fromkeys(self.names, True)
-
-    @classmethod
-    def from_options(cls, options: Mapping[str, Any]) -> Self | None:
-        """Return the term that the keywords of `DriveTerms` choose, if they do."""
-        return cls() if options[cls.names[0]] else None
 
 
 _USES = {
