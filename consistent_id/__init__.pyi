@@ -154,7 +154,10 @@ from consistent_id.regression.base import (
     base_parameters,
     condition_number,
 )
-from consistent_id.regression.friction import DriveTerms, GearCoupling
+from consistent_id.regression.drive.drive_terms import DriveTerms
+from consistent_id.regression.drive.gear_coupling import GearCoupling
+from consistent_id.regression.drive.term import DriveTerm, JointSamples, ShapeParameter
+from consistent_id.regression.friction_shapes import shapes_of, with_shapes
 from consistent_id.regression.regression import Regression, build_regression
 from consistent_id.regression.regressor import (
     TorqueModel,
@@ -162,7 +165,6 @@ from consistent_id.regression.regressor import (
     joint_torque_regressor,
 )
 from consistent_id.regression.segments import segment_regressions
-from consistent_id.regression.shapes import shapes_of, with_shapes
 from consistent_id.regression.simulation import simulate_torque
 from consistent_id.report import (
     Advice,
@@ -229,6 +231,7 @@ __all__ = [
     "Diagnosis",
     "Draft",
     "DriveGains",
+    "DriveTerm",
     "DriveTerms",
     "Ellipsoid",
     "EqualLinks",
@@ -250,6 +253,7 @@ __all__ = [
     "InfeasibleError",
     "Joint",
     "JointLimits",
+    "JointSamples",
     "LinearRelation",
     "Link",
     "LinkCondition",
@@ -286,6 +290,7 @@ __all__ = [
     "Scene",
     "ShadowPrice",
     "ShapeFit",
+    "ShapeParameter",
     "SharedMotors",
     "SolverError",
     "Sphere",

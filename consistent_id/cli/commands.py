@@ -18,7 +18,7 @@ from consistent_id.recordings.readers import Columns, read_recording
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import differentiated, low_passed, resampled
 from consistent_id.regression.base import base_parameters
-from consistent_id.regression.friction import DriveTerms
+from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.regression import build_regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.segments import segment_regressions

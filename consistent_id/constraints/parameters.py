@@ -12,8 +12,9 @@ from consistent_id.constraints.rows import (
     unit_row,
 )
 from consistent_id.errors import ProblemError
+from consistent_id.regression.drive.drive_terms import LAWS
+from consistent_id.regression.drive.gear_coupling import COUPLING_NAMES
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.robot.parameters import COUPLING_NAMES, DRIVE_NAMES
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,31 +23,42 @@ class NonNegativeDrive:
 
     Both Coulomb levels of an asymmetric joint are positive; friction at rest is no less
     than the Coulomb level (``stribeck >= 0``); loaded gears have more of it.
+
+    Parameters
+    ----------
+    terms : tuple of str, optional
+        Names of the coefficients; by default those of the joints' terms that are called
+        `nonnegative` (see `DriveTerm`).
     """
 
-    terms: tuple[str, ...] = (
-        "viscous",
-        "coulomb",
-        "coulomb_positive",
-        "coulomb_negative",
-        "stribeck",
-        "load_friction",
-        "rotor_inertia",
-        "spring",
-    )
+    terms: tuple[str, ...] | None = None
 
-    def __post_init__(self) -> None:
-        known = (*DRIVE_NAMES, *COUPLING_NAMES)
-        unknown = sorted(set(self.terms) - set(known))
+    def lower(self, model: TorqueModel) -> ConicSet:
+        """Return ``x_i >= 0`` for the named terms of all joints.
+
+        Raises
+        ------
+        ProblemError
+            If a name is unknown.
+        """
+        layout = model.layout
+        every = [term for joint in model.terms for term in joint.terms]
+        names_of = [
+            *(law.names for law in LAWS.values()),
+            *(term.names for term in every),
+        ]
+        known = dict.fromkeys(n for names in (*names_of, COUPLING_NAMES) for n in names)
+        if self.terms is None:
+            signed = {name for t in every if t.nonnegative for name in t.names}
+            names = [name for name in known if name in signed]
+        else:
+            names = list(self.terms)
+        unknown = sorted(set(names) - set(known))
         if unknown:
             raise ProblemError(
                 f"drive terms {unknown} are unknown; known: {', '.join(known)}"
             )
-
-    def lower(self, model: TorqueModel) -> ConicSet:
-        """Return ``x_i >= 0`` for the named terms of all joints."""
-        layout = model.layout
-        indices = [i for term in self.terms for i in layout.drive_indices(term)]
+        indices = [i for name in names for i in layout.drive_indices(name)]
         rows = [-unit_row(layout, layout.names[i]) for i in indices]
         labels = [f"{layout.names[i]} >= 0" for i in indices]
         return inequalities(rows, [0.0] * len(rows), labels, model)

@@ -137,21 +137,21 @@ def smooth(model: TorqueModel, slow: Vector | None = None) -> TorqueModel:
         Velocity of each joint that stands in for the jump: far below the speeds that
         matter, or a slow joint's friction is taken for viscous.  By default `SMOOTH`.
         Coupled joints have the lesser of two.
+
+    Raises
+    ------
+    ProblemError
+        If a drive term is not smooth and has no smooth stand-in.
     """
     names = model.robot.joint_names
     each = [SMOOTH] * len(names) if slow is None else slow.tolist()
     speed = dict(zip(names, each, strict=True))
     terms = tuple(
-        replace(term, coulomb="tanh", velocity_scale=speed[name])
-        if term.coulomb == "sign"
-        else term
+        term.smoothed(speed[name])
         for name, term in zip(names, model.terms, strict=True)
     )
     couplings = tuple(
-        replace(c, coulomb="tanh", velocity_scale=min(speed[c.first], speed[c.second]))
-        if c.coulomb == "sign"
-        else c
-        for c in model.couplings
+        c.smoothed(min(speed[c.first], speed[c.second])) for c in model.couplings
     )
     return replace(model, drive=terms, couplings=couplings)
 

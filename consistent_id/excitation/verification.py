@@ -14,6 +14,7 @@ from consistent_id.excitation.kernels import slow_speeds
 from consistent_id.motion.collisions.clearance import ClearanceReport, prove_clearance
 from consistent_id.motion.collisions.scene import Scene
 from consistent_id.motion.limits import MotionLimits
+from consistent_id.motion.proofs.friction_bounds import require_enclosable
 from consistent_id.motion.proofs.margins import MotionMargins, motion_margins
 from consistent_id.motion.transfers import limits_of
 from consistent_id.recordings.paths import JointPath
@@ -134,7 +135,8 @@ def demands(
     Raises
     ------
     ProblemError
-        If limits of a joint are missing, or parameters or scene are of another robot.
+        If limits of a joint are missing, or parameters or scene are of another robot;
+        or if nothing can be proven of a drive term.
     """
     limits = robot_limits(limits, model.robot)
     _require_same_robot(scene, model.robot)
@@ -149,6 +151,7 @@ def demands(
                 f"parameters have shape {np.shape(parameters)}, expected ({size},) or "
                 f"(members, {size}), one member or more, for this torque model"
             )
+        require_enclosable(model)
         return Demands(limits, model, members, scene, notes)
     if not np.isfinite(limits.effort).any():
         return Demands(limits, model, None, scene, (*notes, "torque has no limit"))

@@ -1,10 +1,11 @@
 """Friction and drive coefficients joint by joint, and which of them a format lacks."""
 
-from collections.abc import Container, Iterable, Mapping
+from collections.abc import Collection, Container, Mapping
 from dataclasses import dataclass
 
 from consistent_id.estimation.estimate import Estimate
-from consistent_id.regression.friction import DriveTerms, GearCoupling
+from consistent_id.regression.drive.drive_terms import DriveTerms
+from consistent_id.regression.drive.gear_coupling import GearCoupling
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,13 +24,18 @@ class JointDrive:
     terms: DriveTerms
     values: Mapping[str, float]
 
-    @property
-    def friction_level(self) -> float | None:
-        """Coulomb friction: the mean of both directions; None without such a term."""
-        if self.terms.asymmetric:
-            both = (self.values["coulomb_positive"], self.values["coulomb_negative"])
-            return sum(both) / 2
-        return self.values.get("coulomb")
+    def simulated(self, parameter: str) -> float | None:
+        """Return a parameter of simulators, such as ``"damping"``; None without a term.
+
+        Of several coefficients of a term, such as the Coulomb levels of both
+        directions, the mean.
+        """
+        levels = [
+            sum(self.values[name] for name in term.names) / len(term.names)
+            for term in self.terms.terms
+            if term.simulated_as == parameter
+        ]
+        return sum(levels) if levels else None
 
 
 def joint_drives(estimate: Estimate) -> tuple[JointDrive, ...]:
@@ -58,7 +64,7 @@ def coupling_values(
 def not_expressed(
     estimate: Estimate,
     where: str,
-    expressed: Iterable[str],
+    expressed: Collection[str],
     exempt: Container[tuple[str, str]] = (),
 ) -> tuple[str, ...]:
     """Return sentences on drive terms that a format has no place for.
@@ -68,23 +74,24 @@ def not_expressed(
     estimate : Estimate
     where : str
         The format's name.
-    expressed : iterable of str
-        Names of the terms that it does have a place for.
+    expressed : collection of str
+        Parameters of simulators that it has: `simulated_as` of the terms.
     exempt : container of (str, str)
         Joints (or couplings) and terms that it has a place for, though not at all.
     """
-    expressed = set(expressed)
-    left: dict[str, list[str]] = {}
-    for drive in joint_drives(estimate):
-        for name, value in drive.values.items():
-            said = name in expressed or (drive.joint, name) in exempt
-            if not said and value != 0.0:
-                left.setdefault(name, []).append(f"{drive.joint} {value:.6g}")
+    without = [
+        (drive.joint, name, drive.values[name])
+        for drive in joint_drives(estimate)
+        for term in drive.terms.terms
+        if term.simulated_as not in expressed
+        for name in term.names
+    ]
     for coupling, values in coupling_values(estimate):
-        for name, value in values.items():
-            said = name in expressed or (coupling.label, name) in exempt
-            if not said and value != 0.0:
-                left.setdefault(name, []).append(f"{coupling.label} {value:.6g}")
+        without += [(coupling.label, name, value) for name, value in values.items()]
+    left: dict[str, list[str]] = {}
+    for owner, name, value in without:
+        if value != 0.0 and (owner, name) not in exempt:
+            left.setdefault(name, []).append(f"{owner} {value:.6g}")
     notes = [f"{where} has no {term}: {', '.join(of)}" for term, of in left.items()]
     return (*notes, *_rounded_signs(estimate, where, expressed, exempt))
 
@@ -92,17 +99,23 @@ def not_expressed(
 def _rounded_signs(
     estimate: Estimate,
     where: str,
-    expressed: set[str],
+    expressed: Collection[str],
     exempt: Container[tuple[str, str]],
 ) -> tuple[str, ...]:
     """Say where a Coulomb level stands for something smoother or of two levels."""
-    if "coulomb" not in expressed:
+    if "friction" not in expressed:
         return ()
-    drives = [d for d in joint_drives(estimate) if d.friction_level]
+    levels = [
+        (drive.joint, term)
+        for drive in joint_drives(estimate)
+        if drive.simulated("friction")
+        for term in drive.terms.terms
+        if term.simulated_as == "friction"
+    ]
     smooth = [
-        f"{d.joint} {d.terms.velocity_scale:g}"
-        for d in drives
-        if d.terms.velocity_scale is not None
+        f"{joint} {term.shapes['velocity_scale']:g}"
+        for joint, term in levels
+        if "velocity_scale" in term.shapes
     ]
     smooth += [
         f"{c.label} {c.velocity_scale:g}"
@@ -111,7 +124,7 @@ def _rounded_signs(
         and values.get("coupling_coulomb")
         and (c.label, "coupling_coulomb") in exempt
     ]
-    uneven = [d.joint for d in drives if d.terms.asymmetric]
+    uneven = [joint for joint, term in levels if len(term.names) > 1]
     notes = []
     if smooth:
         notes.append(

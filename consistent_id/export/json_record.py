@@ -10,7 +10,6 @@ from consistent_id.export.drive_values import coupling_values, joint_drives
 from consistent_id.export.exported_file import Export
 from consistent_id.export.pinocchio_model import central
 from consistent_id.export.provenance import export_verdict, require_usable
-from consistent_id.regression.friction import drive_unit
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.model import FixedFrame, Joint
 
@@ -108,8 +107,9 @@ def _drives(estimate: Estimate) -> dict[str, Any]:
             "coulomb_shape": drive.terms.coulomb,
             "shapes": drive.terms.shapes,
             "terms": {
-                name: {"value": value, "unit": drive_unit(name, slides[drive.joint])}
-                for name, value in drive.values.items()
+                name: {"value": drive.values[name], "unit": unit[slides[drive.joint]]}
+                for unit, names in ((t.unit, t.names) for t in drive.terms.terms)
+                for name in names
             },
         }
         for drive in joint_drives(estimate)

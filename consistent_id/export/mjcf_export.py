@@ -18,14 +18,7 @@ from consistent_id.export.provenance import provenance, require_usable
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.model import Joint
 
-_EXPRESSED = (
-    "viscous",
-    "coulomb",
-    "coulomb_positive",
-    "coulomb_negative",
-    "rotor_inertia",
-    "spring",
-)
+_EXPRESSED = ("damping", "friction", "armature", "stiffness")
 
 
 class Specified(NamedTuple):
@@ -98,7 +91,7 @@ def mujoco_spec(
 def _preloads(estimate: Estimate) -> set[tuple[str, str]]:
     """Return offsets that are those of springs: ``spring (q - springref)``."""
     drives = joint_drives(estimate)
-    return {(d.joint, "offset") for d in drives if d.values.get("spring")}
+    return {(d.joint, "offset") for d in drives if d.simulated("stiffness")}
 
 
 def _built(estimate: Estimate, mujoco: Any) -> tuple[Any, list[str]]:
@@ -142,10 +135,10 @@ def _set_drive(spec: Any, joint: Any, drive: JointDrive) -> None:
     """Set damping, Coulomb friction, armature and spring of a joint."""
     turns = joint.type == require_mujoco().mjtJoint.mjJNT_HINGE
     angle = 180.0 / np.pi if turns and spec.compiler.degree else 1.0
-    spring = drive.values.get("spring", 0.0)
-    set_number(joint, "damping", drive.values.get("viscous", 0.0))
-    set_number(joint, "frictionloss", drive.friction_level or 0.0)
-    set_number(joint, "armature", drive.values.get("rotor_inertia", 0.0))
+    spring = drive.simulated("stiffness") or 0.0
+    set_number(joint, "damping", drive.simulated("damping") or 0.0)
+    set_number(joint, "frictionloss", drive.simulated("friction") or 0.0)
+    set_number(joint, "armature", drive.simulated("armature") or 0.0)
     set_number(joint, "stiffness", spring)
     if spring:
         joint.springref = -angle * drive.values.get("offset", 0.0) / spring

@@ -118,8 +118,8 @@ def _joint(joint: Joint, parent: str, child: str, drive: JointDrive) -> Iterator
     if kind != "continuous" or min(values.values()) < np.inf:
         yield f"    <limit {' '.join(pairs)}/>"
     if drive.terms.names:
-        damping = number(drive.values.get("viscous", 0.0))
-        friction = number(drive.friction_level or 0.0)
+        damping = number(drive.simulated("damping") or 0.0)
+        friction = number(drive.simulated("friction") or 0.0)
         yield f'    <dynamics damping="{damping}" friction="{friction}"/>'
     yield "  </joint>"
 

@@ -1,31 +1,17 @@
 """The identified robot's dynamics as one Python file that needs NumPy alone."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
-from consistent_id.errors import ProblemError
 from consistent_id.estimation.estimate import Estimate
-from consistent_id.export.drive_values import (
-    JointDrive,
-    coupling_values,
-    joint_drives,
-)
+from consistent_id.export.drive_values import coupling_values, joint_drives
 from consistent_id.export.exported_file import Export
 from consistent_id.export.numpy_template import BODY, HEAD
 from consistent_id.export.provenance import provenance, require_usable
-from consistent_id.regression.drive_terms import (
-    AsymmetricCoulomb,
-    Coulomb,
-    DriveTerm,
-    LoadFriction,
-    Offset,
-    RotorInertia,
-    Spring,
-    Stribeck,
-    Viscous,
-)
+from consistent_id.export.source_text import SourceText
+from consistent_id.regression.regressor import drive_entries
 
 
 def to_numpy(estimate: Estimate, *, allow_refused: bool = False) -> Export:
@@ -74,7 +60,7 @@ def _array(name: str, values: Any) -> str:
 def _rotors(estimate: Estimate) -> Any:
     names = estimate.model.robot.joint_names
     rotors = np.diag(
-        [d.values.get("rotor_inertia", 0.0) for d in joint_drives(estimate)]
+        [drive.simulated("armature") or 0.0 for drive in joint_drives(estimate)]
     )
     for coupling, values in coupling_values(estimate):
         i, j = names.index(coupling.first), names.index(coupling.second)
@@ -84,7 +70,6 @@ def _rotors(estimate: Estimate) -> Any:
 
 
 def _drive(estimate: Estimate) -> str:
-    names = estimate.model.robot.joint_names
     lines = [
         "",
         "",
@@ -94,69 +79,17 @@ def _drive(estimate: Estimate) -> str:
     ]
     if estimate.model.load_reference is not None:
         lines.append("    load = rigid_body(q, dq, ddq, bodies=LOAD_BODIES)")
-    for k, joint in enumerate(joint_drives(estimate)):
-        terms = [text for text in _terms(joint, k) if text]
-        if terms:
-            lines.append(f"    # {joint.joint!r}")
-            lines.append(f"    q_, v = q[..., {k}], dq[..., {k}]")
-            lines += [f"    tau[..., {k}] += {text}" for text in terms]
-    for coupling, values in coupling_values(estimate):
-        i, j = names.index(coupling.first), names.index(coupling.second)
-        lines.append(f"    # {coupling.label!r}")
-        lines += _coupled(i, j, values, coupling.velocity_scale)
+    model, x = estimate.model, estimate.parameters
+    q, dq, ddq, load = (
+        [SourceText(f"{name}[..., {k}]") for k in range(len(model.robot))]
+        for name in ("q", "dq", "ddq", "load")
+    )
+    layout, terms = model.layout, model.column_terms
+    for j, column, value in drive_entries(model, q, dq, ddq, dict(enumerate(load))):
+        if terms[column - layout.inertial_size].simulated_as != "armature":  # in ROTORS
+            torque = f"{x[column].item()!r} * {SourceText.of(value).text}"
+            lines.append(f"    tau[..., {j}] += {torque}  # {layout.names[column]!r}")
     return "\n".join([*lines, "    return tau", ""])
-
-
-def _terms(joint: JointDrive, k: int) -> Iterator[str]:
-    for term in joint.terms.terms:
-        yield _term(term, [joint.values[name] for name in term.names], k)
-
-
-def _term(term: DriveTerm, values: Sequence[float], k: int) -> str:
-    """Return a term's torque as an expression in ``q_``, ``v`` and ``load``."""
-    c = values[0]
-    match term:
-        case Viscous():
-            return f"{c!r} * v"
-        case Coulomb(scale):
-            return f"{c!r} * {_sign('v', scale)}"
-        case AsymmetricCoulomb(scale):
-            s = _sign("v", scale)
-            return (
-                f"{c!r} * np.maximum({s}, 0.0) + {values[1]!r} * np.minimum({s}, 0.0)"
-            )
-        case Stribeck(velocity, exponent, scale):
-            fading = f"np.exp(-(np.abs(v / {velocity!r}) ** {exponent!r}))"
-            return f"{c!r} * {_sign('v', scale)} * {fading}"
-        case LoadFriction(scale):
-            return f"{c!r} * {_sign('v', scale)} * np.abs(load[..., {k}])"
-        case Offset():
-            return f"{c!r}"
-        case Spring():
-            return f"{c!r} * q_"
-        case RotorInertia():
-            return ""  # part of ROTORS
-    raise ProblemError(f"{type(term).__name__} cannot be written as NumPy source")
-
-
-def _coupled(
-    i: int, j: int, values: Mapping[str, float], scale: float | None
-) -> list[str]:
-    lines = []
-    viscous = values.get("coupling_viscous")
-    coulomb = values.get("coupling_coulomb")
-    if viscous is not None:
-        lines.append(f"    tau[..., {i}] += {viscous!r} * dq[..., {j}]")
-        lines.append(f"    tau[..., {j}] += {viscous!r} * dq[..., {i}]")
-    if coulomb is not None:
-        both = _sign(f"(dq[..., {i}] + dq[..., {j}])", scale)
-        lines.append(f"    shared = {coulomb!r} * {both}")
-        lines += [f"    tau[..., {k}] += shared" for k in (i, j)]
-    return lines
-
-
-def _sign(rate: str, scale: float | None) -> str:
-    return f"np.sign({rate})" if scale is None else f"np.tanh({rate} / {scale!r})"
 
 
 def _harmless(text: str) -> str:

@@ -11,13 +11,7 @@ from consistent_id.export.provenance import require_usable
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.model import Joint
 
-_EXPRESSED = (
-    "viscous",
-    "coulomb",
-    "coulomb_positive",
-    "coulomb_negative",
-    "rotor_inertia",
-)
+_EXPRESSED = ("damping", "friction", "armature")
 
 
 def to_pinocchio(estimate: Estimate, *, allow_refused: bool = False) -> Any:
@@ -56,9 +50,9 @@ def to_pinocchio(estimate: Estimate, *, allow_refused: bool = False) -> Any:
             place = pin.SE3(fixed.rotation, fixed.translation)
             model.addBodyFrame(fixed.name, k, place, frame)
     for i, drive in enumerate(joint_drives(estimate)):
-        model.armature[i] = drive.values.get("rotor_inertia", 0.0)
-        model.damping[i] = drive.values.get("viscous", 0.0)
-        _set_friction(model, i, drive.friction_level or 0.0)
+        model.armature[i] = drive.simulated("armature") or 0.0
+        model.damping[i] = drive.simulated("damping") or 0.0
+        _set_friction(model, i, drive.simulated("friction") or 0.0)
     return model
 
 

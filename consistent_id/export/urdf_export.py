@@ -27,7 +27,7 @@ from consistent_id.robot.loaders.xml import Element, XmlFault
 from consistent_id.robot.model import STANDARD_GRAVITY, JointLimits, RobotModel
 from consistent_id.robot.parameters import did_you_mean
 
-_EXPRESSED = ("viscous", "coulomb", "coulomb_positive", "coulomb_negative")
+_EXPRESSED = ("damping", "friction")
 _COMMENT = re.compile(rb"\s*<!-- consistent-id: [^>]* -->")
 
 
@@ -179,7 +179,7 @@ def _dynamics_edits(file: _File, drive: JointDrive) -> list[Edit]:
         return []
     stated = joint.child("dynamics")
     has = {} if stated is None else stated.attributes
-    found = {"damping": drive.values.get("viscous"), "friction": drive.friction_level}
+    found = {name: drive.simulated(name) for name in _EXPRESSED}
     values = {
         name: (0.0 if value is None else value,)
         for name, value in found.items()

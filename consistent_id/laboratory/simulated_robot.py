@@ -8,21 +8,12 @@ from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Vector, freeze, frozen
 from consistent_id.errors import ModelError, ProblemError
-from consistent_id.regression.friction import DriveTerms
+from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.mass_matrix import least_mass_eigenvalue, random_poses
 from consistent_id.regression.regressor import TorqueModel, casadi_regressor
 from consistent_id.robot.model import RobotModel
 
 _POSES = 200  # random poses at which the mass matrix must be positive definite
-_DISSIPATES = (
-    "viscous",
-    "coulomb",
-    "coulomb_positive",
-    "coulomb_negative",
-    "stribeck",
-    "coupling_viscous",
-    "coupling_coulomb",
-)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,12 +49,12 @@ class SimulatedRobot:
         x = frozen(self.parameters, (len(model.layout),), "true parameters")
         freeze(self, model=model, parameters=x)
         for name, terms in zip(model.robot.joint_names, model.terms, strict=True):
-            if terms.load_friction:
+            if terms.needs_load:
                 raise ProblemError(
                     f"laboratory: friction of {name!r} depends on the load, and so on "
                     "the acceleration that it decides; leave load_friction out"
                 )
-            if terms.coulomb == "sign":
+            if terms.smoothed(1.0) != terms:
                 raise ProblemError(
                     f"laboratory: friction of {name!r} has a sign, which leaves motion "
                     'at rest undecided; use coulomb "tanh" with a small velocity_scale'
@@ -95,9 +86,8 @@ class SimulatedRobot:
 
     @property
     def _dissipative(self) -> list[int]:
-        names = self.model.layout.drive
-        start = self.model.layout.inertial_size
-        return [i for i, (_, term) in enumerate(names, start) if term in _DISSIPATES]
+        terms, start = self.model.column_terms, self.model.layout.inertial_size
+        return [i for i, t in enumerate(terms, start) if t.friction and t.nonnegative]
 
     def forward_dynamics(self) -> Any:
         """Return ``ddq(q, dq, tau)`` as a CasADi function of one sample.

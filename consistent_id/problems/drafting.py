@@ -22,7 +22,7 @@ from consistent_id.recordings.signals import (
     trimmed,
 )
 from consistent_id.recordings.signals.clocks import is_uniform, own_rate
-from consistent_id.regression.friction import DriveTerms
+from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.chains import Selection
 from consistent_id.robot.loaders import load_mjcf, load_urdf

@@ -4,7 +4,7 @@ One struct per table of the file; `problem.load_problem` turns them into a probl
 """
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal, get_type_hints
 
 import msgspec
 from msgspec import Meta
@@ -13,6 +13,11 @@ from consistent_id.errors import ProblemError
 from consistent_id.problems.excitation_tables import ExcitationTable
 from consistent_id.problems.laboratory_tables import LaboratoryTable, TaskTable
 from consistent_id.problems.table_types import NonNegative, Pair, Positive, Table, Three
+from consistent_id.regression.drive.drive_terms import (
+    DEFAULTS,
+    DriveOptions,
+    DriveTerms,
+)
 
 _ROBOTS = (".urdf", ".xml", ".mjcf", ".xacro")
 
@@ -54,22 +59,29 @@ class LinkTable(Table, frozen=True, kw_only=True):
     com_box: Annotated[list[Three], Meta(min_length=2, max_length=2)] | None = None
 
 
-class DriveTable(Table, frozen=True, kw_only=True):
-    """Friction and drive terms of all joints, or of one."""
-
-    viscous: bool = False
-    coulomb: Literal["sign", "tanh", "none"] = "none"
-    velocity_scale: Positive | None = None
-    offset: bool = False
-    rotor_inertia: bool = False
-    spring: bool = False
-    asymmetric: bool = False
-    stribeck_velocity: Positive | None = None
-    stribeck_exponent: Positive = 2.0
-    load_friction: bool = False
+_POSITIVE = {float: Positive, float | None: Positive | None}
+_DriveTable: Any = msgspec.defstruct(
+    "_DriveTable",
+    [
+        (name, _POSITIVE.get(kind, kind), DEFAULTS[name])
+        for name, kind in get_type_hints(DriveOptions).items()
+    ],
+    bases=(Table,),
+    frozen=True,
+    kw_only=True,
+)
 
 
-class JointTable(DriveTable, frozen=True, kw_only=True):
+class DriveTable(_DriveTable, frozen=True, kw_only=True):  # type: ignore[misc, call-arg]
+    """Friction and drive terms of all joints, or of one: the keys of `DriveOptions`."""
+
+    @property
+    def terms(self) -> DriveTerms:
+        """The terms that the keys choose."""
+        return DriveTerms(**{name: getattr(self, name) for name in DEFAULTS})
+
+
+class JointTable(DriveTable, frozen=True, kw_only=True):  # type: ignore[call-arg]
     """Terms of one joint, and what the datasheet says of its motor."""
 
     gear_ratio: float | None = None

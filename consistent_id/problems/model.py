@@ -11,11 +11,10 @@ from consistent_id.errors import ProblemError
 from consistent_id.problems.file import (
     CouplingTable,
     DHTable,
-    DriveTable,
     LinkTable,
     ProblemTable,
 )
-from consistent_id.regression.friction import DriveTerms, GearCoupling
+from consistent_id.regression.drive.gear_coupling import GearCoupling
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.chains import Selection, selected
 from consistent_id.robot.loaders import (
@@ -53,7 +52,7 @@ def torque_model(table: ProblemTable, file: Path) -> TorqueModel:
             near = did_you_mean(name, robot.joint_names)
             raise ProblemError(f"{file}: [joints.{name}]: no such joint; {near}")
     drive = tuple(
-        _drive(table.joints.get(name, table.drive)) for name in robot.joint_names
+        table.joints.get(name, table.drive).terms for name in robot.joint_names
     )
     couplings = tuple(_coupling(coupling) for coupling in table.couplings)
     measured = () if table.data is None else tuple(table.data.torque_joints)
@@ -102,21 +101,6 @@ def _datasheet(robot: RobotModel, name: str, table: LinkTable) -> Datasheet:
         mass_bounds=known.mass_bounds if bounds is None else (bounds[0], bounds[1]),
         com=known.com if table.com is None else np.array(table.com),
         com_box=known.com_box if table.com_box is None else np.array(table.com_box),
-    )
-
-
-def _drive(table: DriveTable) -> DriveTerms:
-    return DriveTerms(
-        viscous=table.viscous,
-        coulomb=table.coulomb,
-        velocity_scale=table.velocity_scale,
-        offset=table.offset,
-        rotor_inertia=table.rotor_inertia,
-        spring=table.spring,
-        asymmetric=table.asymmetric,
-        stribeck_velocity=table.stribeck_velocity,
-        stribeck_exponent=table.stribeck_exponent,
-        load_friction=table.load_friction,
     )
 
 

@@ -21,7 +21,7 @@ from consistent_id.regression.base import (
     linear_combination,
     parameter_origins,
 )
-from consistent_id.regression.friction import DriveTerms
+from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.regression import build_regression
 from consistent_id.regression.regressor import TorqueModel
 

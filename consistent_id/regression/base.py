@@ -1,4 +1,4 @@
-"""Base parameters: what motion and torque can tell, and what they cannot.
+"""Base parameters: the combinations of parameters that are identifiable.
 
 Some columns of the regressor are zero or are combinations of others, for every motion
 of the robot.  The independent ones carry the base parameters [Gautier1991]_: with
@@ -12,6 +12,7 @@ import numpy as np
 from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays
 from consistent_id._support.threads import single_threaded
 from consistent_id.errors import NotExcitedError
+from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.parameters import ParameterLayout
 
@@ -22,7 +23,7 @@ On random motions of random robots of up to nine joints, dependent columns come 
 1e-11 and independent ones stay beyond 1e-5.
 """
 
-_PURE = 1e-6  # share by which a unit vector may miss a row space, or touch it
+_PURE = 1e-6  # part of a unit vector outside a row space, or in it, that is rounding
 _ROUND = 1e-10  # entries of K below this are rounding errors
 
 
@@ -77,12 +78,12 @@ class BaseParameters:
 
     @property
     def without_effect(self) -> tuple[str, ...]:
-        """Names of the parameters that no motion of this robot can reveal."""
-        silent = np.logical_not(self.regrouping.any(axis=0)).tolist()
+        """Names of the parameters that no motion of this robot makes identifiable."""
+        regrouped: list[bool] = np.any(self.regrouping, axis=0).tolist()
         return tuple(
             self.layout.names[i]
-            for i, unseen in zip(self.dependent, silent, strict=True)
-            if unseen
+            for i, has_effect in zip(self.dependent, regrouped, strict=True)
+            if not has_effect
         )
 
     def lift(self, base: Vector) -> Vector:
@@ -115,8 +116,14 @@ def random_regressor(model: TorqueModel, *, seed: int = 0) -> Array:
     samples = 3 * p
     q = rng.uniform(-np.pi, np.pi, (samples, n))
     dq, ddq = rng.uniform(-2.0, 2.0, (2, samples, n))
-    dq[::2] *= [terms.stribeck_velocity or 1.0 for terms in model.terms]
+    dq[::2] *= [_slow(terms) for terms in model.terms]
     return model.regressor(q, dq, ddq)
+
+
+def _slow(terms: DriveTerms) -> float:
+    """Return what slows a joint's random velocity, so that fading friction shows."""
+    fading = (term.fading_velocity for term in terms.terms)
+    return min((v for v in fading if v is not None), default=1.0)
 
 
 def independent_columns(
@@ -129,8 +136,8 @@ def independent_columns(
     W : ndarray, shape (rows, columns)
     tolerance : float
         Distance of a unit column from the span of the independent ones before it, at
-        or below which it counts as dependent.  Columns whose norm is below this share
-        of the largest count as zero.
+        or below which it counts as dependent.  Columns whose norm is below this
+        fraction of the largest count as zero.
 
     Returns
     -------
@@ -215,7 +222,7 @@ def condition_number(
 def parameter_origins(
     data: Matrix, known: Matrix, *, elsewhere: str
 ) -> tuple[str, ...]:
-    """Say of each parameter what its value rests on.
+    """Say of each parameter what determines its value.
 
     Parameters
     ----------
@@ -224,7 +231,7 @@ def parameter_origins(
     known : ndarray, shape (rows, parameters)
         Rows of the equalities that hold by assumption.
     elsewhere : str
-        Name for what settles parameters that neither touches.
+        Name for what determines parameters that neither touches.
 
     Returns
     -------
@@ -232,8 +239,8 @@ def parameter_origins(
         ``"constraint"`` (the equalities alone fix it), ``"data"`` (data and equalities
         do), ``"combination"`` (they fix only sums it is part of), or `elsewhere`.
     """
-    fixed = _share_in_row_space(known)
-    seen = _share_in_row_space(np.vstack([data, known]))
+    fixed = _part_in_row_space(known)
+    seen = _part_in_row_space(np.vstack([data, known]))
     return tuple(
         "constraint"
         if f > 1.0 - _PURE
@@ -246,7 +253,7 @@ def parameter_origins(
     )
 
 
-def _share_in_row_space(A: Matrix) -> Vector:
+def _part_in_row_space(A: Matrix) -> Vector:
     """Squared length of each unit vector's projection on the rows of a matrix."""
     if not A.any():
         return np.zeros(A.shape[1])

@@ -4,6 +4,7 @@
 drive terms of each joint and of coupled joints.
 """
 
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from hashlib import sha256
@@ -14,7 +15,9 @@ from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Array, Vector, checked, freeze, frozen
 from consistent_id.errors import ProblemError
-from consistent_id.regression.friction import DriveTerms, GearCoupling, drive_unit
+from consistent_id.regression.drive.drive_terms import DriveTerms
+from consistent_id.regression.drive.gear_coupling import GearCoupling
+from consistent_id.regression.drive.term import DriveTerm
 from consistent_id.regression.joint_geometry import floats, joint_geometry
 from consistent_id.regression.newton_euler import (
     JointGeometry,
@@ -87,25 +90,24 @@ class TorqueModel:
         couplings = tuple(self.couplings)
         rows = _in_order(self.torque_joints, robot)
         columns = [
-            (joint.name, joint, term)
+            (joint.name, joint, name)
             for joint, of_joint in zip(robot.joints, drive, strict=True)
-            for term in of_joint.names
+            for name in of_joint.names
         ] + [
-            (coupling.label, robot.joints[coupled_joints(robot, coupling)[0]], term)
+            (coupling.label, robot.joints[coupled_joints(robot, coupling)[0]], name)
             for coupling in couplings
-            for term in coupling.names
+            for name in coupling.names
         ]
+        freeze(self, terms=drive, couplings=couplings, torque_joints=rows)
         layout = ParameterLayout(
             links=robot.link_names,
-            drive=tuple((name, term) for name, _, term in columns),
+            drive=tuple((owner, name) for owner, _, name in columns),
             drive_units=tuple(
-                drive_unit(term, joint.kind == "prismatic")
-                for _, joint, term in columns
+                term.unit[joint.kind == "prismatic"]
+                for (_, joint, _), term in zip(columns, self.column_terms, strict=True)
             ),
         )
-        freeze(
-            self, terms=drive, couplings=couplings, torque_joints=rows, layout=layout
-        )
+        freeze(self, layout=layout)
         load = _load_reference(self)
         freeze(self, load_reference=load)
         gravity = robot.gravity.tolist()
@@ -113,6 +115,13 @@ class TorqueModel:
         content += "" if load is None else repr(load.tolist())
         digest = sha256(content.encode()).hexdigest()[:16]
         freeze(self, fingerprint=digest)
+
+    @property
+    def column_terms(self) -> tuple[DriveTerm, ...]:
+        """The drive term of each column after the inertial ones."""
+        terms = [term for joint in self.terms for term in joint.terms]
+        terms += [term for coupling in self.couplings for term in coupling.terms]
+        return tuple(term for term in terms for _ in term.names)
 
     def regressor(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Array:
         """Return the regressor of samples.
@@ -250,7 +259,7 @@ def _load_reference(model: TorqueModel) -> Vector | None:
     in_need = [
         name
         for name, terms in zip(model.robot.joint_names, model.terms, strict=True)
-        if terms.load_friction
+        if terms.needs_load
     ]
     if not in_need:
         return None
@@ -282,7 +291,7 @@ def _require_load(model: TorqueModel, reference: Vector) -> None:
             np.linalg.norm(abs(parts).sum(axis=1), axis=1),
             strict=True,
         )
-        if terms.load_friction and sum_of_parts <= _NO_LOAD * size
+        if terms.needs_load and sum_of_parts <= _NO_LOAD * size
     ]
     if without:
         raise ProblemError(
@@ -294,7 +303,7 @@ def _require_load(model: TorqueModel, reference: Vector) -> None:
 def _loaded(model: TorqueModel) -> Iterator[tuple[int, Vector]]:
     """Yield joints that have a row and a load, and what the load is computed from."""
     for j in _rows_of(model):
-        if model.terms[j].load_friction and model.load_reference is not None:
+        if model.terms[j].needs_load and model.load_reference is not None:
             yield j, model.load_reference
 
 
@@ -308,7 +317,7 @@ def drive_entries(
     """
     column = model.layout.inertial_size
     for j, terms in enumerate(model.terms):
-        if terms.load_friction and j not in loads:
+        if terms.needs_load and j not in loads:
             column += len(terms.names)
             continue
         for values in terms.columns(q[j], dq[j], ddq[j], loads.get(j)):
@@ -363,7 +372,10 @@ def casadi_regressor(model: TorqueModel | RobotModel) -> Any:
         j: ca.mtimes(Y[row[j], : len(reference)], ca.DM(reference))
         for j, reference in _loaded(model)
     }
-    for j, column, values in drive_entries(model, q, dq, ddq, loads):
-        if j in row:
-            Y[row[j], column] = values
+    with warnings.catch_warnings():
+        # CasADi announces that NumPy's functions of its expressions will change.
+        warnings.simplefilter("ignore", FutureWarning)
+        for j, column, values in drive_entries(model, q, dq, ddq, loads):
+            if j in row:
+                Y[row[j], column] = values
     return ca.Function("regressor", [q, dq, ddq], [Y], ["q", "dq", "ddq"], ["Y"])

@@ -17,17 +17,6 @@ from consistent_id.report.report_content import (
 )
 
 _DOTS = 500
-_TERMS = (
-    "viscous",
-    "coulomb",
-    "coulomb_positive",
-    "coulomb_negative",
-    "stribeck",
-    "load_friction",
-    "offset",
-    "coupling_viscous",
-    "coupling_coulomb",
-)
 
 
 def friction_section(content: ReportContent) -> Section | None:
@@ -76,10 +65,8 @@ def friction_section(content: ReportContent) -> Section | None:
 def friction_columns(model: TorqueModel) -> IntArray:
     """Return the places of the parameters that make friction and offsets."""
     start = model.layout.inertial_size
-    terms = [term for _, term in model.layout.drive]
-    return np.array(
-        [start + i for i, term in enumerate(terms) if term in _TERMS], dtype=np.intp
-    )
+    places = [i for i, t in enumerate(model.column_terms, start) if t.friction]
+    return np.array(places, dtype=np.intp)
 
 
 def observed_friction(

@@ -7,19 +7,6 @@ from consistent_id._support.arrays import freeze
 from consistent_id.errors import ProblemError
 from consistent_id.robot.inertia import INERTIAL_NAMES, INERTIAL_UNITS
 
-DRIVE_NAMES = (
-    "viscous",
-    "coulomb",
-    "coulomb_positive",
-    "coulomb_negative",
-    "stribeck",
-    "load_friction",
-    "offset",
-    "rotor_inertia",
-    "spring",
-)
-COUPLING_NAMES = ("coupling_viscous", "coupling_coulomb", "coupling_rotor_inertia")
-
 
 @dataclass(frozen=True, slots=True)
 class ParameterLayout:

@@ -27,7 +27,7 @@ from consistent_id import (
 from consistent_id.estimation.shapes.shape_misfit import ShapeGroup, ShapeMisfit
 from consistent_id.recordings.sinusoids import Sinusoid, SinusoidalMotion
 from consistent_id.regression.correlation import correlation_length
-from consistent_id.regression.shaped_regression import shaped_regression
+from consistent_id.regression.friction_shape_regression import shape_regression
 from consistent_id.robot.scaling import reference_bodies
 
 TRUE = DriveTerms(
@@ -65,7 +65,7 @@ def _guess(model, **changes):
 
 
 def _misfit(model, log, groups=None):
-    data = shaped_regression(model, [log])
+    data = shape_regression(model, [log])
     if groups is None:
         groups = tuple(ShapeGroup(s.name, (s,)) for s in shapes_of(model))
     return ShapeMisfit(data, base_parameters(model), groups, np.array([1.0, 2.0, 3.0]))
@@ -97,7 +97,7 @@ def test_other_shapes_give_the_regression_that_starting_anew_gives(load):
     model = replace(model, torque_joints=("joint1", "joint3"))
     values = {s.name: 1.7 * s.value for s in shapes_of(model)}
     other = with_shapes(model, values)
-    data = shaped_regression(model, [log, log])
+    data = shape_regression(model, [log, log])
     quick, anew = data.regression(other), build_regression(other, [log, log])
     assert (quick.counts, quick.fingerprint) == (anew.counts, anew.fingerprint)
     for mine, theirs in zip(quick.factors, anew.factors, strict=True):

@@ -19,7 +19,7 @@ from consistent_id.motion.proofs.jets import Jet, jet, sine_and_cosine
 from consistent_id.motion.proofs.margins import motion_margins
 from consistent_id.motion.proofs.torque_bounds import _Torque, torque_bounds
 from consistent_id.motion.proofs.torque_motion import smooth_torque
-from consistent_id.regression.friction import GearCoupling
+from consistent_id.regression.drive.gear_coupling import GearCoupling
 from consistent_id.regression.joint_geometry import floats, joint_geometry
 from consistent_id.regression.newton_euler import (
     JointMotion,
@@ -279,13 +279,29 @@ def test_intervals_hold_the_results_for_all_numbers_in_them(ends, share):
         (abs(x) ** 0.7, abs(u) ** 0.7),
         (x.sin(), np.sin(u)),
         (x.cos(), np.cos(u)),
-        (x.tanh(), np.tanh(u)),
-        (x.exp(), np.exp(u)),
-        (x.sign(), np.sign(u)),
+        (np.tanh(x), np.tanh(u)),
+        (np.exp(x), np.exp(u)),
+        (np.sign(x), np.sign(u)),
+        (np.arctan(x), np.arctan(u)),
+        (np.maximum(x, 0.5), np.maximum(u, 0.5)),
+        (x**2, u**2),
+        (x**3, u**3),
+        (u * x, u * u),
+        (1.0 / (1.0 + x**2), 1.0 / (1.0 + u**2)),
         (x.union(y), v),
     ):
         assert (over.low <= value + 1e-12).all()
         assert (value <= over.high + 1e-12).all()
+
+
+def test_what_intervals_cannot_enclose_is_refused():
+    x = Interval(np.array([-1.0]), np.array([2.0]))
+    with pytest.raises(ValueError, match="may hold zero"):
+        1.0 / x
+    with pytest.raises(ValueError, match="negative"):
+        x**1.5
+    with pytest.raises(TypeError):
+        np.sqrt(x)
 
 
 def test_jets_are_derivatives():

@@ -15,7 +15,7 @@ from consistent_id.regression.base import (
     independent_columns,
     linear_combination,
 )
-from consistent_id.regression.friction import DriveTerms
+from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.loaders import DHRow, from_modified_dh
 

@@ -10,7 +10,7 @@ from robots import random_robot, random_states
 from consistent_id.errors import NotExcitedError, ProblemError, RecordingError
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import base_parameters, condition_number
-from consistent_id.regression.friction import DriveTerms
+from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.regression import Regression, build_regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.loaders import DHRow, from_modified_dh

@@ -18,7 +18,7 @@ from consistent_id.regression.base import (
     independent_columns,
     random_regressor,
 )
-from consistent_id.regression.friction import DriveTerms
+from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.regression import Regression, build_regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.segments import merged

@@ -16,16 +16,9 @@ from consistent_id.estimation.shapes.shape_profile import ShapeProfile, profile
 from consistent_id.recordings.recording import Recording, several
 from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.correlation import correlation_length
+from consistent_id.regression.friction_shape_regression import shape_regression
+from consistent_id.regression.friction_shapes import SHAPE_NAMES, shapes_of
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.regression.shaped_regression import shaped_regression
-from consistent_id.regression.shapes import SHAPE_NAMES, shapes_of
-
-SHAPE_BOUNDS: Mapping[str, tuple[float, float]] = {
-    "velocity_scale": (1e-3, 1.0),
-    "stribeck_velocity": (1e-3, 2.0),
-    "stribeck_exponent": (0.3, 4.0),
-}
-"""Where shapes are looked for, unless told otherwise."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,7 +73,7 @@ def fit_shapes(
     model: TorqueModel,
     recordings: Recording | Sequence[Recording],
     *,
-    kinds: Sequence[str] = SHAPE_NAMES,
+    kinds: Sequence[str] | None = None,
     shared: bool = True,
     bounds: Mapping[str, tuple[float, float]] | None = None,
     weighted: bool = True,
@@ -100,13 +93,14 @@ def fit_shapes(
         Its shapes are the first start; those of kinds not asked for stay.
     recordings : Recording or sequence of Recording
         With velocity, acceleration and torque.
-    kinds : sequence of str
-        Of `SHAPE_NAMES`; those that the model has none of are passed over.
+    kinds : sequence of str, optional
+        Such as ``"velocity_scale"``, by default all; known kinds that the model has
+        none of are passed over.
     shared : bool
         One value of each kind for all joints (turning and sliding ones apart), or one
         for each joint and coupling.
     bounds : mapping of str to (low, high), optional
-        By kind; by default `SHAPE_BOUNDS`.
+        By kind; by default those of the terms.
     weighted : bool
         Whether joints are weighted by their noise at the shapes given.
     starts : int
@@ -128,7 +122,7 @@ def fit_shapes(
     groups = _groups(model, kinds, shared)
     box = np.log([_bounds(group, bounds) for group in groups])
     base = base_parameters(model) if base is None else base
-    data = shaped_regression(model, several(recordings))
+    data = shape_regression(model, several(recordings))
     before = data.regression(model)
     sigma = joint_noise(model, before, base=base) if weighted else before.sigma
     misfit = ShapeMisfit(data, base, groups, sigma)
@@ -163,13 +157,15 @@ def fit_shapes(
 
 
 def _groups(
-    model: TorqueModel, kinds: Sequence[str], shared: bool
+    model: TorqueModel, kinds: Sequence[str] | None, shared: bool
 ) -> tuple[ShapeGroup, ...]:
-    unknown = sorted(set(kinds) - set(SHAPE_NAMES))
+    every = shapes_of(model)
+    known = list(dict.fromkeys([*SHAPE_NAMES, *(shape.kind for shape in every)]))
+    kinds = known if kinds is None else kinds
+    unknown = sorted(set(kinds) - set(known))
     if unknown:
-        known = ", ".join(SHAPE_NAMES)
-        raise ProblemError(f"shapes {unknown} are unknown; known: {known}")
-    shapes = [shape for shape in shapes_of(model) if shape.kind in kinds]
+        raise ProblemError(f"shapes {unknown} are unknown; known: {', '.join(known)}")
+    shapes = [shape for shape in every if shape.kind in kinds]
     if not shapes:
         raise ProblemError(
             f"the model's friction has no {' or '.join(kinds)}; choose a tanh Coulomb "
@@ -177,7 +173,7 @@ def _groups(
         )
     if not shared:
         return tuple(ShapeGroup(shape.name, (shape,)) for shape in shapes)
-    together = sorted({(SHAPE_NAMES.index(s.kind), s.kind, s.unit) for s in shapes})
+    together = sorted({(known.index(s.kind), s.kind, s.unit) for s in shapes})
     return tuple(
         ShapeGroup(
             f"{kind} of sliding joints" if unit == "m/s" else kind,
@@ -190,8 +186,7 @@ def _groups(
 def _bounds(
     group: ShapeGroup, bounds: Mapping[str, tuple[float, float]] | None
 ) -> tuple[float, float]:
-    chosen = dict(SHAPE_BOUNDS) | dict(bounds or {})
-    low, high = chosen[group.kind]
+    low, high = (bounds or {}).get(group.kind, group.members[0].bounds)
     if not 0.0 < low < high < np.inf:
         raise ProblemError(
             f"bounds of {group.kind} are [{low}, {high}], expected 0 < low < high"

@@ -13,10 +13,10 @@ import numpy as np
 from consistent_id._support.arrays import Array, Matrix, Vector
 from consistent_id.errors import NotExcitedError
 from consistent_id.regression.base import BaseParameters
+from consistent_id.regression.friction_shape_regression import ShapeRegression
+from consistent_id.regression.friction_shapes import Shape, with_shapes
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.regression.shaped_regression import ShapedRegression
-from consistent_id.regression.shapes import Shape, with_shapes
 
 _STEP = 1e-5  # of a shape's logarithm: central differences err by its square
 
@@ -80,14 +80,14 @@ class ShapeMisfit:
 
     Parameters
     ----------
-    data : ShapedRegression
+    data : ShapeRegression
     base : BaseParameters
     groups : tuple of ShapeGroup
     sigma : ndarray, shape (torque joints,)
         Noise by which each joint's rows are divided.
     """
 
-    data: ShapedRegression
+    data: ShapeRegression
     base: BaseParameters
     groups: tuple[ShapeGroup, ...]
     sigma: Vector

@@ -33,7 +33,7 @@ from consistent_id.problems.published import parametrisation_of, published_table
 from consistent_id.problems.published_estimate import published_least_squares
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import base_parameters, linear_combination
-from consistent_id.regression.friction import DriveTerms
+from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.regression import build_regression
 from consistent_id.regression.regressor import TorqueModel
 

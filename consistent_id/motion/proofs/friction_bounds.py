@@ -1,8 +1,8 @@
-"""Friction that depends on the direction of motion, over stretches of time.
+"""Friction that is no polynomial of the motion, over stretches of time.
 
-It jumps, or nearly, where a joint turns back: there is no use in its derivative.  Its
-columns are asked for with intervals instead of numbers, for motion forwards, backwards
-and standing still apart, so that all that has one sign keeps one.
+It may jump, or nearly, where a joint turns back: there is no use in its derivative.
+Its columns are computed with intervals instead of numbers, for motion forwards,
+backwards and standing still apart, so that all that has one sign keeps one.
 """
 
 from collections.abc import Sequence
@@ -15,16 +15,16 @@ from consistent_id._support.arrays import Array, Matrix, Vector
 from consistent_id.motion.proofs.extremes import path_interval
 from consistent_id.motion.proofs.interval import Interval
 from consistent_id.recordings.paths import JointPath
+from consistent_id.regression.drive.term import JointSamples, term_columns
 from consistent_id.regression.regressor import TorqueModel, drive_entries
-from consistent_id.regression.shapes import SHAPED_TERMS
 
-_COLUMN = 64.0 * np.finfo(float).eps  # rounding of a column, relative to its size
+_ROUNDING = 64.0 * np.finfo(float).eps  # of motion and columns, relative
 _LEAST = float(np.finfo(float).tiny)  # a rate that has a direction
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DirectedFriction:
-    """The columns of a model that depend on directions, and their coefficients.
+    """The columns of a model that are no polynomials, and their coefficients.
 
     Parameters
     ----------
@@ -40,13 +40,18 @@ class DirectedFriction:
 
     @property
     def needed(self) -> bool:
-        """Tell whether there is any such friction."""
-        return any(term in SHAPED_TERMS for _, term in self.model.layout.drive)
+        """Whether any robot has such friction."""
+        start = self.model.layout.inertial_size
+        terms = self.model.column_terms
+        return any(
+            not term.polynomial and self.parameters[:, column].any()
+            for column, term in enumerate(terms, start)
+        )
 
     def enclosed(
         self, path: JointPath, middle: Vector, radius: float, load: Interval
     ) -> Interval:
-        """Enclose the friction over stretches of time.
+        """Enclose the friction over stretches of time, rounding included.
 
         Parameters
         ----------
@@ -61,7 +66,10 @@ class DirectedFriction:
         -------
         Interval, shape (stretches, robots, joints), [N m or N]
         """
-        q, dq, ddq = (x.columns() for x in path_interval(path, middle, radius, 2))
+        q, dq, ddq = (
+            [_widened(x, x.size) for x in order.columns()]
+            for order in path_interval(path, middle, radius, 2)
+        )
         loads = load.columns()
         # at rest exactly, a joint may be about to move either way
         dq = [Interval(x.low - 2.0 * _LEAST, x.high + 2.0 * _LEAST) for x in dq]
@@ -80,37 +88,40 @@ class DirectedFriction:
         low = np.stack([x.low.T for x in ends], axis=-1)
         return Interval(low, np.stack([x.high.T for x in ends], axis=-1))
 
-    def rounding(self, load: Interval) -> Array:
-        """Bound what rounding does to `enclosed`, shape (1, robots, 1).
-
-        A column is no larger than one, or than the load.
-        """
-        terms = self.model.layout.drive
-        shaped = [term in SHAPED_TERMS for _, term in terms]
-        directed = self.parameters[:, self.model.layout.inertial_size :][:, shaped]
-        size = 1.0 + float(load.size.max(initial=0.0))
-        total = abs(directed).sum(axis=1)[None, :, None]
-        return np.asarray(_COLUMN * size * total)
-
     def _sum(
         self, model: TorqueModel, motion: Sequence[Any], loads: list[Any], start: int
     ) -> list[Any]:
         """Add up the columns from `start` on, joint by joint."""
         total: list[Any] = [0.0] * len(model.robot)
-        terms, skip = self.model.layout.drive, self.model.layout.inertial_size
+        terms, skip = self.model.column_terms, self.model.layout.inertial_size
         needed = {
-            j: loads[j] for j, terms in enumerate(model.terms) if terms.load_friction
+            j: loads[j] for j, joint in enumerate(model.terms) if joint.needs_load
         }
         q, dq, ddq = motion
         for j, column, values in drive_entries(model, q, dq, ddq, needed):
-            if column >= start and terms[column - skip][1] in SHAPED_TERMS:
+            if column >= start and not terms[column - skip].polynomial:
+                values = _interval(values)
+                values = _widened(values, 1.0 + values.size)
                 total[j] = values * self.parameters[:, column, None] + total[j]
         return total
 
 
 def directed_friction(model: TorqueModel, parameters: Matrix) -> DirectedFriction:
-    """Return the friction of a model that depends on the direction of motion."""
+    """Return the friction of a model that is no polynomial of the motion."""
     return DirectedFriction(model, replace(model, couplings=()), parameters)
+
+
+def require_enclosable(model: TorqueModel) -> None:
+    """Refuse terms that cannot be computed for intervals, before any work is done.
+
+    Raises
+    ------
+    ProblemError
+        Naming the term, and why.
+    """
+    stretch = Interval(np.array([-0.5]), np.array([0.5]))
+    for term in model.column_terms:
+        term_columns(term, JointSamples(stretch, stretch, stretch, stretch))
 
 
 def _directions(rate: Interval) -> list[Interval]:
@@ -129,7 +140,12 @@ def _directions(rate: Interval) -> list[Interval]:
     ]
 
 
-def _interval(x: Any, shape: tuple[int, int]) -> Interval:
-    if not isinstance(x, Interval):
-        return Interval(np.full(shape, x), np.full(shape, x))
-    return Interval(np.broadcast_to(x.low, shape), np.broadcast_to(x.high, shape))
+def _widened(x: Interval, size: Array) -> Interval:
+    """Return an interval with what rounding does to numbers of some size."""
+    return Interval(x.low - _ROUNDING * size, x.high + _ROUNDING * size)
+
+
+def _interval(x: Any, shape: tuple[int, ...] = ()) -> Interval:
+    low, high = (x.low, x.high) if isinstance(x, Interval) else (x, x)
+    shape = np.broadcast_shapes(np.shape(low), shape)
+    return Interval(np.broadcast_to(low, shape), np.broadcast_to(high, shape))

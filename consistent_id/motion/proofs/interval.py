@@ -5,7 +5,7 @@ not outwards; who claims a proof adds a slack for that, see `torque_bounds`.
 """
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -26,7 +26,20 @@ class Interval:
 
     low: Array
     high: Array
-    __array_ufunc__: ClassVar[None] = None  # an array times an interval is ours
+
+    def __array_ufunc__(
+        self, ufunc: Any, method: str, *inputs: Any, **options: Any
+    ) -> Any:
+        """Apply NumPy's elementary functions, and operators behind an array."""
+        if method != "__call__" or options:
+            return NotImplemented
+        x, *others = (_interval(x) for x in inputs)
+        if ufunc in _INCREASING:
+            low = ufunc(x.low, *(y.low for y in others))
+            return Interval(low, ufunc(x.high, *(y.high for y in others)))
+        if ufunc in _METHODS:
+            return getattr(x, _METHODS[ufunc])(*others)
+        return NotImplemented
 
     @property
     def size(self) -> Array:
@@ -58,12 +71,26 @@ class Interval:
 
     __rmul__ = __mul__
 
-    def __truediv__(self, other: float) -> "Interval":
+    def __truediv__(self, other: Any) -> "Interval":
+        if isinstance(other, Interval):
+            if not (other.low * other.high > 0.0).all():
+                raise ValueError("division by an interval that may hold zero")
+            return self * _hull(1.0 / other.low, 1.0 / other.high)
         return _hull(self.low / other, self.high / other)
 
+    def __rtruediv__(self, other: Any) -> "Interval":
+        return _interval(other) / self
+
     def __pow__(self, exponent: float) -> "Interval":
-        """Raise what is not negative to a positive power."""
-        return Interval(self.low**exponent, self.high**exponent)
+        """Raise to a positive power, which is an integer if the base is negative."""
+        if not exponent > 0.0:
+            raise ValueError(f"power {exponent} of an interval, expected above zero")
+        if exponent % 2 == 1.0:
+            return Interval(self.low**exponent, self.high**exponent)
+        base = abs(self) if exponent % 2 == 0.0 else self
+        if (base.low < 0.0).any():
+            raise ValueError(f"power {exponent} of an interval that is negative")
+        return Interval(base.low**exponent, base.high**exponent)
 
     def __abs__(self) -> "Interval":
         return Interval(np.maximum(np.maximum(self.low, -self.high), 0.0), self.size)
@@ -93,17 +120,32 @@ class Interval:
         away = abs(other(middle)) * radius + abs(value) * radius**2 / 2.0
         return Interval(np.maximum(value - away, -1.0), np.minimum(value + away, 1.0))
 
-    def sign(self) -> "Interval":
-        """Enclose the sign."""
-        return Interval(np.sign(self.low), np.sign(self.high))
 
-    def tanh(self) -> "Interval":
-        """Enclose the hyperbolic tangent."""
-        return Interval(np.tanh(self.low), np.tanh(self.high))
+_INCREASING = (
+    np.add,
+    np.maximum,
+    np.minimum,
+    np.sign,
+    np.tanh,
+    np.arctan,
+    np.exp,
+    np.sinh,
+    np.arcsinh,
+)
+_METHODS = {
+    np.subtract: "__sub__",
+    np.multiply: "__mul__",
+    np.divide: "__truediv__",
+    np.negative: "__neg__",
+    np.absolute: "__abs__",
+    np.sin: "sin",
+    np.cos: "cos",
+}
+"""NumPy's functions that can be enclosed; others are refused with a TypeError."""
 
-    def exp(self) -> "Interval":
-        """Enclose the exponential."""
-        return Interval(np.exp(self.low), np.exp(self.high))
+
+def _interval(x: Any) -> Interval:
+    return x if isinstance(x, Interval) else Interval(np.asarray(x), np.asarray(x))
 
 
 def _hull(x: Array, y: Array) -> Interval:

@@ -89,7 +89,8 @@ def torque_bounds(
     Raises
     ------
     ProblemError
-        If path and model have other joints, or a shape is wrong.
+        If path and model have other joints, or a shape is wrong; or if a drive term
+        cannot be computed for intervals, so that nothing can be proven of it.
     """
     x = _robots(parameters, model)
     if path.joints != model.robot.joint_names:
@@ -179,9 +180,7 @@ class _Torque:
         total = Interval(torque.low[:, :robots], torque.high[:, :robots])
         if friction.needed:
             load = Interval(torque.low[:, -1], torque.high[:, -1])
-            rubbing = friction.enclosed(self.path, middle, radius, load)
-            doubt = friction.rounding(load)
-            total = total + rubbing + Interval(-doubt, doubt)
+            total = total + friction.enclosed(self.path, middle, radius, load)
         return Interval(total.low[:, :, self.rows], total.high[:, :, self.rows])
 
 

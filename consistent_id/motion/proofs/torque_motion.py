@@ -1,6 +1,6 @@
 """Torque along a path and its derivatives in time, at instants and over stretches.
 
-What is smooth: rigid bodies, viscous friction, rotor inertia, springs, offsets.
+What is smooth: rigid bodies, and drive terms that are polynomials of the motion.
 """
 
 from dataclasses import dataclass, replace
@@ -13,7 +13,8 @@ from consistent_id.motion.proofs.extremes import path_interval
 from consistent_id.motion.proofs.interval import Interval
 from consistent_id.motion.proofs.jets import Jet, jet, sine_and_cosine
 from consistent_id.recordings.paths import JointPath
-from consistent_id.regression.friction import DriveTerms, GearCoupling
+from consistent_id.regression.drive.drive_terms import DriveTerms
+from consistent_id.regression.drive.gear_coupling import GearCoupling
 from consistent_id.regression.joint_geometry import floats, joint_geometry
 from consistent_id.regression.newton_euler import JointMotion, torque_parts
 from consistent_id.regression.regressor import TorqueModel, drive_entries
@@ -29,7 +30,7 @@ class SmoothTorque:
     Parameters
     ----------
     model : TorqueModel
-        Without friction that depends on a direction.
+        Of polynomial drive terms alone.
     parameters : ndarray, shape (robots, parameters)
         Of that model.
     """
@@ -98,13 +99,16 @@ class SmoothTorque:
 
 
 def smooth_torque(model: TorqueModel, parameters: Matrix) -> SmoothTorque:
-    """Return a model's torque without friction that depends on a direction.
+    """Return a model's torque without drive terms that are not polynomials.
 
     If friction depends on the load, its reference is one more robot, the last.
     """
     plain = replace(
         model,
-        drive=tuple(_plain(terms) for terms in model.terms),
+        drive=tuple(
+            DriveTerms(terms=[term for term in joint.terms if term.polynomial])
+            for joint in model.terms
+        ),
         couplings=tuple(p for c in model.couplings for p in _plain_coupling(c)),
         load_reference=None,
     )
@@ -115,17 +119,6 @@ def smooth_torque(model: TorqueModel, parameters: Matrix) -> SmoothTorque:
         last[0, : len(model.load_reference)] = model.load_reference
         x = np.vstack([x, last])
     return SmoothTorque(plain, x)
-
-
-def _plain(terms: DriveTerms) -> DriveTerms:
-    return replace(
-        terms,
-        coulomb="none",
-        velocity_scale=None,
-        asymmetric=False,
-        stribeck_velocity=None,
-        load_friction=False,
-    )
 
 
 def _plain_coupling(coupling: GearCoupling) -> list[GearCoupling]:

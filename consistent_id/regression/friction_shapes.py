@@ -4,24 +4,17 @@ Velocity scales, Stribeck velocities and exponents, by names such as
 ``"elbow.velocity_scale"``.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from consistent_id.errors import ProblemError
+from consistent_id.regression.drive.drive_terms import LAWS
+from consistent_id.regression.drive.term import DriveTerm
 from consistent_id.regression.regressor import TorqueModel, coupled_joints
 from consistent_id.robot.parameters import did_you_mean
 
-SHAPE_NAMES = ("velocity_scale", "stribeck_velocity", "stribeck_exponent")
-
-SHAPED_TERMS = (
-    "coulomb",
-    "coulomb_positive",
-    "coulomb_negative",
-    "stribeck",
-    "load_friction",
-    "coupling_coulomb",
-)
-"""Terms whose columns depend on shapes, if their joint or coupling has any."""
+SHAPE_NAMES = tuple(dict.fromkeys(k for x in LAWS.values() for k in x.shape_parameters))
+"""Shapes that known laws have."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,15 +26,18 @@ class Shape:
     owner : str
         Joint, or label of a coupling.
     kind : str
-        One of `SHAPE_NAMES`.
+        Such as ``"velocity_scale"``.
     value : float
     unit : str
+    bounds : tuple of (float, float)
+        Where `fit_shapes` searches.
     """
 
     owner: str
     kind: str
     value: float
     unit: str
+    bounds: tuple[float, float]
 
     @property
     def name(self) -> str:
@@ -60,18 +56,17 @@ def shapes_of(model: TorqueModel) -> tuple[Shape, ...]:
     >>> [(s.name, s.value) for s in shapes_of(TorqueModel(arm, drive))]
     [('joint1.velocity_scale', 0.02)]
     """
-    robot, found = model.robot, []
+    robot = model.robot
+    found: list[Shape] = []
     for joint, terms in zip(robot.joints, model.terms, strict=True):
         if joint.name in model.torque_joints:
             slides = joint.kind == "prismatic"
-            for kind, value in terms.shapes.items():
-                found.append(Shape(joint.name, kind, value, _unit(kind, slides)))
+            found += _shapes(joint.name, terms.terms, slides)
     for coupling in model.couplings:
         if {coupling.first, coupling.second} & set(model.torque_joints):
             first, _ = coupled_joints(robot, coupling)
             slides = robot.joints[first].kind == "prismatic"
-            for kind, value in coupling.shapes.items():
-                found.append(Shape(coupling.label, kind, value, _unit(kind, slides)))
+            found += _shapes(coupling.label, coupling.terms, slides)
     return tuple(found)
 
 
@@ -93,7 +88,7 @@ def with_shapes(model: TorqueModel, values: Mapping[str, float]) -> TorqueModel:
         owner, kind = name.rsplit(".", 1)
         changes.setdefault(owner, {})[kind] = float(value)
     drive = tuple(
-        replace(terms, **changes.get(joint, {}))  # type: ignore[arg-type]
+        terms.with_shapes(changes.get(joint, {}))
         for joint, terms in zip(model.robot.joint_names, model.terms, strict=True)
     )
     couplings = tuple(
@@ -103,5 +98,11 @@ def with_shapes(model: TorqueModel, values: Mapping[str, float]) -> TorqueModel:
     return replace(model, drive=drive, couplings=couplings)
 
 
-def _unit(kind: str, slides: bool) -> str:
-    return "1" if kind == "stribeck_exponent" else "m/s" if slides else "rad/s"
+def _shapes(owner: str, terms: Sequence[DriveTerm], slides: bool) -> Iterable[Shape]:
+    """Return the shapes of terms, those that several share once."""
+    found: dict[str, Shape] = {}
+    for term in terms:
+        for kind, value in term.shapes.items():
+            unit, low, high = term.shape_parameters[kind]
+            found[kind] = Shape(owner, kind, value, unit[slides], (low, high))
+    return found.values()

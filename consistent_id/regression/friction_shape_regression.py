@@ -23,7 +23,6 @@ from consistent_id.regression.regression import (
     triangle,
 )
 from consistent_id.regression.regressor import TorqueModel, drive_entries
-from consistent_id.regression.shapes import SHAPED_TERMS, shapes_of
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,7 +38,7 @@ class _Rows:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ShapedRegression:
+class ShapeRegression:
     """All that is needed to compress recordings for any shapes of friction.
 
     Memory grows with the samples: some forty numbers for each sample and joint.
@@ -113,18 +112,13 @@ class ShapedRegression:
         return tuple(residuals)
 
 
-def shaped_regression(
+def shape_regression(
     model: TorqueModel, recordings: Sequence[Recording]
-) -> ShapedRegression:
+) -> ShapeRegression:
     """Factorise what does not depend on shapes, once."""
     motions = [motion_of(model, recording, None) for recording in recordings]
-    owners = {shape.owner for shape in shapes_of(model)}
-    inertial = model.layout.inertial_size
-    shaped = {
-        inertial + i
-        for i, (owner, term) in enumerate(model.layout.drive)
-        if owner in owners and term in SHAPED_TERMS
-    }
+    start = model.layout.inertial_size
+    shaped = {i for i, term in enumerate(model.column_terms, start) if term.shapes}
     splits = [
         (kept, np.array([c not in shaped for c in kept], dtype=bool), expand)
         for kept, expand in row_structure(model)
@@ -138,7 +132,7 @@ def shaped_regression(
         np.concatenate([getattr(m, name) for m in motions]).T
         for name in ("q", "dq", "ddq")
     )
-    return ShapedRegression(model, tuple(rows), q, dq, ddq, loads)
+    return ShapeRegression(model, tuple(rows), q, dq, ddq, loads)
 
 
 def _blocks(
@@ -152,7 +146,7 @@ def _blocks(
     loads = {
         j: np.empty(samples)
         for j in places
-        if model.terms[j].load_friction and reference is not None
+        if model.terms[j].needs_load and reference is not None
     }
     start = 0
     for motion in motions:
