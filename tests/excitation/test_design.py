@@ -263,7 +263,7 @@ def test_frequencies_that_cannot_be_seen_are_refused():
 def test_motion_that_cannot_tell_parameters_apart_is_refused():
     # No joint moves by more than a hundred-millionth of its range.
     ranges = {name: (0.0, 1e-8) for name in arm(2).joint_names}
-    with pytest.raises(NotExcitedError, match="tells all base parameters apart"):
+    with pytest.raises(NotExcitedError, match="identifies all base parameters"):
         designed(limits=arm_limits(arm(2), position=ranges))
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from excited import FRICTION, arm, arm_limits, arm_task
+from excited import FRICTION, arm, arm_limits, arm_problem
 
 from consistent_id import DriveTerms, ProblemError, TorqueModel, base_parameters
 from consistent_id.excitation.aims import PathForm
@@ -17,7 +17,6 @@ from consistent_id.excitation.kernels import (
     smooth,
 )
 from consistent_id.excitation.limit_rows import limit_rows
-from consistent_id.excitation.search import Searcher
 
 OBJECTIVES = ("condition", "D", "A", "E", "task")
 
@@ -209,12 +208,7 @@ def test_information_is_that_of_the_recorded_rows_with_its_gradient():
     time, noise = np.arange(20) * 0.25, np.array([0.5, 2.0])
     earlier = information(0, len(base))
     informed = PathInformation(
-        basis,
-        RegressorKernel(model, base, 20),
-        time,
-        noise=noise,
-        recorded=500.0,
-        earlier=earlier,
+        model, base, basis, samples=20, recorded=500.0, noise=noise, earlier=earlier
     )
     variables, direction, G = (
         rng.normal(size=(basis.size, 2)),
@@ -240,13 +234,13 @@ def test_the_gradient_in_the_variables_is_that_of_finite_differences(
 ):
     from consistent_id.excitation.aims import Aim
 
-    searcher = Searcher(arm_task(TorqueModel(arm(2)), aim=Aim(scaling=scaling)))
-    criterion = searcher.criterion(objective, 4.0)
-    variables = searcher.random(0)
+    problem = arm_problem(TorqueModel(arm(2)), aim=Aim(scaling=scaling))
+    criterion = problem.criterion(objective, 4.0)
+    variables = problem.random(0)
     direction = np.random.default_rng(1).normal(size=variables.shape)
-    gradient = searcher.value(criterion, variables).gradient
+    gradient = problem.value(criterion, variables).gradient
     by_difference = slope(
-        lambda x: searcher.value(criterion, x).value, variables, direction
+        lambda x: problem.value(criterion, x).value, variables, direction
     )
     assert np.isclose((gradient * direction).sum(), by_difference, rtol=1e-5)
 
@@ -269,7 +263,7 @@ def test_rows_of_a_guard_have_the_slopes_of_finite_differences():
     assert np.allclose(jacobian @ direction.ravel(), by_difference, rtol=1e-5)
     torque = model.predict(members[1], *basis.motion(variables, grid[17:18]))
     assert np.isclose(values[2], abs(torque[0, 0]) / 5.0 - 0.9, rtol=1e-12)
-    assert guard.told(3) == "torque of joint 'joint2'"
+    assert guard.item_name(3) == "torque of joint 'joint2'"
     assert (
         guard.tightened().measure(basis.motion(variables, grid)).max()
         > guard.measure(basis.motion(variables, grid)).max()
