@@ -8,7 +8,7 @@ Intervals of which too little is known are halved.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -142,18 +142,18 @@ def prove_clearance(
     every = list(paths) if isinstance(paths, Sequence) else [paths]
     if not every:
         raise ProblemError("no path to check, expected one or more")
-    found = [_proof(scene, path, k, tolerance) for k, path in enumerate(every)]
-    worst = min(found, key=lambda report: report.distance - report.wanted)
-    return ClearanceReport(
-        first=worst.first,
-        second=worst.second,
-        path=worst.path,
-        time=worst.time,
-        distance=worst.distance,
-        wanted=worst.wanted,
-        margin=min(report.margin for report in found),
-        poses=sum(report.poses for report in found),
-        queries=sum(report.queries for report in found),
+    return worst_clearance([_proof(scene, path, tolerance) for path in every])
+
+
+def worst_clearance(reports: Sequence[ClearanceReport]) -> ClearanceReport:
+    """Return one report of several paths, each of which has one of its own."""
+    k = int(np.argmin([report.distance - report.wanted for report in reports]))
+    return replace(
+        reports[k],
+        path=k,
+        margin=min(report.margin for report in reports),
+        poses=sum(report.poses for report in reports),
+        queries=sum(report.queries for report in reports),
     )
 
 
@@ -210,9 +210,7 @@ class _Search:
         return self.best - allowed
 
 
-def _proof(
-    scene: Scene, path: JointPath, number: int, tolerance: float
-) -> ClearanceReport:
+def _proof(scene: Scene, path: JointPath, tolerance: float) -> ClearanceReport:
     motion = _motion(scene, path)
     search = _Search(time=path.start)
     count = max(1, int(np.ceil(path.duration / _FIRST)))
@@ -236,7 +234,7 @@ def _proof(
     return ClearanceReport(
         first=first,
         second=second,
-        path=number,
+        path=0,
         time=search.time,
         distance=search.distance,
         wanted=wanted,
