@@ -6,7 +6,7 @@ from excited import FRICTION, arm, arm_limits, arm_problem
 
 from consistent_id import DriveTerms, ProblemError, TorqueModel, base_parameters
 from consistent_id.excitation.aims import PathForm
-from consistent_id.excitation.basis import FourierBasis
+from consistent_id.excitation.basis import FourierBasis, null_space
 from consistent_id.excitation.criteria import criterion_of, scaled, spread
 from consistent_id.excitation.guards import Place, TorqueGuard, guard_rows
 from consistent_id.excitation.information import PathInformation
@@ -177,6 +177,18 @@ def test_paths_rest_exactly_and_are_their_fourier_trajectories(form):
     periodic = len(np.atleast_1d(form.base_frequencies or 1.0)) == 1
     if periodic:
         assert path.period == pytest.approx(form.duration)
+
+
+@pytest.mark.parametrize("rank", [1, 2, 4])
+def test_a_null_space_has_one_basis_however_its_rows_are_mixed(rank):
+    # The singular vectors of the two differ by any rotation, as between processors.
+    rng = np.random.default_rng(rank)
+    rows = rng.normal(size=(rank, 9))
+    mixed = rng.normal(size=(5, rank)) @ rows
+    basis = null_space(rows)
+    assert np.allclose(rows @ basis, 0.0, atol=1e-12)
+    assert np.allclose(basis.T @ basis, np.eye(9 - rank), atol=1e-12)
+    assert np.allclose(null_space(mixed), basis, atol=1e-9)
 
 
 def test_too_few_frequencies_for_rest_are_refused():
