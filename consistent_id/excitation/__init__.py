@@ -1,1 +1,1 @@
-"""Exciting trajectories: motions from which parameters can be told, within limits."""
+"""Exciting trajectories: motions within limits that identify the parameters."""

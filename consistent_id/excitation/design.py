@@ -61,7 +61,7 @@ def design_trajectory(
         With which torque is predicted; the worst of them keeps its limits.  By default
         the nominal robot without friction.
     scene : Scene, optional
-        Bodies that must stay apart; without it collisions are not looked at.
+        Bodies that must stay apart; without it collisions are not checked.
     starts : int
         Searches from random paths.
     time_limit : float, [s]

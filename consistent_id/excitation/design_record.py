@@ -129,9 +129,9 @@ def _clearances(design: ExcitationDesign, proofs: Mapping[str, Proof]) -> list[T
         if report is not None
     )
     notes = (
-        f"{len(scene.pairs)} pairs of bodies watched; proven for all times",
+        f"{len(scene.pairs)} pairs of bodies checked; proven for all times",
         *(str(note) for note in scene.notes),
-        *(f"link {name} of the file is not looked at" for name in scene.dropped),
+        *(f"link {name} of the file is not checked" for name in scene.dropped),
     )
     header = (
         "motion",

@@ -1,4 +1,4 @@
-"""What would be designed, as tables: to look at before a search is begun."""
+"""A design request as tables, before a search is begun."""
 
 from consistent_id._support.tables import Table
 from consistent_id.excitation.request import DesignRequest
@@ -29,7 +29,7 @@ def request_tables(
     ]
     plan = Table(
         f"Exciting trajectory of {model.robot.name}: what would be designed",
-        ("", "asked for"),
+        ("", "requested"),
         tuple(rows),
         required.notes,
     )
@@ -68,7 +68,7 @@ def _scene(required: Demands) -> list[Table]:
     )
     notes = (
         *(str(note) for note in scene.notes),
-        *(f"link {name} of the file is not looked at" for name in scene.dropped),
+        *(f"link {name} of the file is not checked" for name in scene.dropped),
     )
     return [Table("Bodies kept apart", ("one", "other", "by [mm]"), rows, notes)]
 

@@ -15,7 +15,7 @@ from consistent_id.excitation.search_problem import SearchProblem
 _SHARPENING = ((2.0, 40), (8.0, 120), (20.0, 80))  # power, iterations
 _BOUND_POWER = 20.0  # of the smooth condition number, never below the true one
 _ROUNDING = 1e-7  # by which a row may be missed
-_AIM = 0.01  # by which the programme is asked to do better than a row demands
+_AIM = 0.01  # by which the programme is made to do better than a row demands
 _ROUNDS = 8  # of adding rows where a guard was violated
 
 Report = Callable[[float, Matrix], None]

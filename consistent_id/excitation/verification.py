@@ -37,11 +37,11 @@ class Demands:
     model : TorqueModel
         That predicts torque.
     parameters : ndarray, shape (members, parameters), optional
-        Of that model; without them torque is not looked at.
+        Of that model; without them torque is not checked.
     scene : Scene, optional
-        Bodies that must stay apart; without it collisions are not looked at.
+        Bodies that must stay apart; without it collisions are not checked.
     notes : tuple of str
-        On what is not looked at, and why.
+        On what is not checked, and why.
     """
 
     limits: MotionLimits
@@ -52,7 +52,7 @@ class Demands:
 
     @property
     def guards(self) -> tuple[Guard, ...]:
-        """What keeps a search from what is no linear limit."""
+        """The limits that are not linear in a search's variables."""
         guards: list[Guard] = []
         if self.parameters is not None:
             # a joint whose torque is not measured has a motor too
@@ -158,7 +158,7 @@ def demands(
     _require_same_robot(scene, model.robot)
     notes: tuple[str, ...] = ()
     if scene is None:
-        notes = ("collisions are not looked at: no scene",)
+        notes = ("collisions are not checked: no scene",)
     size = len(model.layout)
     if parameters is not None:
         members = np.atleast_2d(checked(parameters, np.shape(parameters), "parameters"))
@@ -172,7 +172,7 @@ def demands(
         return Demands(limits, model, None, scene, (*notes, "torque has no limit"))
     nominal = model.robot.nominal
     if nominal is None:
-        notes += ("torque is not looked at: some links have no nominal inertia",)
+        notes += ("torque is not checked: some links have no nominal inertia",)
         return Demands(limits, model, None, scene, notes)
     notes += ("torque limits are kept by the nominal robot without friction",)
     rigid = TorqueModel(model.robot)
@@ -185,7 +185,7 @@ def robot_limits(limits: MotionLimits, robot: RobotModel) -> MotionLimits:
     Raises
     ------
     ProblemError
-        If nothing is said of a joint, or these are no limits.
+        If limits of a joint are missing, or these are no limits.
     """
     if not isinstance(limits, MotionLimits):
         raise ProblemError(

@@ -71,7 +71,7 @@ def limits_of(limits: MotionLimits, joints: tuple[str, ...]) -> MotionLimits:
     for name in joints:
         if name not in limits.joints:
             near = did_you_mean(name, limits.joints)
-            raise ProblemError(f"limits: nothing is said of joint {name!r}; {near}")
+            raise ProblemError(f"limits of joint {name!r} are missing; {near}")
     at: IntArray = np.array([limits.joints.index(name) for name in joints])
     names = ("lower", "upper", "velocity", "acceleration", "jerk", "effort")
     chosen = {name: getattr(limits, name)[at] for name in names}

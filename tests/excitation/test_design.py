@@ -67,7 +67,7 @@ def test_a_design_is_proven_and_better_than_random():
     assert margins.holds and design.proof.holds
     design.proof.require()
     assert design.notes == (
-        "collisions are not looked at: no scene",
+        "collisions are not checked: no scene",
         "torque has no limit",
     )
 

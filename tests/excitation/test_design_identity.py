@@ -53,9 +53,9 @@ def test_limits_are_taken_by_name_in_any_order():
 def test_limits_that_leave_a_joint_out_are_refused():
     limits = arm_limits(arm(1))
     base = base_parameters(MODEL)
-    with pytest.raises(ProblemError, match="nothing is said of joint 'joint2'"):
+    with pytest.raises(ProblemError, match="limits of joint 'joint2' are missing"):
         demands(MODEL, limits)
-    with pytest.raises(ProblemError, match="nothing is said of joint 'joint2'"):
+    with pytest.raises(ProblemError, match="limits of joint 'joint2' are missing"):
         search_problem(MODEL, base, PathForm(5.0, 3), Aim(), limits, ())
     with pytest.raises(ProblemError, match="expected MotionLimits"):
         demands(MODEL, {"joint1": 1.0})

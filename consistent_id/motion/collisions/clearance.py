@@ -92,7 +92,7 @@ class ClearanceReport:
             raise InfeasibleError(
                 f"{where} are {self.distance * 1e3:.2f} mm apart, and {wanted}, but no "
                 f"more than {self.proven * 1e3:.2f} mm could be proven for all time; "
-                "leave more room, or move more slowly there"
+                "leave more clearance, or move more slowly there"
             )
         seen = (
             f"are {self.distance * 1e3:.2f} mm apart"
@@ -117,7 +117,7 @@ def prove_clearance(
         All that will be played: the way from the start pose, the trajectory, and the
         way back.  Joints are matched by name.
     tolerance : float, [m]
-        How far what is proven may be below what was seen; where there is little room,
+        How far what is proven may be below what was seen; where bodies are near,
         it is less, down to 0.01 mm.
 
     Raises
@@ -205,7 +205,7 @@ class _Search:
     def floor(self, tolerance: float) -> float:
         """Slack that has to be proven for now."""
         allowed = tolerance
-        if self.best > 0.0:  # half the room, so that what is kept can be proven
+        if self.best > 0.0:  # half the clearance, so that what is kept can be proven
             allowed = min(tolerance, max(self.best / 2.0, _FINEST))
         return self.best - allowed
 
@@ -268,10 +268,10 @@ def _level(
         at = sample[on]
         change[on] = largest_change(places, scene.pairs[k], at, steps[at])
     wanted = np.array([pair.wanted for pair in scene.pairs])[which]
-    ask = ~(apart - change - wanted >= search.floor(tolerance))
-    found = separation(scene, places, scene.pairs, sample[ask], which[ask])
+    near = ~(apart - change - wanted >= search.floor(tolerance))
+    found = separation(scene, places, scene.pairs, sample[near], which[near])
     search.saw(
-        found.distance - wanted[ask], found.distance, which[ask], time[sample[ask]]
+        found.distance - wanted[near], found.distance, which[near], time[sample[near]]
     )
-    apart[ask] = np.maximum(apart[ask], found.distance)
+    apart[near] = np.maximum(apart[near], found.distance)
     return np.asarray(apart - change - wanted - _ROUNDING)
