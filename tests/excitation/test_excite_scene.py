@@ -239,6 +239,20 @@ def test_all_that_is_played_is_proven_and_lasts_as_designed(tmp_path):
         assert (abs(motion[1]) <= limits.velocity + 1e-9).all()
 
 
+def test_the_proof_of_one_period_is_that_of_all(tmp_path):
+    twice = _problem(tmp_path, ARM, bodies=WALL, excitation="rest = false\nperiods = 2")
+    excited = playable_design(twice, starts=1, workers=1, time_limit=60.0)
+    move, whole = excited.moves["trajectory"], excited.proofs["trajectory"]
+    assert move.trajectory.duration == pytest.approx(12.0)
+    direct = excited.design.demands.proof(move.pieces)
+    for mine, theirs in zip(whole.margins.margins, direct.margins.margins, strict=True):
+        assert (mine.joint, mine.quantity) == (theirs.joint, theirs.quantity)
+        # Both enclose the same extreme, to a millionth of the range.
+        assert mine.bound == pytest.approx(theirs.bound, rel=1e-5)
+    # Both prove a clearance that is a millimetre below the true one at most.
+    assert whole.clearance.margin == pytest.approx(direct.clearance.margin, abs=1e-3)
+
+
 @pytest.mark.parametrize(
     ("excitation", "says"),
     [
