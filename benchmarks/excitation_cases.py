@@ -14,8 +14,7 @@ import consistent_id as ci
 from consistent_id import signals
 from consistent_id.excitation.accuracy import predicted_accuracy
 from consistent_id.excitation.aims import Aim, PathForm
-from consistent_id.excitation.search import Searcher
-from consistent_id.excitation.search_task import SearchTask, search_task
+from consistent_id.excitation.search_problem import SearchProblem, search_problem
 from consistent_id.motion.limits import MotionLimits, motion_limits
 from consistent_id.motion.proofs.margins import motion_margins
 from consistent_id.problems.problem import Problem
@@ -181,16 +180,16 @@ def exceeded(case: Case, path: FourierTrajectory) -> list[str]:
 
 def random_path(case: Case, seed: int, share: float = 1.0) -> FourierTrajectory:
     """Return a random path that uses a share of every joint's limits."""
-    searcher = Searcher(task_of(case))
-    variables = searcher.random(seed)
-    largest = searcher.limits.largest(variables)
-    return searcher.task.basis.trajectory(variables * share / largest)
+    problem = problem_of(case)
+    variables = problem.random(seed)
+    largest = problem.limits.largest(variables)
+    return problem.basis.trajectory(variables * share / largest)
 
 
-def task_of(case: Case) -> SearchTask:
+def problem_of(case: Case) -> SearchProblem:
     """Return a case's search, without limits of torque."""
     base = ci.base_parameters(case.model)
-    return search_task(case.model, base, case.form, Aim(rate=RATE), case.limits, ())
+    return search_problem(case.model, base, case.form, Aim(rate=RATE), case.limits, ())
 
 
 def writing_tasks(duration: float) -> dict[str, FourierTrajectory]:

@@ -11,13 +11,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from excitation_cases import Case, task_of
+from excitation_cases import Case, problem_of
 from excitation_designs import PROCESSES
 from joblib import Parallel, delayed
 from scipy.optimize import differential_evolution, minimize
 
 from consistent_id._support.threads import single_threaded
-from consistent_id.excitation.search import Searcher, search
+from consistent_id.excitation.search import Candidate, search
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Judge:
     """Measures candidates, and keeps the trace of the best."""
 
     def __init__(self, case: Case, seconds: float) -> None:
-        self.searcher = Searcher(task_of(case))
+        self.problem = problem_of(case)
         self.began = clock.monotonic()
         self.until = self.began + seconds
         self.trace: list[tuple[float, float]] = []
@@ -61,15 +61,15 @@ class Judge:
         """Return the logarithm of the condition number within the limits."""
         if clock.monotonic() > self.until:
             raise TimeIsUp
-        variables = self.searcher.limits.within(x.reshape(self.searcher.shape))
-        score = self.searcher.score("condition", variables)
+        variables = self.problem.limits.within(x.reshape(self.problem.shape))
+        score = self.problem.score("condition", variables)
         self.note(score)
         return score
 
     def plain(self, x: np.ndarray) -> float:
         """Return it as it is, for methods that have limits as rows of their own."""
         self(x)
-        return self.searcher.score("condition", x.reshape(self.searcher.shape))
+        return self.problem.score("condition", x.reshape(self.problem.shape))
 
     def note(self, score: float) -> None:
         """Keep a score if it is the best so far."""
@@ -81,15 +81,15 @@ class Judge:
 def random_search(judge: Judge, seed: int) -> None:
     """Draw paths that use all of the limits."""
     while True:
-        variables = judge.searcher.random(seed)
-        variables /= judge.searcher.limits.largest(variables)
+        variables = judge.problem.random(seed)
+        variables /= judge.problem.limits.largest(variables)
         judge(variables)
         seed += PROCESSES
 
 
 def evolution(judge: Judge, seed: int) -> None:
     """SciPy's differential evolution, its box as large as limits leave room for."""
-    size = int(np.prod(judge.searcher.shape))
+    size = int(np.prod(judge.problem.shape))
     differential_evolution(
         judge,
         [(-1.5, 1.5)] * size,
@@ -103,24 +103,27 @@ def evolution(judge: Judge, seed: int) -> None:
 
 def slsqp(judge: Judge, seed: int) -> None:
     """SciPy's SLSQP with finite differences, limits as rows, from random paths."""
-    A = judge.searcher.limits.matrix.toarray()
+    A = judge.problem.limits.matrix.toarray()
     rows = {
         "type": "ineq",
         "fun": lambda x: np.append(1.0 - A @ x, 1.0 + A @ x),
         "jac": lambda _: np.vstack([-A, A]),
     }
     while True:
-        start = judge.searcher.random(seed).ravel()
+        start = judge.problem.random(seed).ravel()
         minimize(judge.plain, start, method="SLSQP", constraints=rows)
         seed += PROCESSES
 
 
 def ours(judge: Judge, seed: int) -> None:
     """Run the package's own search from one random path after another."""
-    judge.searcher.ended = lambda: clock.monotonic() > judge.until
-    judge.searcher.report = lambda score, _: judge.note(score)
     while clock.monotonic() < judge.until:
-        search(judge.searcher, "condition", seed)
+        search(
+            judge.problem,
+            Candidate(seed),
+            ended=lambda: clock.monotonic() > judge.until,
+            report=lambda score, _: judge.note(score),
+        )
         seed += PROCESSES
 
 
@@ -192,5 +195,5 @@ def single_starts(case: Case, seeds: int) -> tuple[list[float], list[float]]:
 @single_threaded
 def _single(case: Case, seed: int) -> tuple[float, float]:
     began = clock.process_time()
-    found = search(Searcher(task_of(case)), "condition", seed)
+    found = search(problem_of(case), Candidate(seed))
     return float(np.exp(found.score)), clock.process_time() - began

@@ -5,11 +5,10 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
-from excitation_cases import EXAMPLES, FINGERS, Case, example, task_of
+from excitation_cases import EXAMPLES, FINGERS, Case, example, problem_of
 
 import consistent_id as ci
 from consistent_id.excitation.aims import PathForm
-from consistent_id.excitation.search import Searcher
 from consistent_id.motion.limits import motion_limits
 
 POWER = 8.0
@@ -42,15 +41,17 @@ def _panda(joints: int) -> Case:
 
 
 def _row(case: Case, samples: int, repetitions: int) -> str:
-    searcher = Searcher(replace(task_of(case), samples=samples))
-    criterion = searcher.criterion("condition", POWER)
-    points = [searcher.random(seed) for seed in range(repetitions)]
+    problem = problem_of(case)
+    information = replace(problem.information, samples=samples)
+    problem = replace(problem, information=information)
+    criterion = problem.criterion("condition", POWER)
+    points = [problem.random(seed) for seed in range(repetitions)]
     size = points[0].size
-    both = _fastest(lambda x: searcher.value(criterion, x), points)
-    alone = _fastest(lambda x: criterion(searcher.information(x).matrix), points)
+    both = _fastest(lambda x: problem.value(criterion, x), points)
+    alone = _fastest(lambda x: criterion(problem.information(x).matrix), points)
     by_difference = (size + 1) * alone
     return (
-        f"| {len(case.model.robot)} | {len(searcher.task.base)} | {size} | {samples} "
+        f"| {len(case.model.robot)} | {len(information.base)} | {size} | {samples} "
         f"| {1e3 * both:.2f} | {1e3 * alone:.2f} | {1e3 * by_difference:.0f} "
         f"| {by_difference / both:.0f} |"
     )

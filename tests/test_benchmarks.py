@@ -123,9 +123,9 @@ def test_rivals_are_measured_within_the_limits():
     rivals = _benchmark("excitation").rivals
     case = _benchmark("excitation").cases.rx60()
     judge = rivals.Judge(case, 60.0)
-    path = 5.0 * judge.searcher.random(0)
-    inside = judge.searcher.limits.within(path)
-    expected = judge.searcher.score("condition", inside)
+    path = 5.0 * judge.problem.random(0)
+    inside = judge.problem.limits.within(path)
+    expected = judge.problem.score("condition", inside)
     assert judge(path.ravel()) == pytest.approx(expected)
     assert judge.trace[-1][1] == pytest.approx(np.exp(expected))
     with pytest.raises(rivals.TimeIsUp):

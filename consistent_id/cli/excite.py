@@ -43,7 +43,7 @@ def add_excite(commands: Any) -> None:
     command.add_argument(
         "--sequential",
         action="store_true",
-        help="count what the problem's training recordings tell already",
+        help="count the information of the problem's training recordings",
     )
     command.add_argument(
         "--format",
@@ -66,20 +66,21 @@ def run_excite(options: argparse.Namespace) -> int:
 
 
 def _excite(options: argparse.Namespace) -> Answer:
-    from consistent_id.excitation import excite as tool
+    from consistent_id.excitation import output
+    from consistent_id.excitation.playable import TRAINING, playable_design
     from consistent_id.excitation.replay import require_viewer
     from consistent_id.problems.problem import load_problem
 
     problem = load_problem(options.problem)
     folder = options.output or Path("results") / problem.name
     if options.replay:
-        require_viewer(folder / tool.REPLAY)
+        require_viewer(folder / output.REPLAY)
     if options.dry_run:
-        plan = tool.planned_tables(problem)
+        plan = output.planned_tables(problem)
         text = "\n\n".join(table.text() for table in plan)
         return Answer(0, text, [asdict(table) for table in plan])
-    formats = tool.checked_formats(options.format)
-    excited = tool.excite(
+    formats = output.checked_formats(options.format)
+    playable = playable_design(
         problem,
         starts=options.starts,
         time_limit=options.time_limit,
@@ -88,9 +89,10 @@ def _excite(options: argparse.Namespace) -> Answer:
         sequential=options.sequential,
         progress=shows_progress(options),
     )
-    written = tool.write_excited(excited, folder, formats)
-    if options.replay and excited.played is not None:
-        written.append(tool.replay_excited(problem, excited, folder))
-    text = "\n\n".join(table.text() for table in tool.excited_tables(excited))
+    written = output.write_design(playable, folder, formats)
+    if options.replay and TRAINING in playable.moves:
+        written.append(output.replay_design(problem, playable, folder))
+    text = "\n\n".join(table.text() for table in output.playable_tables(playable))
     text += "\n\nwritten: " + ", ".join(str(path) for path in written)
-    return Answer(1 if excited.refusals else 0, text, tool.excited_record(excited))
+    record = output.playable_record(playable)
+    return Answer(1 if playable.refusals else 0, text, record)

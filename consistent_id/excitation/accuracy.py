@@ -1,4 +1,4 @@
-"""How accurately a motion will tell the base parameters, before anyone moves.
+"""Predicted standard errors of the base parameters along a motion.
 
 With noise of standard deviation ``sigma_j`` on each torque, independent from sample to
 sample, least squares has the covariance ``(sum_j W_j^T W_j / sigma_j^2 + M)^-1``, where
@@ -26,14 +26,14 @@ from consistent_id.regression.regression import require_same_model, triangle
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.parameters import did_you_mean
 
-_PART = 0.2  # of the largest part of a combination; less is not told
+_PART = 0.2  # of the largest part of a combination; less is not listed
 _MOST = 1e9  # repetitions; more would not be played
 _LEAST = 1e-9  # repetitions; what is less is none
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PredictedAccuracy:
-    """What recording a path will tell.
+    """How accurately recording a path will identify the base parameters.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ class PredictedAccuracy:
         size = abs(np.diag(R))
         if len(R) < len(self.base) or size.min() <= 1e-13 * size.max():
             raise NotExcitedError(
-                "the path does not tell all base parameters apart; they have no "
+                "the path does not identify all base parameters; they have no "
                 "standard errors"
             )
         inverse = np.linalg.solve(R, np.eye(len(R)))
@@ -83,7 +83,7 @@ class PredictedAccuracy:
     def repetitions_for(self, wanted: Mapping[str, float]) -> float:
         """Return how often to play the path until standard errors are small enough.
 
-        Zero, if earlier recordings tell enough by themselves.
+        Zero, if earlier recordings are enough by themselves.
 
         Parameters
         ----------
@@ -102,12 +102,12 @@ class PredictedAccuracy:
         if not (target > 0.0).all():
             raise ProblemError(f"wanted errors are {target}, expected positive ones")
 
-        self.standard_errors()  # refuses a path that tells too little, however often
+        self.standard_errors()  # refuses a path that is never enough
 
         def enough(repetitions: float) -> bool:
             try:
                 errors = self.standard_errors(repetitions)
-            except NotExcitedError:  # too few of them to tell in double precision
+            except NotExcitedError:  # too few of them for double precision
                 return False
             return bool((errors[places] <= target).all())
 
@@ -128,7 +128,7 @@ class PredictedAccuracy:
 
     @property
     def weakest(self) -> str:
-        """The combination of base parameters that one repetition tells least of.
+        """The combination of base parameters that one repetition identifies worst.
 
         Of unit length where each parameter is measured in the inverse of its column's
         norm; its largest parts.
@@ -163,7 +163,7 @@ class PredictedAccuracy:
             ),
             (
                 f"condition number {self.condition}",
-                f"told least of: {self.weakest} (in units of the columns' norms)",
+                f"identified worst: {self.weakest} (in units of the columns' norms)",
                 "noise is taken to be independent from sample to sample",
             ),
         )
@@ -173,7 +173,7 @@ class PredictedAccuracy:
 def predicted_accuracy(
     model: TorqueModel, base: BaseParameters, path: JointPath, aim: Aim | None = None
 ) -> PredictedAccuracy:
-    """Predict how accurately a path, once recorded, will tell the base parameters.
+    """Predict how accurately recording a path will identify the base parameters.
 
     Parameters
     ----------
@@ -211,7 +211,7 @@ def predicted_accuracy(
 
 
 def earlier_rows(model: TorqueModel, base: BaseParameters, aim: Aim) -> Matrix:
-    """Return ``E``, shape (rows, base): ``E^T E`` is what earlier recordings tell.
+    """Return ``E``, shape (rows, base): ``E^T E`` is the information of earlier ones.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What is asked of a design: the form of paths, and what they are to be good for."""
+"""The form of the paths to choose from, and the objective of a design."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -82,7 +82,7 @@ class PathForm:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Aim:
-    """What a path is to be good for.
+    """The objective of a design, and what it needs to know of the recording.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ class Aim:
     rate : float, [Hz]
         At which the path will be recorded.
     earlier : Regression or sequence of Regression
-        Recordings there are already; what they tell counts.
+        Recordings there are already, whose information is added.
     task : Recording, optional
         Motion whose torque is to be predicted.
     """

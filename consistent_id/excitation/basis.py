@@ -14,6 +14,9 @@ from consistent_id.errors import ProblemError
 from consistent_id.motion.limits import MotionLimits
 from consistent_id.recordings.trajectory import FourierTrajectory
 
+_RANK = 1e-9  # share of the largest singular value below which one is zero
+_DEPENDENT = 1e-6  # length below which a column adds nothing to those before it
+
 
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class FourierBasis:
@@ -55,11 +58,8 @@ class FourierBasis:
         free = np.eye(terms)
         if self.rest:
             ends = np.array([0.0, self.duration])
-            held = np.vstack([self._coefficients(order, ends) for order in (1, 2)])
-            size = np.linalg.norm(held, axis=1, keepdims=True)
-            _, s, Vt = np.linalg.svd(held / np.where(size > 0.0, size, 1.0))
-            rank = int((s > 1e-9 * s[0]).sum())
-            free = Vt[rank:].T
+            at_ends = np.vstack([self._coefficients(order, ends) for order in (1, 2)])
+            free = null_space(at_ends)
         if not free.size:
             raise ProblemError(
                 f"{len(frequencies)} frequencies leave no motion that rests at both "
@@ -141,3 +141,23 @@ class FourierBasis:
             typical = np.sqrt((self.columns(order, time) ** 2).sum(axis=1).max())
             reach = np.minimum(reach, self.limits.derivative(order) / typical)
         return reach
+
+
+def null_space(rows: Matrix) -> Matrix:
+    """Return an orthonormal basis of what rows map to zero, as columns.
+
+    The right singular vectors of a null space are not unique: they differ between
+    processors and versions of LAPACK, and random paths would with them.  The projector
+    onto it is unique, and so are its columns made orthonormal one after another.
+    """
+    size = np.linalg.norm(rows, axis=1, keepdims=True)
+    _, s, Vt = np.linalg.svd(rows / np.where(size > 0.0, size, 1.0))
+    seen = Vt[: int((s > _RANK * s[0]).sum())]
+    basis = np.zeros((rows.shape[1], 0))
+    for column in (np.eye(len(basis)) - seen.T @ seen).T:
+        left = column - basis @ (basis.T @ column)
+        length = np.linalg.norm(left)
+        if length > _DEPENDENT:
+            left -= basis @ (basis.T @ left)  # twice is enough for rounding
+            basis = np.column_stack([basis, left / np.linalg.norm(left)])
+    return basis

@@ -87,7 +87,7 @@ class Observer(ca.Callback):
         return int(ca.nlpsol_n_out())
 
     def get_n_out(self) -> int:
-        """Count what the solver is told."""
+        """Count what is returned to the solver."""
         return 1
 
     def get_sparsity_in(self, place: int) -> Any:
@@ -180,7 +180,7 @@ def _updated(matrix: Array | None, step: Vector, change: Vector) -> Array:
 
 
 class Memory:
-    """The last point asked for: value and derivative come in calls of their own."""
+    """The last point: its value and its derivative are requested in separate calls."""
 
     def __init__(self, function: PythonFunction, size: int) -> None:
         self.size = size

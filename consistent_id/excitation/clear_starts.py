@@ -1,4 +1,4 @@
-"""Random paths that offend no guard: a search that begins in a wall rarely gets out."""
+"""Random paths that violate no guard: a search from within a wall rarely succeeds."""
 
 from collections.abc import Sequence
 
@@ -9,10 +9,19 @@ from consistent_id.excitation.basis import FourierBasis
 from consistent_id.excitation.guards import Guard
 from consistent_id.excitation.limit_rows import LimitRows
 
-_POSES = 64  # at which the guards look, if the path offends one
+_POSES = 64  # at which guards measure, if the path violates one
 _KEPT = 6  # poses about which swings are tried
 _RANGE = 0.8  # share of the joints' ranges in which these poses are
-_SHARES = (1.0, 0.7, 0.5, 0.35, 0.25, 0.15, 0.1, 0.05)  # of the swing, tried in order
+_SWINGS = (
+    1.0,
+    0.7,
+    0.5,
+    0.35,
+    0.25,
+    0.15,
+    0.1,
+    0.05,
+)  # shares of the swing, tried in order
 
 
 def clear_start(
@@ -23,7 +32,7 @@ def clear_start(
     time: Vector,
     rng: np.random.Generator,
 ) -> Matrix:
-    """Return a path that offends no guard: as given, or smaller, about another pose.
+    """Return a path that violates no guard: as given, or smaller, about another pose.
 
     If there is none among some random poses, the path is returned as it was given.
 
@@ -34,7 +43,7 @@ def clear_start(
     limits : LimitRows
     guards : sequence of Guard
     time : ndarray, shape (samples,), [s]
-        When the guards look.
+        When the guards measure.
     rng : Generator
     """
 
@@ -47,7 +56,7 @@ def clear_start(
     offsets = rng.uniform(-_RANGE, _RANGE, (_POSES, path.shape[1]))
     worst = _at_rest(offsets, basis, guards)
     kept = [k for k in np.argsort(worst, kind="stable")[:_KEPT] if worst[k] <= 0.0]
-    for share in _SHARES:
+    for share in _SWINGS:
         for k in kept:
             candidate = np.vstack([offsets[k], share * path[1:]])
             if limits.largest(candidate).max() <= 1.0 and clear(candidate):

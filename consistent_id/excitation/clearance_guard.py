@@ -72,12 +72,12 @@ class ClearanceGuard:
         value = (self.spare - (found.distance - wanted)) / _CLOSE
         return _Near(value, places, found)
 
-    def told(self, item: int) -> str:
+    def item_name(self, item: int) -> str:
         """Name the two bodies."""
         first, second = self.scene.names(self.scene.pairs[item])
         return f"the distance of {first!r} and {second!r}"
 
-    def standing(self, times: int) -> "set[Place]":
+    def initial_places(self, times: int) -> "set[Place]":
         """Return a row for each time: bodies deep in one another show no way out."""
         return {Place(time, EVERY) for time in range(times)}
 

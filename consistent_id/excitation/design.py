@@ -1,13 +1,12 @@
-"""Design of exciting trajectories: from a robot and its limits to a path worth playing.
+"""Design of exciting trajectories: from a robot and its limits to a proven path.
 
 First many searches for the least condition number, then from the best of them for the
-least standard errors under a bound on it; no path leaves without the proof that it
-keeps its limits at all times.
+least standard errors under a bound on it.  Every path that is returned is proven to
+keep its limits at all times.
 """
 
 import os
 import time as clock
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,11 +16,10 @@ from consistent_id._support.threads import single_threaded
 from consistent_id.errors import ProblemError
 from consistent_id.excitation.accuracy import PredictedAccuracy, predicted_accuracy
 from consistent_id.excitation.aims import Aim, PathForm
-from consistent_id.excitation.designed import ExcitationDesign
-from consistent_id.excitation.search import Searcher
-from consistent_id.excitation.search_task import SearchTask, search_task
+from consistent_id.excitation.designed import ExcitationDesign, Stage
+from consistent_id.excitation.search_problem import SearchProblem, search_problem
+from consistent_id.excitation.stages import design_stages
 from consistent_id.excitation.verification import demands
-from consistent_id.excitation.workshop import Settled, Workshop
 from consistent_id.motion.collisions.scene import Scene
 from consistent_id.motion.limits import MotionLimits, motion_limits
 from consistent_id.regression.base import base_parameters
@@ -60,10 +58,10 @@ def design_trajectory(
     limits : MotionLimits, optional
         By default the robot file's.
     parameters : array_like, shape (parameters,) or (members, parameters), optional
-        With which torque is predicted and held to its limits, for the worst of them; by
-        default the nominal robot without friction.
+        With which torque is predicted; the worst of them keeps its limits.  By default
+        the nominal robot without friction.
     scene : Scene, optional
-        Bodies that must stay apart; without it collisions are not looked at.
+        Bodies that must stay apart; without it collisions are not checked.
     starts : int
         Searches from random paths.
     time_limit : float, [s]
@@ -80,7 +78,7 @@ def design_trajectory(
     ProblemError
         If limits contradict each other, or the path is too short for them.
     NotExcitedError
-        If no motion within the limits tells all base parameters apart.
+        If no motion within the limits identifies all base parameters.
     InfeasibleError
         If no path was found that keeps the limits; it names the one in the way.
     """
@@ -89,41 +87,48 @@ def design_trajectory(
     form, aim = form or PathForm(), aim or Aim()
     limits = motion_limits(model.robot) if limits is None else limits
     workers = _require_sensible(starts, time_limit, seed, workers)
-    asked = demands(model, limits, parameters, scene)
-    _require_long_enough(form, aim, asked.limits)
+    required = demands(model, limits, parameters, scene)
+    _require_long_enough(form, aim, required.limits)
     base = base_parameters(model)
-    task = search_task(model, base, form, aim, asked.limits, asked.guards)
-    task = replace(task, seed=seed)
+    guards = required.guards
+    problem = search_problem(model, base, form, aim, required.limits, guards, seed=seed)
     with noted_interrupts() as interrupted:
-        workshop = Workshop(task, asked, aim, workers, time_limit, progress)
-        settled = workshop.stages(starts, interrupted)
-        unoptimised = _unoptimised(task, aim, starts)
+        stages = design_stages(
+            problem,
+            required,
+            aim,
+            starts=starts,
+            workers=workers,
+            time_limit=time_limit,
+            interrupted=interrupted,
+            progress=progress,
+        )
+        unoptimised = _unoptimised(problem, aim, starts)
     return ExcitationDesign(
         model=model,
         base=base,
-        demands=asked,
+        demands=required,
         form=form,
         aim=aim,
-        stages=tuple(one.stage for one in settled),
+        stages=stages,
         unoptimised=unoptimised,
         seed=seed,
-        starts=settled[0].starts,
         seconds=clock.monotonic() - began,
-        notes=asked.notes + _notes(aim, settled),
+        notes=required.notes + _notes(aim, stages),
     )
 
 
-def _notes(aim: Aim, settled: list[Settled]) -> tuple[str, ...]:
+def _notes(aim: Aim, stages: tuple[Stage, ...]) -> tuple[str, ...]:
     """Return what a user should know of how the design was found."""
     notes: tuple[str, ...] = ()
-    if aim.refine not in (None, aim.objective) and len(settled) == 1:
+    if aim.refine not in (None, aim.objective) and len(stages) == 1:
         notes += (f"no path better by {aim.refine} was found within the limits",)
     if aim.scaling == "unit columns" and aim.refine is None:
         notes += (
             "with unit columns a condition number alone may leave a joint almost "
             "still; refine with D, A or E",
         )
-    if any(one.cut_short for one in settled):
+    if any(stage.cut_short for stage in stages):
         notes += ("time or the user ended the search; another run may differ",)
     return notes
 
@@ -167,12 +172,15 @@ def _require_long_enough(form: PathForm, aim: Aim, limits: MotionLimits) -> None
         )
 
 
-def _unoptimised(task: SearchTask, aim: Aim, starts: int) -> PredictedAccuracy:
-    searcher = Searcher(task)
-    numbers = range(min(starts, _COMPARED))
-    paths = [task.basis.trajectory(searcher.random(number)) for number in numbers]
-    told = [predicted_accuracy(task.model, task.base, path, aim) for path in paths]
-    return min(told, key=lambda accuracy: accuracy.condition.value)
+def _unoptimised(problem: SearchProblem, aim: Aim, starts: int) -> PredictedAccuracy:
+    """Return the accuracy of the best conditioned of the random paths."""
+    model, base = problem.information.model, problem.information.base
+    paths = [
+        problem.basis.trajectory(problem.random(number))
+        for number in range(min(starts, _COMPARED))
+    ]
+    found = [predicted_accuracy(model, base, path, aim) for path in paths]
+    return min(found, key=lambda accuracy: accuracy.condition.value)
 
 
 def _processors() -> int:

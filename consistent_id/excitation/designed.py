@@ -1,10 +1,11 @@
-"""What a design has come to: stages, each proven, and all that is known of them."""
+"""The result of a design: its stages, each proven, and their predicted accuracy."""
 
 from dataclasses import dataclass
 
 from consistent_id._support.tables import Table
 from consistent_id.excitation.accuracy import PredictedAccuracy
 from consistent_id.excitation.aims import Aim, PathForm
+from consistent_id.excitation.search import Candidate
 from consistent_id.excitation.verification import Demands, Proof
 from consistent_id.motion.limits import MotionLimits
 from consistent_id.recordings.trajectory import FourierTrajectory
@@ -25,8 +26,12 @@ class Stage:
     accuracy : PredictedAccuracy
         At all samples that will be recorded.
     proof : Proof
-    number : int
-        Of the search that found it, from 0.
+    candidates : tuple of Candidate
+        The searches' results: first the trajectory's own, then the others, best first.
+    searches : int
+        That were run from the stage's starts.
+    cut_short : bool
+        Whether time or the user ended a search.
     """
 
     objective: str
@@ -34,12 +39,19 @@ class Stage:
     value: float
     accuracy: PredictedAccuracy
     proof: Proof
-    number: int
+    candidates: tuple[Candidate, ...]
+    searches: int
+    cut_short: bool
+
+    @property
+    def number(self) -> int:
+        """Of the search that found it, from 0."""
+        return self.candidates[0].number
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExcitationDesign:
-    """A trajectory worth playing, and all that is known of it.
+    """An exciting trajectory, with its proof and its predicted accuracy.
 
     Parameters
     ----------
@@ -52,7 +64,7 @@ class ExcitationDesign:
         The last one's trajectory is the design's.
     unoptimised : PredictedAccuracy
         Of the best of the random paths that the searches began with.
-    seed, starts : int
+    seed : int
     seconds : float
     notes : tuple of str
     """
@@ -65,7 +77,6 @@ class ExcitationDesign:
     stages: tuple[Stage, ...]
     unoptimised: PredictedAccuracy
     seed: int
-    starts: int
     seconds: float
     notes: tuple[str, ...]
 
@@ -87,13 +98,18 @@ class ExcitationDesign:
         return self.demands.limits
 
     @property
+    def starts(self) -> int:
+        """Random paths that were searched from."""
+        return self.stages[0].searches
+
+    @property
     def trajectory(self) -> FourierTrajectory:
         """The path to play."""
         return self.stages[-1].trajectory
 
     @property
     def accuracy(self) -> PredictedAccuracy:
-        """What recording it will tell."""
+        """How accurately recording it will identify the base parameters."""
         return self.stages[-1].accuracy
 
     @property

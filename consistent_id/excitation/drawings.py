@@ -158,7 +158,7 @@ def drawn_bodies(server: Any, scene: Scene, shown: Callable[[Body], bool]) -> Sh
     server : viser.ViserServer
     scene : Scene
     shown : callable
-        Tells which bodies of the robot are to be seen; a viewer can show the others.
+        Returns whether a body of the robot is visible at first.
     """
     robot, moving = scene.robot, []
     for number, body in enumerate(scene.bodies):

@@ -30,7 +30,7 @@ def design_figure(design: ExcitationDesign, before: Vector | None = None) -> Any
     motion = path.evaluate(time)
     figure = Figure(figsize=(13.0, 1.5 * len(joints) + 1.5), layout="constrained")
     title = f"{design.model.robot.name}: condition number {design.condition}"
-    figure.suptitle("\n".join([title, *_room(design)]))
+    figure.suptitle("\n".join([title, *_clearance(design)]))
     sides: Any = figure.subfigures(1, 2, width_ratios=(2.0, 1.0))
     left, right = sides
     axes = left.subplots(len(joints), 3, sharex=True, squeeze=False)
@@ -50,12 +50,12 @@ def design_figure(design: ExcitationDesign, before: Vector | None = None) -> Any
     return figure
 
 
-def _room(design: ExcitationDesign) -> list[str]:
+def _clearance(design: ExcitationDesign) -> list[str]:
     report = design.proof.clearance
     if report is None or not report.first:
         return []
     return [
-        f"least room: {report.first} and {report.second} at {report.time:.2f} s, "
+        f"least clearance: {report.first} and {report.second} at {report.time:.2f} s, "
         f"{report.proven * 1e3:.1f} mm proven for all times"
     ]
 

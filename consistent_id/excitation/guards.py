@@ -43,10 +43,10 @@ class Guard(Protocol):
     def rows(self, motion: Array, items: IntArray) -> "ItemRows":
         """Return one item per sample, with its derivatives."""
 
-    def told(self, item: int) -> str:
+    def item_name(self, item: int) -> str:
         """Name an item for people."""
 
-    def standing(self, times: int) -> "set[Place]":
+    def initial_places(self, times: int) -> "set[Place]":
         """Return the places of rows that a search has from its start."""
 
     def tightened(self) -> Self:
@@ -93,11 +93,11 @@ class TorqueGuard:
         share = np.sign(torque) / self.effort[joint]
         return ItemRows(torque * share - self.reach, slopes * share[:, None, None])
 
-    def told(self, item: int) -> str:
+    def item_name(self, item: int) -> str:
         """Name the joint."""
         return f"torque of joint {self.model.torque_joints[item % len(self.effort)]!r}"
 
-    def standing(self, times: int) -> "set[Place]":
+    def initial_places(self, times: int) -> "set[Place]":
         """Return none: few torques come near their limits, and rows take time."""
         return set()
 

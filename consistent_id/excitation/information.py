@@ -1,58 +1,85 @@
 """The information that a path's variables stand for, with its pull-back.
 
-    M = (recorded / sampled) sum_rows  w w^T / noise^2  +  earlier
+    M = (recorded / samples) sum_rows  w w^T / noise^2  +  earlier
 
 over the rows ``w`` of the base regressor at the sampled times: what a recording of the
-path tells of the base parameters, and what is known of them already.
+path adds to what is known of the base parameters already.
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector
 from consistent_id.excitation.basis import FourierBasis
-from consistent_id.excitation.kernels import RegressorKernel
+from consistent_id.excitation.kernels import RegressorKernel, slow_speeds
+from consistent_id.regression.base import BaseParameters
+from consistent_id.regression.regressor import TorqueModel
 
 
-class Informed(NamedTuple):
+class Information(NamedTuple):
     """An information matrix, and how its gradient becomes that of the variables."""
 
     matrix: Matrix
     pull: Callable[[Matrix], Matrix]
 
 
+@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class PathInformation:
     """Maps the variables of a path to the information it gives.
 
     Parameters
     ----------
+    model : TorqueModel
+    base : BaseParameters
     basis : FourierBasis
-    kernel : RegressorKernel
-    time : ndarray, shape (samples,), [s]
-    noise : ndarray, shape (torque joints,), [N m or N]
+    samples : int
+        Of a path at which the regressor is taken.
     recorded : float
         Samples that will be recorded, for which the sampled ones stand.
+    noise : ndarray, shape (torque joints,), [N m or N]
     earlier : ndarray, shape (base parameters, base parameters)
+        Information there is already.
     """
 
-    def __init__(
-        self,
-        basis: FourierBasis,
-        kernel: RegressorKernel,
-        time: Vector,
-        *,
-        noise: Vector,
-        recorded: float,
-        earlier: Matrix,
-    ) -> None:
-        self._basis, self._kernel, self._earlier = basis, kernel, earlier
-        self._columns = np.array([basis.columns(order, time) for order in range(3)])
-        self._weights = recorded / len(time) / noise**2
+    model: TorqueModel
+    base: BaseParameters
+    basis: FourierBasis
+    samples: int
+    recorded: float
+    noise: Vector
+    earlier: Matrix
 
-    def __call__(self, variables: Matrix) -> Informed:
-        """Return the information of a path, and its pull-back."""
+    def __call__(self, variables: Matrix) -> Information:
+        """Return the information of a path; the last one is remembered."""
+        if self not in _EVALUATORS:
+            _EVALUATORS[self] = _Evaluator(self)
+        return _EVALUATORS[self](variables)
+
+
+class _Evaluator:
+    """The compiled regressor of a `PathInformation`, and the last information."""
+
+    def __init__(self, of: PathInformation) -> None:
+        basis, count = of.basis, of.samples
+        time = np.arange(count) * basis.duration / count
+        self._basis, self._earlier = basis, of.earlier
+        self._kernel = RegressorKernel(
+            of.model, of.base, count, slow_speeds(basis.limits)
+        )
+        self._columns = np.array([basis.columns(order, time) for order in range(3)])
+        self._weights = of.recorded / count / of.noise**2
+        self._last: tuple[Matrix, Information] | None = None
+
+    def __call__(self, variables: Matrix) -> Information:
+        if self._last is None or not np.array_equal(self._last[0], variables):
+            self._last = variables.copy(), self._evaluated(variables)
+        return self._last[1]
+
+    def _evaluated(self, variables: Matrix) -> Information:
         basis = self._basis
         motion = self._columns @ (variables[1:] * basis.unit)
         motion[0] += basis.offset(variables)
@@ -67,4 +94,8 @@ class PathInformation:
             parts = [basis.pull(i, self._columns[i], slopes[i]) for i in range(3)]
             return np.asarray(np.sum(parts, axis=0))
 
-        return Informed(M + self._earlier, pull)
+        return Information(M + self._earlier, pull)
+
+
+# CasADi functions on memory of their own, which go to no other process.
+_EVALUATORS: WeakKeyDictionary[PathInformation, _Evaluator] = WeakKeyDictionary()

@@ -1,7 +1,7 @@
 """One smooth programme: an objective with its gradient, under rows, by IPOPT.
 
 Objective and nonlinear rows are Python functions of the flattened variables that
-return values and first derivatives; curvature is learnt on the way.
+return values and first derivatives; curvature is approximated on the way.
 """
 
 from collections.abc import Callable

@@ -36,7 +36,7 @@ def write_replay(
 ) -> Path:
     """Write a page that replays a move; return the file.
 
-    Run-in, trajectory and run-out are told by a label and by the colour of the path of
+    Run-in, trajectory and run-out are shown by a label and by the colour of the path of
     the last link's origin.  The page holds viewer, robot and motion.
 
     Parameters
@@ -152,7 +152,7 @@ def _phase(move: Move, time: float) -> str:
 
 
 def _seen(by_shapes: bool) -> Callable[[Body], bool]:
-    """Tell which bodies of the robot to show: those that would not be seen without."""
+    """Return which bodies of the robot to show: those that shapes do not show."""
 
     def seen(body: Body) -> bool:
         frame = body.frame or ""

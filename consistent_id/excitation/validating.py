@@ -1,7 +1,7 @@
-"""A second motion, to judge by: different by construction from the one to learn from.
+"""A validation motion that has no frequency in common with the training motion.
 
-Its frequencies lie half-way between those of the design, so no sinusoid of one is in
-the other; the rest is chance, and the proof that all limits are kept.
+Its frequencies lie half-way between those of the design.  It is the best conditioned of
+some random paths, and proven to keep all limits.
 """
 
 from dataclasses import dataclass, replace
@@ -20,13 +20,13 @@ from consistent_id.excitation.verification import Proof
 from consistent_id.recordings.trajectory import FourierTrajectory
 
 _REACH = 0.95  # share of the limits that a path may use
-_SHARES = (1.0, 0.85, 0.65, 0.4, 0.2)  # of its swing, tried in this order
-_GRID = 8  # samples per period of the highest frequency, where guards look
+_SWINGS = (1.0, 0.85, 0.65, 0.4, 0.2)  # shares of its swing, tried in this order
+_GRID = 8  # samples per period of the highest frequency, at which guards measure
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ValidationPath:
-    """A motion to judge estimates by.
+    """A motion to validate estimates on.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def validation_trajectory(
     design : ExcitationDesign
     seed : int
     candidates : int
-        Random paths that are looked at.
+        Random paths to choose from.
 
     Raises
     ------
@@ -75,7 +75,7 @@ def validation_trajectory(
         clear_start(v * (_REACH / rows.largest(v)), basis, rows, guards, time, rng)
         for v in drawn
     ]
-    for share in _SHARES:
+    for share in _SWINGS:
         paths = [basis.trajectory(np.vstack([v[:1], share * v[1:]])) for v in drawn]
         conditions = [
             predicted_accuracy(

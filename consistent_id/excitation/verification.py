@@ -1,4 +1,4 @@
-"""What is demanded of a path, and what is proven of it over its whole duration."""
+"""What a path must keep to, and what is proven of it over its whole duration."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -11,7 +11,11 @@ from consistent_id.errors import InfeasibleError, ProblemError
 from consistent_id.excitation.clearance_guard import ClearanceGuard
 from consistent_id.excitation.guards import Guard, TorqueGuard
 from consistent_id.excitation.kernels import slow_speeds
-from consistent_id.motion.collisions.clearance import ClearanceReport, prove_clearance
+from consistent_id.motion.collisions.clearance import (
+    ClearanceReport,
+    prove_clearance,
+    worst_clearance,
+)
 from consistent_id.motion.collisions.scene import Scene
 from consistent_id.motion.limits import MotionLimits
 from consistent_id.motion.proofs.friction_bounds import require_enclosable
@@ -32,12 +36,13 @@ class Demands:
     ----------
     limits : MotionLimits
     model : TorqueModel
+        That predicts torque.
     parameters : ndarray, shape (members, parameters), optional
-        With which torque is predicted; without them it is not looked at.
+        Of that model; without them torque is not checked.
     scene : Scene, optional
-        Bodies that must stay apart; without it collisions are not looked at.
+        Bodies that must stay apart; without it collisions are not checked.
     notes : tuple of str
-        On what is not looked at, and why.
+        On what is not checked, and why.
     """
 
     limits: MotionLimits
@@ -48,7 +53,7 @@ class Demands:
 
     @property
     def guards(self) -> tuple[Guard, ...]:
-        """What keeps a search from what is no linear limit."""
+        """The limits that are not linear in a search's variables."""
         guards: list[Guard] = []
         if self.parameters is not None:
             # a joint whose torque is not measured has a motor too
@@ -62,19 +67,17 @@ class Demands:
     def proof(self, paths: JointPath | Sequence[JointPath]) -> "Proof":
         """Prove what can be proven of a path, or of several played one by one."""
         every = list(paths) if isinstance(paths, Sequence) else [paths]
-        predicted = self.parameters is not None
-        margins = [
-            motion_margins(
-                path,
-                self.limits,
-                model=self.model if predicted else None,
-                parameters=self.parameters,
-            )
-            for path in every
-        ]
-        worst = min(margins, key=lambda found: found.least.relative)
-        apart = None if self.scene is None else prove_clearance(self.scene, every)
-        return Proof(worst, apart)
+        return combined([self._proof(path) for path in every])
+
+    def _proof(self, path: JointPath) -> "Proof":
+        margins = motion_margins(
+            path,
+            self.limits,
+            model=None if self.parameters is None else self.model,
+            parameters=self.parameters,
+        )
+        scene = self.scene
+        return Proof(margins, None if scene is None else prove_clearance(scene, path))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,9 +95,17 @@ class Proof:
     margins: MotionMargins
     clearance: ClearanceReport | None
 
+    def later(self, by: float) -> "Proof":
+        """Return the proof of the same path, begun so much later [s]."""
+        margins = [replace(m, time=m.time + by) for m in self.margins.margins]
+        apart = self.clearance
+        if apart is not None:
+            apart = replace(apart, time=apart.time + by)
+        return Proof(MotionMargins(tuple(margins)), apart)
+
     @property
     def holds(self) -> bool:
-        """Tell whether everything that was demanded is proven."""
+        """Whether everything that was demanded is proven."""
         apart = self.clearance is None or self.clearance.holds
         return self.margins.holds and apart
 
@@ -112,6 +123,13 @@ class Proof:
             raise InfeasibleError(str(cause)) from None
         if self.clearance is not None:
             self.clearance.require()
+
+
+def combined(proofs: Sequence[Proof]) -> Proof:
+    """Return what the proofs of several paths, played one by one, prove together."""
+    margins = min((p.margins for p in proofs), key=lambda found: found.least.relative)
+    apart = [p.clearance for p in proofs if p.clearance is not None]
+    return Proof(margins, worst_clearance(apart) if apart else None)
 
 
 def demands(
@@ -142,7 +160,7 @@ def demands(
     _require_same_robot(scene, model.robot)
     notes: tuple[str, ...] = ()
     if scene is None:
-        notes = ("collisions are not looked at: no scene",)
+        notes = ("collisions are not checked: no scene",)
     size = len(model.layout)
     if parameters is not None:
         members = np.atleast_2d(checked(parameters, np.shape(parameters), "parameters"))
@@ -157,12 +175,11 @@ def demands(
         return Demands(limits, model, None, scene, (*notes, "torque has no limit"))
     nominal = model.robot.nominal
     if nominal is None:
-        notes += ("torque is not looked at: some links' nominal bodies are unknown",)
+        notes += ("torque is not checked: some links have no nominal inertia",)
         return Demands(limits, model, None, scene, notes)
-    members = np.zeros((1, size))
-    members[0, : len(nominal)] = nominal
     notes += ("torque limits are kept by the nominal robot without friction",)
-    return Demands(limits, model, members, scene, notes)
+    rigid = TorqueModel(model.robot)
+    return Demands(limits, rigid, np.atleast_2d(nominal), scene, notes)
 
 
 def robot_limits(limits: MotionLimits, robot: RobotModel) -> MotionLimits:
@@ -171,7 +188,7 @@ def robot_limits(limits: MotionLimits, robot: RobotModel) -> MotionLimits:
     Raises
     ------
     ProblemError
-        If nothing is said of a joint, or these are no limits.
+        If limits of a joint are missing, or these are no limits.
     """
     if not isinstance(limits, MotionLimits):
         raise ProblemError(

@@ -1,6 +1,6 @@
 """From rest to a state of motion, and back to rest, in a pose that suits.
 
-With a duration given, the coefficients of the polynomial are linear in the pose at
+For a given duration, the coefficients of the polynomial are linear in the pose at
 rest; so each limit leaves an interval of poses, known without a search.
 """
 
@@ -14,7 +14,7 @@ from consistent_id.motion import bernstein
 from consistent_id.motion.limits import MotionLimits
 from consistent_id.motion.motion_state import MotionState
 from consistent_id.motion.polynomial_path import PolynomialPath
-from consistent_id.motion.transfers import allowed_by, limits_of, shortest
+from consistent_id.motion.transfers import MATCHED, allowed_by, limits_of, shortest
 
 _ROUNDING = 1e-10  # share of a limit that is left when a pose is chosen
 
@@ -24,7 +24,6 @@ def approach(
     limits: MotionLimits,
     *,
     near: ArrayLike | None = None,
-    continuous_jerk: bool = False,
 ) -> PolynomialPath:
     """Return the shortest polynomial path within limits from rest to a state.
 
@@ -35,31 +34,27 @@ def approach(
     near : array_like, shape (joints,), optional, [rad or m]
         Of the poses at rest from which it can be done in this time, the nearest to this
         one is taken; by default the middle one.
-    continuous_jerk : bool
-        Keep the jerk of the state too.
 
     Raises
     ------
     ProblemError
         As `transfer`.
     """
-    orders = 4 if continuous_jerk else 3
     limits = limits_of(limits, end.joints)
-    allowed = allowed_by((end,), limits, orders) * (1.0 - _ROUNDING)
+    allowed = allowed_by((end,), limits) * (1.0 - _ROUNDING)
     wanted = None if near is None else checked(near, (len(end.joints),), "near")
 
     def family(duration: Vector) -> Array:
-        control = bernstein.hermite(
-            np.zeros((orders, len(end.joints))), end.values[:orders], duration
-        )
-        low, high = _poses(control, orders, duration, limits, allowed)
+        still = np.zeros((MATCHED, len(end.joints)))
+        control = bernstein.hermite(still, end.values[:MATCHED], duration)
+        low, high = _poses(control, duration, limits, allowed)
         pose = (low + high) / 2.0
         if wanted is not None:
             pose = np.where(low <= high, np.clip(wanted, low, high), pose)
-        control[:orders] += pose
+        control[:MATCHED] += pose
         return control
 
-    return shortest(family, (end,), limits, orders)
+    return shortest(family, (end,), limits)
 
 
 def departure(
@@ -67,7 +62,6 @@ def departure(
     limits: MotionLimits,
     *,
     near: ArrayLike | None = None,
-    continuous_jerk: bool = False,
 ) -> PolynomialPath:
     """Return the shortest polynomial path within limits from a state to rest.
 
@@ -75,12 +69,12 @@ def departure(
     """
     mirror = np.array([[1.0], [-1.0], [1.0], [-1.0]])
     mirrored = replace(begin, values=mirror * begin.values)
-    path = approach(mirrored, limits, near=near, continuous_jerk=continuous_jerk)
+    path = approach(mirrored, limits, near=near)
     return replace(path, control=path.control[::-1])
 
 
 def _poses(
-    control: Array, orders: int, duration: Vector, limits: MotionLimits, allowed: Array
+    control: Array, duration: Vector, limits: MotionLimits, allowed: Array
 ) -> Array:
     """Return the least and the greatest pose that limits leave, (2, durations, joints).
 
@@ -88,12 +82,10 @@ def _poses(
     ----------
     control : ndarray, shape (degree + 1, durations, joints)
         Coefficients of the path from pose 0.
-    orders : int
-        How many of them, the first, a pose at rest adds to.
     allowed : ndarray, shape (4, joints)
     """
     unit = np.zeros((len(control), len(duration), 1))
-    unit[:orders] = 1.0
+    unit[:MATCHED] = 1.0
     low = np.full(control.shape[1:], -np.inf)
     high = np.full(control.shape[1:], np.inf)
     for k in range(4):

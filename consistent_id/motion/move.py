@@ -14,8 +14,8 @@ from consistent_id.recordings.trajectory import FourierTrajectory
 
 _ORDERS = ("position", "velocity", "acceleration")
 _SAME = 1e-9  # share of the duration that two times may miss each other by
-_ROUNDING = 1e-9  # jump of any joint that nobody can tell
-_SEAM = 1e-6  # share of its bound by which a derivative may jump
+_ROUNDING = 1e-9  # jump of any joint that is rounding
+_JUMP = 1e-6  # share of its bound by which a derivative may jump
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -23,7 +23,7 @@ class Move:
     """A run-in from rest, a trajectory, a run-out to rest; a joint path itself.
 
     Position, velocity and acceleration are continuous; the jerk and what follows may
-    jump at seams, so that their bounds hold piece by piece.
+    jump between pieces, so that their bounds hold piece by piece.
 
     Parameters
     ----------
@@ -66,14 +66,14 @@ class Move:
         still = np.zeros_like(self._state(0, at_end=False))
         self._check(still, self._state(0, at_end=False), "start", orders=(1, 2))
         for number in range(len(self.pieces) - 1):
-            self._check_seam(number)
+            self._check_junction(number)
         self._check(self._state(-1, at_end=True), still, "end", orders=(1, 2))
 
     def _state(self, number: int, *, at_end: bool) -> Array:
         piece = self.pieces[number]
         return piece.evaluate([end_of(piece) if at_end else piece.start])[:, 0]
 
-    def _check_seam(self, number: int) -> None:
+    def _check_junction(self, number: int) -> None:
         before, after = self.pieces[number], self.pieces[number + 1]
         slack = _SAME * (abs(end_of(before)) + self.duration)
         if abs(after.start - end_of(before)) > slack:
@@ -81,7 +81,7 @@ class Move:
                 f"move: piece {number + 1} ends at {end_of(before):.9g} s, the next "
                 f"begins at {after.start:.9g} s; expected the same time"
             )
-        where = f"seam at {after.start:.6g} s"
+        where = f"junction at {after.start:.6g} s"
         first = self._state(number, at_end=True)
         second = self._state(number + 1, at_end=False)
         self._check(first, second, where, orders=(0, 1, 2))
@@ -90,7 +90,7 @@ class Move:
         self, before: Array, after: Array, where: str, orders: tuple[int, ...]
     ) -> None:
         for k in orders:
-            allowed = _SEAM * self.derivative_bound(k) + _ROUNDING
+            allowed = _JUMP * self.derivative_bound(k) + _ROUNDING
             off = abs(after[k] - before[k])
             if (off > allowed).any():
                 j = int(np.argmax(off / allowed))
@@ -133,18 +133,18 @@ class Move:
     def evaluate(self, time: ArrayLike, derivatives: int = 2) -> Array:
         """Return position and derivatives, shape (derivatives + 1, samples, joints).
 
-        At a seam, those of the piece that begins.  Before the start and after the end
-        the robot rests.
+        At a junction, those of the piece that begins.  Before the start and after the
+        end the robot rests.
         """
-        asked = checked(time, (None,), "time")
-        t = np.clip(asked, self.start, end_of(self.pieces[-1]))
+        given = checked(time, (None,), "time")
+        t = np.clip(given, self.start, end_of(self.pieces[-1]))
         begins = np.array([piece.start for piece in self.pieces[1:]])
         numbers = np.searchsorted(begins, t, side="right")
         values = np.empty((derivatives + 1, len(t), len(self.joints)))
         for number, piece in enumerate(self.pieces):
             mine = numbers == number
             values[:, mine] = piece.evaluate(t[mine], derivatives)
-        values[1:, t != asked] = 0.0
+        values[1:, t != given] = 0.0
         return values
 
     def derivative_bound(self, order: int) -> Vector:

@@ -19,7 +19,7 @@ from consistent_id.robot.parameters import did_you_mean
 
 _SAME = 1e-9  # difference, over the trajectory's bound, that is rounding
 
-_ROOM = (1.0, 2.0, 8.0)  # times the trajectory's own bounds, where nothing is given
+_FACTORS = (1.0, 2.0, 8.0)  # of the trajectory's own bounds, where no limit is given
 
 Pose = ArrayLike | Mapping[str, float]
 
@@ -31,15 +31,14 @@ def move_along(
     from_pose: Pose | None = None,
     to_pose: Pose | None = None,
     periods: int | None = None,
-    continuous_jerk: bool = False,
 ) -> Move:
     """Return a move from rest through a trajectory to rest, within limits on the way.
 
     A run-in is one polynomial where that stays within the limits; else a point-to-point
-    one, and a swing from a pose nearby.  Where acceleration or jerk has no
-    limit, the trajectory's own bound is that of run-in and run-out, or a multiple of it
-    where no way is within that.  The trajectory
-    itself is not checked; torque and collisions on the way are not either.
+    one, and a swing from a pose nearby.  Where acceleration or jerk has no limit, the
+    trajectory's own bound is that of run-in and run-out, or a multiple of it where no
+    way is within that.  The trajectory itself is not checked; torque and collisions on
+    the way are not either.
 
     Parameters
     ----------
@@ -51,8 +50,6 @@ def move_along(
         from which and to which it can swing.
     periods : int, optional
         How often the trajectory is repeated; by default as its duration says.
-    continuous_jerk : bool
-        Keep the jerk continuous too.
 
     Raises
     ------
@@ -77,15 +74,15 @@ def move_along(
     first = _pose(from_pose, trajectory.joints, "from_pose")
     last = _pose(to_pose, trajectory.joints, "to_pose")
     unlimited = np.isinf([limits.acceleration, limits.jerk]).any()
-    *tight, widest = _ROOM if unlimited else _ROOM[:1]
-    for room in tight:
-        own = _with_own_bounds(limits, trajectory, room)
+    *tight, widest = _FACTORS if unlimited else _FACTORS[:1]
+    for factor in tight:
+        own = _with_own_bounds(limits, trajectory, factor)
         try:
-            return _moved(trajectory, own, first, last, continuous_jerk)
+            return _moved(trajectory, own, first, last)
         except ProblemError:
             continue  # no limit of the user's is in the way, perhaps
     own = _with_own_bounds(limits, trajectory, widest)
-    return _moved(trajectory, own, first, last, continuous_jerk)
+    return _moved(trajectory, own, first, last)
 
 
 def _moved(
@@ -93,7 +90,6 @@ def _moved(
     limits: MotionLimits,
     first: MotionState | None,
     last: MotionState | None,
-    continuous_jerk: bool,
 ) -> Move:
     """Return the move between two poses, or from and to the nearest ones."""
     begin = MotionState.of(trajectory, trajectory.start)
@@ -102,37 +98,31 @@ def _moved(
     run_out: tuple[PolynomialPath, ...] = ()
     if not _resting(begin, trajectory, first):
         run_in = (
-            (approach(begin, limits, continuous_jerk=continuous_jerk),)
-            if first is None
-            else _way(first, begin, limits, continuous_jerk)
+            (approach(begin, limits),) if first is None else _way(first, begin, limits)
         )
     if not _resting(end, trajectory, last):
-        run_out = (
-            (departure(end, limits, continuous_jerk=continuous_jerk),)
-            if last is None
-            else _way(end, last, limits, continuous_jerk)
-        )
+        run_out = (departure(end, limits),) if last is None else _way(end, last, limits)
     return _in_sequence(run_in, trajectory, run_out)
 
 
 def _way(
-    begin: MotionState, end: MotionState, limits: MotionLimits, continuous_jerk: bool
+    begin: MotionState, end: MotionState, limits: MotionLimits
 ) -> tuple[PolynomialPath, ...]:
     """Return one piece, or where none is within limits, two that meet at rest."""
     try:
-        return (transfer(begin, end, limits, continuous_jerk=continuous_jerk),)
+        return (transfer(begin, end, limits),)
     except ProblemError:
         if not (begin.values[1:].any() or end.values[1:].any()):
             raise
     if end.values[1:].any():
         near = begin.values[0]
-        swing = approach(end, limits, near=near, continuous_jerk=continuous_jerk)
+        swing = approach(end, limits, near=near)
         meet = MotionState.at_rest(end.joints, swing.control[0])
-        return transfer(begin, meet, limits, continuous_jerk=continuous_jerk), swing
+        return transfer(begin, meet, limits), swing
     near = end.values[0]
-    swing = departure(begin, limits, near=near, continuous_jerk=continuous_jerk)
+    swing = departure(begin, limits, near=near)
     meet = MotionState.at_rest(end.joints, swing.control[-1])
-    return swing, transfer(meet, end, limits, continuous_jerk=continuous_jerk)
+    return swing, transfer(meet, end, limits)
 
 
 def _resting(
@@ -169,12 +159,12 @@ def _repeated(trajectory: FourierTrajectory, periods: int) -> FourierTrajectory:
 
 
 def _with_own_bounds(
-    limits: MotionLimits, trajectory: FourierTrajectory, room: float
+    limits: MotionLimits, trajectory: FourierTrajectory, factor: float
 ) -> MotionLimits:
-    """Return limits that bound what the trajectory's own bounds, times `room`, do."""
+    """Return limits that bound what the trajectory's own bounds, times `factor`, do."""
 
     def bound(order: int) -> Vector:
-        own = room * trajectory.derivative_bound(order)
+        own = factor * trajectory.derivative_bound(order)
         given = limits.derivative(order)
         return np.where(np.isinf(given) & (own > 0.0), own, given)
 

@@ -1,7 +1,7 @@
 """The shortest polynomial from one state of motion to another, within limits.
 
-Quintic where position, velocity and acceleration are given at both ends, septic with
-the jerk.  That a duration is long enough is proven by Bernstein coefficients.
+It is quintic: position, velocity and acceleration are given at both ends.  That a
+duration is long enough is proven by Bernstein coefficients.
 """
 
 from collections.abc import Callable
@@ -16,6 +16,7 @@ from consistent_id.motion.motion_state import MotionState
 from consistent_id.motion.polynomial_path import PolynomialPath
 from consistent_id.robot.parameters import did_you_mean
 
+MATCHED = 3  # position, velocity and acceleration are met at both ends
 _ORDERS = ("position", "velocity", "acceleration", "jerk")
 _RATIO = 1.03  # between durations that are tried
 _REACH = (1e-4, 1e3)  # shortest and longest of them, over what limits suggest
@@ -28,11 +29,7 @@ Family = Callable[[Vector], Array]
 
 
 def transfer(
-    begin: MotionState,
-    end: MotionState,
-    limits: MotionLimits,
-    *,
-    continuous_jerk: bool = False,
+    begin: MotionState, end: MotionState, limits: MotionLimits
 ) -> PolynomialPath:
     """Return the shortest polynomial path from one state to another within limits.
 
@@ -46,8 +43,6 @@ def transfer(
     begin, end : MotionState
     limits : MotionLimits
         Of these joints, and maybe others.
-    continuous_jerk : bool
-        Keep the jerk of both states too, by a polynomial of degree 7 instead of 5.
 
     Raises
     ------
@@ -64,12 +59,11 @@ def transfer(
     >>> round(transfer(here, there, limits).duration, 2)
     1.0
     """
-    orders = 4 if continuous_jerk else 3
 
     def family(duration: Vector) -> Array:
-        return bernstein.hermite(begin.values[:orders], end.values[:orders], duration)
+        return bernstein.hermite(begin.values[:MATCHED], end.values[:MATCHED], duration)
 
-    return shortest(family, (begin, end), limits_of(limits, begin.joints), orders)
+    return shortest(family, (begin, end), limits_of(limits, begin.joints))
 
 
 def limits_of(limits: MotionLimits, joints: tuple[str, ...]) -> MotionLimits:
@@ -77,7 +71,7 @@ def limits_of(limits: MotionLimits, joints: tuple[str, ...]) -> MotionLimits:
     for name in joints:
         if name not in limits.joints:
             near = did_you_mean(name, limits.joints)
-            raise ProblemError(f"limits: nothing is said of joint {name!r}; {near}")
+            raise ProblemError(f"limits of joint {name!r} are missing; {near}")
     at: IntArray = np.array([limits.joints.index(name) for name in joints])
     names = ("lower", "upper", "velocity", "acceleration", "jerk", "effort")
     chosen = {name: getattr(limits, name)[at] for name in names}
@@ -88,7 +82,6 @@ def shortest(
     family: Family,
     states: tuple[MotionState, ...],
     limits: MotionLimits,
-    orders: int,
 ) -> PolynomialPath:
     """Return the shortest member of a family that is proven to be within limits.
 
@@ -99,14 +92,12 @@ def shortest(
     states : tuple of MotionState
         That the family meets at its ends.
     limits : MotionLimits
-    orders : int
-        How many of position, velocity, acceleration and jerk it meets.
     """
     if any(state.joints != limits.joints for state in states):
         raise ProblemError("states are of different joints; expected the same")
     for state in states:
         _check_state(state, limits)
-    allowed = allowed_by(states, limits, orders)
+    allowed = allowed_by(states, limits)
 
     def excess(duration: Vector) -> Array:
         control = family(duration)
@@ -142,14 +133,12 @@ def _reached(control: Array, duration: Vector, limits: MotionLimits) -> Array:
     )
 
 
-def allowed_by(
-    states: tuple[MotionState, ...], limits: MotionLimits, orders: int
-) -> Matrix:
+def allowed_by(states: tuple[MotionState, ...], limits: MotionLimits) -> Matrix:
     """Return what may be reached: the limits less rounding, and the states."""
     allowed = np.array([limits.derivative(k) for k in range(4)]) * (1.0 - _INSIDE)
     for state in states:
         own = abs(_centred(state, limits)) * (1.0 + _INSIDE)
-        allowed[:orders] = np.maximum(allowed[:orders], own[:orders])
+        allowed[:MATCHED] = np.maximum(allowed[:MATCHED], own[:MATCHED])
     return allowed
 
 
@@ -161,8 +150,8 @@ def _check_state(state: MotionState, limits: MotionLimits) -> None:
     most = np.array([limits.derivative(k) for k in range(4)])
     over = abs(_centred(state, limits)) > most * (1.0 + _INSIDE)
     # The jerk of a state counts with its path, not with the way to it.
-    if over[:3].any():
-        k, j = (int(i) for i in np.argwhere(over[:3])[0])
+    if over[:MATCHED].any():
+        k, j = (int(i) for i in np.argwhere(over[:MATCHED])[0])
         raise ProblemError(
             f"transfer: {_ORDERS[k]} of joint {limits.joints[j]!r} is "
             f"{state.values[k, j]:.6g}, expected {_range(limits, k, j)}; choose "
@@ -202,6 +191,6 @@ def _impossible(tried: Vector, over: Array, limits: MotionLimits) -> ProblemErro
         f"transfer: no duration from {tried[0]:.2g} to {tried[-1]:.2g} s is within all "
         f"limits; at best, in {tried[t]:.4g} s, {_ORDERS[k]} of joint "
         f"{limits.joints[j]!r} is {over[k, t, j]:.4g} times its limit ({limit}). "
-        "Leave more room between trajectory and limits, or begin and end it at rest, "
+        "Leave more margin between trajectory and limits, or begin and end it at rest, "
         "or where it moves more slowly"
     )

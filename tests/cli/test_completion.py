@@ -6,6 +6,7 @@ import subprocess
 import pytest
 
 from consistent_id.cli import main
+from consistent_id.cli.tool import tool_parser
 
 
 @pytest.fixture
@@ -45,15 +46,23 @@ def test_bash_completes_commands_options_and_choices(script):
     answers = asked(
         "bash",
         f"source {script('bash')}\n"
-        'ask() { COMP_WORDS=(consistent-id "$@"); COMP_CWORD=$#; _consistent_id; '
+        'ask() { COMP_WORDS=(consistent-id "$@"); COMP_CWORD=$#; _shtab_consistent_id; '
         'echo "${COMPREPLY[@]}"; }\n' + words,
     )
     for expected, answer in zip(CASES.values(), answers[:-1], strict=True):
         assert expected <= set(answer.split())
-    # Where nothing is offered, bash completes files.
-    assert asked("bash", f"source {script('bash')}; complete -p consistent-id") == [
-        "complete -o bashdefault -o default -F _consistent_id consistent-id\n"
-    ]
+
+
+def test_bash_completes_files_where_nothing_else_is_expected(script, tmp_path):
+    (tmp_path / "recording.csv").touch()
+    source = f"cd {tmp_path}; source {script('bash')}"
+    for words in ("check", "identify robot.urdf", "excite problem --output"):
+        count = len(words.split())
+        code = (
+            f"{source}; COMP_WORDS=(consistent-id {words} rec); COMP_CWORD={count + 1};"
+            ' _shtab_consistent_id; echo "${COMPREPLY[@]}"'
+        )
+        assert asked("bash", code) == ["recording.csv\n"]
 
 
 def test_fish_completes_commands_options_and_choices(script):
@@ -64,11 +73,17 @@ def test_fish_completes_commands_options_and_choices(script):
         assert expected == {line.split("\t")[0] for line in answer.splitlines()}
 
 
-def test_zsh_understands_its_script(script):
-    asked("zsh", f"autoload -Uz compinit; compinit -D; source {script('zsh')}")
+def test_zsh_registers_the_script_as_the_pages_say(script):
+    setup = f'autoload -Uz compinit; compinit -D; eval "$(cat {script("zsh")})"'
+    registered = asked("zsh", f"{setup}; echo $_comps[consistent-id]")
+    assert registered == ["_shtab_consistent_id\n"]
 
 
-def test_every_command_is_completed(script):
+def test_every_command_and_option_is_completed(script):
     text = script("zsh").read_text()
-    for command in ("init", "check", "repair"):
-        assert f"        {command}) _arguments" in text
+    (commands,) = tool_parser()._subparsers._group_actions
+    for name, command in commands.choices.items():
+        options = text.split(f"_shtab_consistent_id_{name}_options=(")[1]
+        options = options.split("\n)")[0]
+        for action in command._actions:
+            assert all(flag in options for flag in action.option_strings)

@@ -67,7 +67,7 @@ def test_a_design_is_proven_and_better_than_random():
     assert margins.holds and design.proof.holds
     design.proof.require()
     assert design.notes == (
-        "collisions are not looked at: no scene",
+        "collisions are not checked: no scene",
         "torque has no limit",
     )
 
@@ -263,7 +263,7 @@ def test_frequencies_that_cannot_be_seen_are_refused():
 def test_motion_that_cannot_tell_parameters_apart_is_refused():
     # No joint moves by more than a hundred-millionth of its range.
     ranges = {name: (0.0, 1e-8) for name in arm(2).joint_names}
-    with pytest.raises(NotExcitedError, match="tells all base parameters apart"):
+    with pytest.raises(NotExcitedError, match="identifies all base parameters"):
         designed(limits=arm_limits(arm(2), position=ranges))
 
 

@@ -16,7 +16,7 @@ from consistent_id import (
 )
 from consistent_id.excitation.accuracy import predicted_accuracy
 from consistent_id.excitation.aims import Aim, PathForm
-from consistent_id.excitation.search_task import search_task
+from consistent_id.excitation.search_problem import search_problem
 from consistent_id.excitation.verification import demands
 from consistent_id.motion.collisions.bodies import Body, Sphere, plane
 from consistent_id.motion.collisions.scene_building import build_scene
@@ -46,17 +46,17 @@ def test_limits_are_taken_by_name_in_any_order():
     assert asked.limits.joints == MODEL.robot.joint_names
     assert asked.limits.upper.tolist() == [1.0, 0.3]
     base = base_parameters(MODEL)
-    task = search_task(MODEL, base, PathForm(5.0, 3), Aim(), limits, ())
-    assert task.basis.limits.velocity.tolist() == [2.0, 1.0]
+    problem = search_problem(MODEL, base, PathForm(5.0, 3), Aim(), limits, ())
+    assert problem.basis.limits.velocity.tolist() == [2.0, 1.0]
 
 
 def test_limits_that_leave_a_joint_out_are_refused():
     limits = arm_limits(arm(1))
     base = base_parameters(MODEL)
-    with pytest.raises(ProblemError, match="nothing is said of joint 'joint2'"):
+    with pytest.raises(ProblemError, match="limits of joint 'joint2' are missing"):
         demands(MODEL, limits)
-    with pytest.raises(ProblemError, match="nothing is said of joint 'joint2'"):
-        search_task(MODEL, base, PathForm(5.0, 3), Aim(), limits, ())
+    with pytest.raises(ProblemError, match="limits of joint 'joint2' are missing"):
+        search_problem(MODEL, base, PathForm(5.0, 3), Aim(), limits, ())
     with pytest.raises(ProblemError, match="expected MotionLimits"):
         demands(MODEL, {"joint1": 1.0})
 
@@ -104,4 +104,4 @@ def test_an_earlier_recording_of_another_model_is_refused(other):
     with pytest.raises(ProblemError, match=r"torque model|joints"):
         predicted_accuracy(MODEL, base, path, aim)
     with pytest.raises(ProblemError, match=r"torque model|joints"):
-        search_task(MODEL, base, PathForm(5.0, 3), aim, limits, ())
+        search_problem(MODEL, base, PathForm(5.0, 3), aim, limits, ())

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from excited import FRICTION, arm, arm_limits, arm_task
+from excited import FRICTION, arm, arm_limits, arm_problem
 
 from consistent_id import DriveTerms, ProblemError, TorqueModel, base_parameters
 from consistent_id.excitation.aims import PathForm
-from consistent_id.excitation.basis import FourierBasis
+from consistent_id.excitation.basis import FourierBasis, null_space
 from consistent_id.excitation.criteria import criterion_of, scaled, spread
 from consistent_id.excitation.guards import Place, TorqueGuard, guard_rows
 from consistent_id.excitation.information import PathInformation
@@ -17,7 +17,6 @@ from consistent_id.excitation.kernels import (
     smooth,
 )
 from consistent_id.excitation.limit_rows import limit_rows
-from consistent_id.excitation.search import Searcher
 
 OBJECTIVES = ("condition", "D", "A", "E", "task")
 
@@ -180,6 +179,18 @@ def test_paths_rest_exactly_and_are_their_fourier_trajectories(form):
         assert path.period == pytest.approx(form.duration)
 
 
+@pytest.mark.parametrize("rank", [1, 2, 4])
+def test_a_null_space_has_one_basis_however_its_rows_are_mixed(rank):
+    # The singular vectors of the two differ by any rotation, as between processors.
+    rng = np.random.default_rng(rank)
+    rows = rng.normal(size=(rank, 9))
+    mixed = rng.normal(size=(5, rank)) @ rows
+    basis = null_space(rows)
+    assert np.allclose(rows @ basis, 0.0, atol=1e-12)
+    assert np.allclose(basis.T @ basis, np.eye(9 - rank), atol=1e-12)
+    assert np.allclose(null_space(mixed), basis, atol=1e-9)
+
+
 def test_too_few_frequencies_for_rest_are_refused():
     # velocity and acceleration vanish at both ends: with period and duration the same,
     # two conditions on the two coefficients of a single frequency
@@ -209,12 +220,7 @@ def test_information_is_that_of_the_recorded_rows_with_its_gradient():
     time, noise = np.arange(20) * 0.25, np.array([0.5, 2.0])
     earlier = information(0, len(base))
     informed = PathInformation(
-        basis,
-        RegressorKernel(model, base, 20),
-        time,
-        noise=noise,
-        recorded=500.0,
-        earlier=earlier,
+        model, base, basis, samples=20, recorded=500.0, noise=noise, earlier=earlier
     )
     variables, direction, G = (
         rng.normal(size=(basis.size, 2)),
@@ -240,13 +246,13 @@ def test_the_gradient_in_the_variables_is_that_of_finite_differences(
 ):
     from consistent_id.excitation.aims import Aim
 
-    searcher = Searcher(arm_task(TorqueModel(arm(2)), aim=Aim(scaling=scaling)))
-    criterion = searcher.criterion(objective, 4.0)
-    variables = searcher.random(0)
+    problem = arm_problem(TorqueModel(arm(2)), aim=Aim(scaling=scaling))
+    criterion = problem.criterion(objective, 4.0)
+    variables = problem.random(0)
     direction = np.random.default_rng(1).normal(size=variables.shape)
-    gradient = searcher.value(criterion, variables).gradient
+    gradient = problem.value(criterion, variables).gradient
     by_difference = slope(
-        lambda x: searcher.value(criterion, x).value, variables, direction
+        lambda x: problem.value(criterion, x).value, variables, direction
     )
     assert np.isclose((gradient * direction).sum(), by_difference, rtol=1e-5)
 
@@ -269,7 +275,7 @@ def test_rows_of_a_guard_have_the_slopes_of_finite_differences():
     assert np.allclose(jacobian @ direction.ravel(), by_difference, rtol=1e-5)
     torque = model.predict(members[1], *basis.motion(variables, grid[17:18]))
     assert np.isclose(values[2], abs(torque[0, 0]) / 5.0 - 0.9, rtol=1e-12)
-    assert guard.told(3) == "torque of joint 'joint2'"
+    assert guard.item_name(3) == "torque of joint 'joint2'"
     assert (
         guard.tightened().measure(basis.motion(variables, grid)).max()
         > guard.measure(basis.motion(variables, grid)).max()

@@ -8,7 +8,7 @@ from paths import one_sine
 
 from consistent_id import ProblemError, load_problem, write_trajectory
 from consistent_id.excitation.aims import Aim, PathForm
-from consistent_id.excitation.asked import asked_of
+from consistent_id.excitation.request import design_request
 from consistent_id.recordings.trajectory import harmonics_of
 
 
@@ -116,4 +116,4 @@ def test_a_problem_file_that_contradicts_itself_is_refused(excitation, said, tmp
     file = tmp_path / "arm.toml"
     file.write_text(ARM.format(excitation=excitation))
     with pytest.raises(ProblemError, match=said):
-        asked_of(load_problem(file))
+        design_request(load_problem(file))

@@ -5,24 +5,31 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from excited import arm, arm_limits, arm_task
+from excited import arm, arm_limits, arm_problem
 
 from consistent_id import SolverError, TorqueModel
 from consistent_id.excitation.aims import Aim, PathForm
 from consistent_id.excitation.guards import TorqueGuard
-from consistent_id.excitation.search import Searcher, search
-from consistent_id.excitation.starts import Job, run_searches
+from consistent_id.excitation.search import Candidate, search
+from consistent_id.excitation.searches import run_searches
 
 OBJECTIVES = ("condition", "D", "A", "E", "task")
 
 
-def searcher_of(joints=2, **how):
-    return Searcher(arm_task(TorqueModel(arm(joints)), **how))
+def problem_of(joints=2, **how):
+    return arm_problem(TorqueModel(arm(joints)), **how)
 
 
-def largest(searcher, variables):
+def searched(problem, objective="condition", number=0, *, start=None, **how):
+    """The result of a search for an objective, from a random path or a given one."""
+    bound = how.pop("spread_bound", np.inf)
+    problem = replace(problem, objective=objective, spread_bound=bound)
+    return search(problem, Candidate(number, start), **how)
+
+
+def largest(problem, variables):
     """Largest share of a limit at 4001 times, for each order of derivative."""
-    basis = searcher.task.basis
+    basis = problem.basis
     motion = basis.motion(variables, np.linspace(0.0, basis.duration, 4001), 3)
     motion[0] -= basis.limits.middle
     limits = np.array([basis.limits.derivative(order) for order in range(4)])
@@ -31,11 +38,11 @@ def largest(searcher, variables):
 
 @pytest.mark.parametrize("seed", range(5))
 def test_random_starts_use_the_same_share_of_every_joints_limits(seed):
-    searcher = searcher_of()
-    shares = searcher.limits.largest(searcher.random(seed))
+    problem = problem_of()
+    shares = problem.limits.largest(problem.random(seed))
     assert np.allclose(shares, 0.8, rtol=1e-12)
-    other = searcher.random(seed + 1)
-    assert not np.array_equal(searcher.random(seed), other)
+    other = problem.random(seed + 1)
+    assert not np.array_equal(problem.random(seed), other)
 
 
 @pytest.mark.parametrize("objective", OBJECTIVES)
@@ -44,20 +51,20 @@ def test_a_search_improves_on_its_start_and_keeps_the_limits(objective):
     task = TorqueModel(arm(2)), arm_limits(arm(2))
     motion = None
     if objective == "task":
-        some = Searcher(arm_task(*task, form=form))
-        motion = some.task.basis.trajectory(some.random(9)).recording(20.0)
-    searcher = Searcher(arm_task(*task, form=form, aim=Aim(task=motion)))
-    found = search(searcher, objective, 0)
-    start = searcher.score(objective, searcher.random(0))
+        some = arm_problem(*task, form=form)
+        motion = some.basis.trajectory(some.random(9)).recording(20.0)
+    problem = arm_problem(*task, form=form, aim=Aim(task=motion))
+    found = searched(problem, objective, 0)
+    start = problem.score(objective, problem.random(0))
     assert found.score < start - np.log(1.3)
-    assert found.score == searcher.score(objective, found.variables)
-    assert largest(searcher, found.variables).max() <= 1.0
+    assert found.score == problem.score(objective, found.variables)
+    assert largest(problem, found.variables).max() <= 1.0
     # Something is in its way: a path that could be larger everywhere would be.
-    assert largest(searcher, found.variables).max() > 0.98
+    assert largest(problem, found.variables).max() > 0.98
 
 
 def test_scaling_changes_condition_numbers_and_no_errors():
-    plain, unit = (searcher_of(aim=Aim(scaling=s)) for s in ("none", "unit columns"))
+    plain, unit = (problem_of(aim=Aim(scaling=s)) for s in ("none", "unit columns"))
     variables = plain.random(0)
     for objective in ("D", "A", "E"):
         assert plain.score(objective, variables) == unit.score(objective, variables)
@@ -69,117 +76,112 @@ def test_scaling_changes_condition_numbers_and_no_errors():
 
 
 def test_the_same_seed_finds_the_same_path():
-    first, again, other = (search(searcher_of(), "condition", s) for s in (0, 0, 1))
+    first, again, other = (searched(problem_of(), "condition", s) for s in (0, 0, 1))
     assert np.array_equal(first.variables, again.variables)
     assert not np.array_equal(first.variables, other.variables)
 
 
 def test_a_later_stage_improves_its_objective_and_keeps_the_bound():
-    searcher = searcher_of(joints=3)
-    first = search(searcher, "condition", 0)
+    problem = problem_of(joints=3)
+    first = searched(problem, "condition", 0)
     bound = first.score + np.log(1.2)
-    second = search(searcher, "D", 0, start=first.variables, spread_bound=bound)
-    assert second.score < searcher.score("D", first.variables) - 1e-3
-    assert searcher.score("condition", second.variables) <= bound + 1e-6
+    second = searched(problem, "D", 0, start=first.variables, spread_bound=bound)
+    assert second.score < problem.score("D", first.variables) - 1e-3
+    assert problem.score("condition", second.variables) <= bound + 1e-6
     # From there it goes on once the bound is gone: the bound was in the way.
-    free = search(searcher, "D", 0, start=second.variables)
+    free = searched(problem, "D", 0, start=second.variables)
     assert free.score < second.score
-    assert searcher.score("condition", free.variables) > bound
+    assert problem.score("condition", free.variables) > bound
 
 
 def guarded(effort, members):
     model = TorqueModel(arm(2))
     guard = TorqueGuard(model, members, np.full(2, effort), 1.0)
-    return Searcher(arm_task(model, guards=(guard,)))
+    return arm_problem(model, guards=(guard,))
 
 
 def test_torque_limits_are_kept_and_are_in_the_way():
     nominal = arm(2).nominal[None]
-    free = search(searcher_of(), "condition", 0)
+    free = searched(problem_of(), "condition", 0)
     (measure,) = guarded(1.0, nominal).measures(free.variables)
     effort = 0.8 * (1.0 + measure.max())  # of what is used where nothing limits it
-    searcher = guarded(effort, nominal)
-    found = search(searcher, "condition", 0)
-    (measure,) = searcher.measures(found.variables)
+    problem = guarded(effort, nominal)
+    found = searched(problem, "condition", 0)
+    (measure,) = problem.measures(found.variables)
     assert -0.05 < measure.max() <= 1e-6
-    assert found.score < searcher.score("condition", searcher.random(0))
+    assert found.score < problem.score("condition", problem.random(0))
     assert found.score > free.score
 
 
 def test_the_worst_of_a_set_of_robots_counts():
     nominal = arm(2).nominal
     heavy = np.array([nominal, 1.5 * nominal])
-    light = search(searcher_of(), "condition", 0)
+    light = searched(problem_of(), "condition", 0)
     (measure,) = guarded(1.0, nominal[None]).measures(light.variables)
     effort = 1.01 * (1.0 + measure.max())
-    searcher = guarded(effort, heavy)
-    (measure,) = searcher.measures(light.variables)
+    problem = guarded(effort, heavy)
+    (measure,) = problem.measures(light.variables)
     assert measure.max() > 0.4  # the heavy one could not play the light one's path
-    both = search(searcher, "condition", 0)
-    (measure,) = searcher.measures(both.variables)
+    both = searched(problem, "condition", 0)
+    (measure,) = problem.measures(both.variables)
     assert measure.max() <= 1e-6
 
 
 def test_what_cannot_be_kept_is_named():
-    searcher = guarded(0.5, arm(2).nominal[None])
-    found = search(searcher, "condition", 0)
+    problem = guarded(0.5, arm(2).nominal[None])
+    found = searched(problem, "condition", 0)
     assert found.variables is None
-    assert found.offence == "torque of joint 'joint2'"
+    assert found.obstacle == "torque of joint 'joint2'"
 
 
 def test_time_that_is_over_leaves_what_a_moment_found():
-    task = arm_task(TorqueModel(arm(2)))
-    outcome = run_searches(
-        task,
-        [Job("condition", 0)],
+    problem = problem_of()
+    (found,) = run_searches(
+        problem,
+        [Candidate(0)],
         workers=1,
-        deadline=time.time() - 1.0,
+        deadline=time.monotonic() - 1.0,
         interrupted=bool,
     )
-    assert len(outcome.found) == 1 and np.isfinite(outcome.found[0].score)
-    assert outcome.out_of_time and not outcome.interrupted
-    late = Searcher(task, lambda: True)
-    found = search(late, "condition", 0)
-    assert np.isfinite(found.score) and largest(late, found.variables).max() <= 1.0
+    assert np.isfinite(found.score) and not found.complete
+    found = searched(problem, ended=lambda: True)
+    assert np.isfinite(found.score) and not found.complete
+    assert largest(problem, found.variables).max() <= 1.0
 
 
 def test_every_improvement_is_reported():
     reports = []
-    searcher = Searcher(
-        arm_task(TorqueModel(arm(2))), report=lambda score, _: reports.append(score)
-    )
-    found = search(searcher, "condition", 0)
+    found = searched(problem_of(), report=lambda score, _: reports.append(score))
     assert reports == sorted(reports, reverse=True)
     assert reports[-1] == found.score
 
 
 def test_searches_come_back_best_first():
-    task = arm_task(TorqueModel(arm(2)))
-    jobs = [Job("condition", number) for number in range(3)]
-    outcome = run_searches(task, jobs, workers=1, deadline=np.inf, interrupted=bool)
-    scores = [one.score for one in outcome.found]
+    starts = [Candidate(number) for number in range(3)]
+    found = run_searches(
+        problem_of(), starts, workers=1, deadline=np.inf, interrupted=bool
+    )
+    scores = [one.score for one in found]
     assert scores == sorted(scores) and len(scores) == 3
-    assert not outcome.out_of_time and not outcome.interrupted
+    assert all(one.complete for one in found)
 
 
-def test_a_start_that_offends_nothing_is_reported_before_the_solver_runs(monkeypatch):
+def test_a_start_that_violates_nothing_is_reported_before_the_solver_runs(monkeypatch):
     reports = []
-    task = arm_task(TorqueModel(arm(2)))
-    searcher = Searcher(task, report=lambda score, _: reports.append(score))
+    problem = problem_of()
 
     def broken(*_, **__):
         raise SolverError("broken")
 
     monkeypatch.setattr("consistent_id.excitation.search.minimise", broken)
-    start = searcher.random(0)
+    start = problem.random(0)
     with pytest.raises(SolverError):
-        search(searcher, "condition", 0, start=start)
-    assert reports == [searcher.score("condition", start)]
+        searched(problem, start=start, report=lambda score, _: reports.append(score))
+    assert reports == [problem.score("condition", start)]
 
 
-def test_tasks_of_two_seeds_share_no_random_path():
-    task = arm_task(TorqueModel(arm(2)))
-    one, other = (Searcher(replace(task, seed=seed)) for seed in (0, 1))
+def test_problems_of_two_seeds_share_no_random_path():
+    one, other = (replace(problem_of(), seed=seed) for seed in (0, 1))
     for k in range(3):
         for j in range(3):
             assert not np.allclose(one.random(k), other.random(j))

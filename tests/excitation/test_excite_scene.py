@@ -2,6 +2,7 @@
 
 import json
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,10 +11,16 @@ import pytest
 
 from consistent_id import ProblemError, load_problem, prove_clearance
 from consistent_id.cli import main
-from consistent_id.excitation.asked_scene import asked_scene
 from consistent_id.excitation.design import design_trajectory
-from consistent_id.excitation.excite import excite, planned_tables, write_excited
+from consistent_id.excitation.output import (
+    planned_tables,
+    playable_record,
+    write_design,
+)
+from consistent_id.excitation.playable import playable_design
+from consistent_id.excitation.request_scene import requested_scene
 from consistent_id.motion.collisions.separation import nearest
+from consistent_id.motion.proofs.margins import motion_margins
 
 SHARE = Path(pin.__file__).parents[4] / "share"
 ROBOTS = SHARE / "example-robot-data" / "robots"
@@ -82,10 +89,10 @@ def test_a_wall_is_kept_clear_of_which_the_same_design_without_it_runs_through(
     tmp_path,
 ):
     problem = _problem(tmp_path, ARM, bodies=WALL)
-    found = excite(problem, starts=1, workers=1, time_limit=60.0)
+    found = playable_design(problem, starts=1, workers=1, time_limit=60.0)
     report = found.design.proof.clearance
     assert report.holds and report.proven >= 0.01
-    assert [whole.holds for whole in found.clearances] == [True, True]
+    assert [whole.clearance.holds for whole in found.proofs.values()] == [True, True]
     blind = design_trajectory(
         problem.model,
         found.design.form,
@@ -102,7 +109,7 @@ def test_a_wall_is_kept_clear_of_which_the_same_design_without_it_runs_through(
 
 def test_rods_reach_from_one_end_to_the_other(tmp_path):
     post = '{ name = "post", sphere = { radius = 0.1 }, position = [0, 0, 1] },'
-    scene = asked_scene(_problem(tmp_path, ARM, bodies=post))
+    scene = requested_scene(_problem(tmp_path, ARM, bodies=post))
     pairs = {scene.names(p): k for k, p in enumerate(scene.pairs)}
     near = nearest(scene, [[0.0, np.pi / 2, 0.0], [0.0, 0.0, np.pi / 2]])
     first = near.distance[:, pairs["upper arm", "post"]]
@@ -152,39 +159,98 @@ def test_a_start_pose_in_an_obstacle_is_refused_before_any_search(tmp_path):
 
 def test_a_run_in_through_an_obstacle_is_refused_with_a_pose_that_would_do(tmp_path):
     options = {"starts": 1, "workers": 1, "time_limit": 60.0}
-    free = excite(_problem(tmp_path, LEVER), **options)
+    free = playable_design(_problem(tmp_path, LEVER), **options)
     side = float(free.design.trajectory.evaluate([0.0])[0, 0, 0])
     beyond = -1.5 * np.sign(side)
     pose = f"start_pose = {{ joint1 = {beyond} }}"
-    excited = excite(_problem(tmp_path, LEVER, excitation=pose), **options)
-    assert excited.played is None and excited.design.proof.holds
+    excited = playable_design(_problem(tmp_path, LEVER, excitation=pose), **options)
+    assert "trajectory" not in excited.moves and excited.design.proof.holds
     told = excited.refusals[0]
     assert "run-in: bodies 'arm' and 'post' at " in told
     assert f"or none: from joint1 = {side:.3f} this path can be reached" in told
     # The design is not lost, but no motion that collides is written.
-    names = {path.name for path in write_excited(excited, tmp_path / "out")}
+    names = {path.name for path in write_design(excited, tmp_path / "out")}
     assert "excitation.json" in names and "trajectory.json" not in names
+
+
+def same_proof(mine, theirs):
+    """Whether two proofs state the same margins, of the same times."""
+    pairs = zip(mine.margins.margins, theirs.margins.margins, strict=True)
+    return mine.clearance.path == theirs.clearance.path and all(
+        (a.joint, a.quantity) == (b.joint, b.quantity)
+        and [a.bound, a.time] == pytest.approx([b.bound, b.time], abs=1e-9)
+        for a, b in [*pairs]
+    )
+
+
+def test_every_piece_is_proven_once(tmp_path, monkeypatch):
+    proven = []
+
+    def counted(path, *others, **options):
+        piece = path.evaluate([path.start, path.start + path.duration / 3.0]).tobytes()
+        proven.append((path.duration, piece))
+        return motion_margins(path, *others, **options)
+
+    monkeypatch.setattr("consistent_id.excitation.verification.motion_margins", counted)
+    problem = _problem(tmp_path, ARM, excitation="rest = false")
+    excited = playable_design(problem, starts=1, workers=1, time_limit=60.0)
+    assert list(excited.moves) == ["trajectory", "validation"]
+    assert len(set(proven)) == len(proven)
+    # One stage, one validation path, and a run-in and a run-out of each.
+    assert len(proven) == 6
+
+
+def test_a_validation_motion_has_its_own_clearance_where_it_alone_is_played(tmp_path):
+    problem = _problem(tmp_path, ARM, bodies=WALL, excitation="rest = false")
+    excited = playable_design(problem, starts=1, workers=1, time_limit=60.0)
+    alone = replace(
+        excited,
+        moves={"validation": excited.moves["validation"]},
+        proofs={"validation": excited.proofs["validation"]},
+    )
+    scene = playable_record(alone)["scene"]
+    assert "whole_move" not in scene
+    reported = excited.proofs["validation"].clearance
+    assert scene["validation_move"]["proven_m"] == reported.proven
 
 
 def test_all_that_is_played_is_proven_and_lasts_as_designed(tmp_path):
     problem = _problem(tmp_path, ARM, bodies=WALL, excitation="rest = false")
-    excited = excite(problem, starts=1, workers=1, time_limit=60.0)
-    for played in (excited.played, excited.validation_played):
-        assert played.proof.holds
-        pieces, demands = played.move.pieces, excited.design.demands
+    excited = playable_design(problem, starts=1, workers=1, time_limit=60.0)
+    assert list(excited.moves) == ["trajectory", "validation"]
+    demands = excited.design.demands
+    for name, move in excited.moves.items():
+        whole = excited.proofs[name]
+        assert whole.holds
+        assert same_proof(whole, demands.proof(move.pieces))
+        pieces = move.pieces
         worst = min(demands.proof(p).margins.least.relative for p in pieces)
-        assert played.proof.margins.least.relative == pytest.approx(worst)
+        assert whole.margins.least.relative == pytest.approx(worst)
         # Run-in and run-out take looks of their own, beyond those at the path.
-        path = demands.proof(played.move.trajectory)
-        assert played.proof.clearance.poses > path.clearance.poses > 0
+        path = demands.proof(move.trajectory)
+        assert whole.clearance.poses > path.clearance.poses > 0
         # The validation path repeats after twice that: its other half is not proven.
-        assert played.move.trajectory.duration == pytest.approx(6.0)
+        assert move.trajectory.duration == pytest.approx(6.0)
         limits = excited.design.limits
-        time = np.linspace(0.0, played.move.duration, 4001)
-        motion = played.move.evaluate(time)
+        time = np.linspace(0.0, move.duration, 4001)
+        motion = move.evaluate(time)
         assert (motion[0] <= limits.upper + 1e-9).all()
         assert (motion[0] >= limits.lower - 1e-9).all()
         assert (abs(motion[1]) <= limits.velocity + 1e-9).all()
+
+
+def test_the_proof_of_one_period_is_that_of_all(tmp_path):
+    twice = _problem(tmp_path, ARM, bodies=WALL, excitation="rest = false\nperiods = 2")
+    excited = playable_design(twice, starts=1, workers=1, time_limit=60.0)
+    move, whole = excited.moves["trajectory"], excited.proofs["trajectory"]
+    assert move.trajectory.duration == pytest.approx(12.0)
+    direct = excited.design.demands.proof(move.pieces)
+    for mine, theirs in zip(whole.margins.margins, direct.margins.margins, strict=True):
+        assert (mine.joint, mine.quantity) == (theirs.joint, theirs.quantity)
+        # Both enclose the same extreme, to a millionth of the range.
+        assert mine.bound == pytest.approx(theirs.bound, rel=1e-5)
+    # Both prove a clearance that is a millimetre below the true one at most.
+    assert whole.clearance.margin == pytest.approx(direct.clearance.margin, abs=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -198,7 +264,7 @@ def test_all_that_is_played_is_proven_and_lasts_as_designed(tmp_path):
 def test_what_cannot_be_played_is_refused_before_the_search(tmp_path, excitation, says):
     problem = _problem(tmp_path, ARM, excitation=excitation)
     with pytest.raises(ProblemError, match=says):
-        excite(problem, starts=1, workers=1, time_limit=60.0)
+        playable_design(problem, starts=1, workers=1, time_limit=60.0)
 
 
 def test_a_dry_run_shows_limits_and_pairs_and_writes_nothing(tmp_path, capsys):
@@ -224,7 +290,7 @@ def test_formats_are_checked_before_the_search_and_written_after(tmp_path, capsy
     assert main([*asked, "--format", "csv,pdf"]) == 2
     assert "format 'pdf'" in capsys.readouterr().err and not output.exists()
     assert main([*asked, "--format", "npz"]) == 0
-    assert "least room between" in capsys.readouterr().out
+    assert "least clearance between" in capsys.readouterr().out
     names = {file.name for file in output.iterdir()}
     assert {"trajectory.json", "trajectory.npz", "excitation.png"} < names
     assert "trajectory.csv" not in names
@@ -253,7 +319,7 @@ allowed = [["ground", "base_link"], ["ground", "shoulder_link"]]
 """
     problem = _problem(tmp_path, text.replace("{", "{{").replace("}", "}}"))
     options = {"starts": 1, "workers": 1, "time_limit": 60.0}
-    found = excite(problem, **options).design
+    found = playable_design(problem, **options).design
     assert found.proof.clearance.proven >= 0.0
     blind = design_trajectory(problem.model, found.form, found.aim, **options)
     assert prove_clearance(found.demands.scene, blind.trajectory).violated

@@ -12,7 +12,7 @@ from consistent_id import (
     from_modified_dh,
 )
 from consistent_id.excitation.aims import Aim, PathForm
-from consistent_id.excitation.search_task import SearchTask, search_task
+from consistent_id.excitation.search_problem import SearchProblem, search_problem
 from consistent_id.motion.limits import MotionLimits, motion_limits
 from consistent_id.regression.base import base_parameters
 from consistent_id.robot.model import RobotModel
@@ -36,18 +36,18 @@ def arm_limits(robot: RobotModel, **changes) -> MotionLimits:
     return motion_limits(robot, **given)
 
 
-def arm_task(
+def arm_problem(
     model: TorqueModel,
     limits: MotionLimits | None = None,
     *,
     form: PathForm | None = None,
     aim: Aim | None = None,
     guards=(),
-) -> SearchTask:
+) -> SearchProblem:
     """A small search."""
     limits = arm_limits(model.robot) if limits is None else limits
     form, aim = form or PathForm(5.0, 3), aim or Aim()
-    return search_task(model, base_parameters(model), form, aim, limits, guards)
+    return search_problem(model, base_parameters(model), form, aim, limits, guards)
 
 
 FRICTION = DriveTerms(viscous=True, coulomb="tanh", velocity_scale=0.05, offset=True)

@@ -11,7 +11,7 @@ import pytest
 
 from consistent_id import cli, load_problem
 from consistent_id.errors import ProblemError
-from consistent_id.excitation.asked import asked_of
+from consistent_id.excitation.request import design_request
 from consistent_id.laboratory import Cameras, LoadCell
 from consistent_id.laboratory.from_problem import laboratory_of, task_motion
 from consistent_id.laboratory.reproduction import QUICK, error_budget, reproduce
@@ -151,7 +151,7 @@ def test_the_slowness_needed_is_read_off_between_tempos():
 
 
 def test_limits_used_by_motions_hold_them_and_touch_them():
-    limits = asked_of(PROBLEM).limits
+    limits = design_request(PROBLEM).limits
     motion = _circle()
     used = used_by(limits, {"circle": motion})
     assert used.upper == pytest.approx(motion.position.max(axis=0))

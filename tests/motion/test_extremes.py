@@ -165,8 +165,8 @@ def test_limits_of_other_joints_are_refused():
         motion_margins(one_sine(), limits(), parameters=[1.0])
 
 
-def move_with_seams(joints=("a", "b")):
-    """A move whose jerk jumps at its seams: it runs in and out from another pose."""
+def move_with_junctions(joints=("a", "b")):
+    """A move whose jerk jumps between pieces: it runs in and out from another pose."""
     path = random_path(4, joints, base=0.2, harmonics=2, amplitude=0.3, duration=5.0)
     bounds = [path.derivative_bound(k) for k in range(4)]
     wide = np.full(len(joints), 8.0)
@@ -181,7 +181,7 @@ def move_with_seams(joints=("a", "b")):
 
 
 def every_piece(move, order, samples=2001):
-    """Values of a derivative on both sides of every seam, (samples, joints)."""
+    """Values of a derivative on both sides of every junction, (samples, joints)."""
     return np.concatenate(
         [
             piece.evaluate(
@@ -193,8 +193,8 @@ def every_piece(move, order, samples=2001):
 
 
 @pytest.mark.parametrize("order", range(5))
-def test_bounds_of_a_move_hold_on_both_sides_of_its_seams(order):
-    move = move_with_seams()
+def test_bounds_of_a_move_hold_on_both_sides_of_its_junctions(order):
+    move = move_with_junctions()
     found, seen = extremes(move, order), every_piece(move, order)
     slack = 1e-12 * abs(seen).max(axis=0)
     assert (seen.max(axis=0) <= found.highest + slack).all()
@@ -203,8 +203,8 @@ def test_bounds_of_a_move_hold_on_both_sides_of_its_seams(order):
     assert np.allclose(found.least, seen.min(axis=0), rtol=1e-3, atol=1e-3)
 
 
-def test_a_jerk_beyond_its_limit_at_a_seam_is_no_proof():
-    move = move_with_seams()
+def test_a_jerk_beyond_its_limit_at_a_junction_is_no_proof():
+    move = move_with_junctions()
     reached = abs(every_piece(move, 3)).max(axis=0)
     wide = np.full(2, 1e3)
     limits = MotionLimits(

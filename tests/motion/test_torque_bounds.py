@@ -333,7 +333,7 @@ def test_paths_and_parameters_of_other_robots_are_refused():
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_torques_of_a_move_are_bounded_on_both_sides_of_its_seams(seed):
+def test_torques_of_a_move_are_bounded_on_both_sides_of_its_junctions(seed):
     rng = np.random.default_rng(seed)
     _, robot = random_robot(rng, 2)
     model = TorqueModel(robot, DriveTerms(viscous=True, coulomb="sign"))

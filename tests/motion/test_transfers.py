@@ -83,17 +83,16 @@ def test_from_rest_to_rest_the_duration_is_the_textbook_one(change, seconds):
 
 
 @REPEATABLE
-@given(st.integers(0, 1000), st.booleans())
-def test_a_transfer_meets_both_states_within_the_limits(seed, continuous_jerk):
+@given(st.integers(0, 1000))
+def test_a_transfer_meets_both_states_within_the_limits(seed):
     begin, end = random_states(seed)
     # One polynomial for all joints is possible where there is room.
     own = limits(3, low=-30.0, high=30.0, velocity=6.0, acceleration=40.0, jerk=600.0)
-    path = transfer(begin, end, own, continuous_jerk=continuous_jerk)
-    orders = 4 if continuous_jerk else 3
+    path = transfer(begin, end, own)
     for seen, state in zip(ends(path).swapaxes(0, 1), (begin, end), strict=True):
-        np.testing.assert_allclose(seen[:orders], state.values[:orders], atol=1e-9)
+        np.testing.assert_allclose(seen[:3], state.values[:3], atol=1e-9)
     inside(path, own)
-    assert len(path.control) == 2 * orders
+    assert len(path.control) == 6
 
 
 def inside(path, own):
@@ -112,17 +111,16 @@ def test_no_shorter_duration_is_within_the_limits():
 
 
 @REPEATABLE
-@given(st.integers(0, 1000), st.booleans())
-def test_an_approach_comes_from_rest_and_a_departure_is_its_mirror(seed, smooth):
+@given(st.integers(0, 1000))
+def test_an_approach_comes_from_rest_and_a_departure_is_its_mirror(seed):
     state, own = random_states(seed)[0], limits(3)
-    came = approach(state, own, continuous_jerk=smooth)
-    went = departure(state, own, continuous_jerk=smooth)
-    orders = 4 if smooth else 3
+    came = approach(state, own)
+    went = departure(state, own)
     for path, at_state, still in ((came, 1, 0), (went, 0, 1)):
         inside(path, own)
-        seen = ends(path)[:orders]
+        seen = ends(path)[:3]
         np.testing.assert_allclose(
-            seen[:, at_state], state.values[:orders], rtol=0, atol=1e-9
+            seen[:, at_state], state.values[:3], rtol=0, atol=1e-9
         )
         np.testing.assert_allclose(seen[1:, still], 0.0, atol=1e-9)
 

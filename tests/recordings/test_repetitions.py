@@ -61,5 +61,5 @@ def test_repetitions_that_make_no_sense_are_refused():
 
 def test_a_path_that_tells_too_little_is_refused_before_it_is_repeated():
     still = random_path(0, MODEL.robot.joint_names, amplitude=0.0)
-    with pytest.raises(NotExcitedError, match="does not tell all"):
+    with pytest.raises(NotExcitedError, match="does not identify all"):
         predicted_accuracy(MODEL, BASE, still).repetitions_for({NAME: 1.0})

@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from consistent_id.excitation.asked import asked_of
 from consistent_id.excitation.design import design_trajectory
 from consistent_id.excitation.designed import ExcitationDesign
+from consistent_id.excitation.request import design_request
 from consistent_id.motion.limits import MotionLimits
 from consistent_id.problems.problem import Problem
 from consistent_id.recordings.recording import Recording
@@ -82,21 +82,21 @@ def exciting_set(
     seed : int
         Of the first; the others count up.
     """
-    asked = asked_of(problem)
-    limits = asked.limits if limits is None else limits
+    request = design_request(problem)
+    limits = request.limits if limits is None else limits
     designs = {}
     for k, (experiment, motion) in enumerate(motions.items()):
         duration = float(motion.time[-1] - motion.time[0])
-        share = duration / asked.form.duration
+        share = duration / request.form.duration
         form = replace(
-            asked.form,
+            request.form,
             duration=duration,
-            harmonics=int(np.ceil(round(asked.form.harmonics * share, 6))),
+            harmonics=int(np.ceil(round(request.form.harmonics * share, 6))),
         )
         designs[experiment] = design_trajectory(
             problem.model,
             form,
-            asked.aim,
+            request.aim,
             limits=limits,
             starts=1,
             workers=1,

@@ -7,7 +7,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Array, Vector
 from consistent_id.errors import ProblemError
-from consistent_id.excitation.asked import asked_of
+from consistent_id.excitation.request import design_request
 from consistent_id.laboratory import Laboratory
 from consistent_id.laboratory.from_problem import (
     laboratory_of,
@@ -267,7 +267,7 @@ def exciting_sets(
     seed: int = 0,
 ) -> tuple[ExcitingSet, ...]:
     """Return the sets of exciting motions that an extent asks for."""
-    limits = asked_of(problem).limits
+    limits = design_request(problem).limits
     sets = []
     if WITHIN_USED in extent.sets:
         used = used_by(limits, motions)

@@ -8,7 +8,7 @@ Intervals of which too little is known are halved.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -92,7 +92,7 @@ class ClearanceReport:
             raise InfeasibleError(
                 f"{where} are {self.distance * 1e3:.2f} mm apart, and {wanted}, but no "
                 f"more than {self.proven * 1e3:.2f} mm could be proven for all time; "
-                "leave more room, or move more slowly there"
+                "leave more clearance, or move more slowly there"
             )
         seen = (
             f"are {self.distance * 1e3:.2f} mm apart"
@@ -117,7 +117,7 @@ def prove_clearance(
         All that will be played: the way from the start pose, the trajectory, and the
         way back.  Joints are matched by name.
     tolerance : float, [m]
-        How far what is proven may be below what was seen; where there is little room,
+        How far what is proven may be below what was seen; where bodies are near,
         it is less, down to 0.01 mm.
 
     Raises
@@ -142,18 +142,18 @@ def prove_clearance(
     every = list(paths) if isinstance(paths, Sequence) else [paths]
     if not every:
         raise ProblemError("no path to check, expected one or more")
-    found = [_proof(scene, path, k, tolerance) for k, path in enumerate(every)]
-    worst = min(found, key=lambda report: report.distance - report.wanted)
-    return ClearanceReport(
-        first=worst.first,
-        second=worst.second,
-        path=worst.path,
-        time=worst.time,
-        distance=worst.distance,
-        wanted=worst.wanted,
-        margin=min(report.margin for report in found),
-        poses=sum(report.poses for report in found),
-        queries=sum(report.queries for report in found),
+    return worst_clearance([_proof(scene, path, tolerance) for path in every])
+
+
+def worst_clearance(reports: Sequence[ClearanceReport]) -> ClearanceReport:
+    """Return one report of several paths, each of which has one of its own."""
+    k = int(np.argmin([report.distance - report.wanted for report in reports]))
+    return replace(
+        reports[k],
+        path=k,
+        margin=min(report.margin for report in reports),
+        poses=sum(report.poses for report in reports),
+        queries=sum(report.queries for report in reports),
     )
 
 
@@ -205,14 +205,12 @@ class _Search:
     def floor(self, tolerance: float) -> float:
         """Slack that has to be proven for now."""
         allowed = tolerance
-        if self.best > 0.0:  # half the room, so that what is kept can be proven
+        if self.best > 0.0:  # half the clearance, so that what is kept can be proven
             allowed = min(tolerance, max(self.best / 2.0, _FINEST))
         return self.best - allowed
 
 
-def _proof(
-    scene: Scene, path: JointPath, number: int, tolerance: float
-) -> ClearanceReport:
+def _proof(scene: Scene, path: JointPath, tolerance: float) -> ClearanceReport:
     motion = _motion(scene, path)
     search = _Search(time=path.start)
     count = max(1, int(np.ceil(path.duration / _FIRST)))
@@ -236,7 +234,7 @@ def _proof(
     return ClearanceReport(
         first=first,
         second=second,
-        path=number,
+        path=0,
         time=search.time,
         distance=search.distance,
         wanted=wanted,
@@ -270,10 +268,10 @@ def _level(
         at = sample[on]
         change[on] = largest_change(places, scene.pairs[k], at, steps[at])
     wanted = np.array([pair.wanted for pair in scene.pairs])[which]
-    ask = ~(apart - change - wanted >= search.floor(tolerance))
-    found = separation(scene, places, scene.pairs, sample[ask], which[ask])
+    near = ~(apart - change - wanted >= search.floor(tolerance))
+    found = separation(scene, places, scene.pairs, sample[near], which[near])
     search.saw(
-        found.distance - wanted[ask], found.distance, which[ask], time[sample[ask]]
+        found.distance - wanted[near], found.distance, which[near], time[sample[near]]
     )
-    apart[ask] = np.maximum(apart[ask], found.distance)
+    apart[near] = np.maximum(apart[near], found.distance)
     return np.asarray(apart - change - wanted - _ROUNDING)

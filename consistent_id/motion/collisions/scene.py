@@ -26,7 +26,7 @@ class Pair:
 
 @dataclass(frozen=True, slots=True)
 class PairNote:
-    """Two bodies that are not watched, or not as was asked, and why."""
+    """Two bodies that are not watched, or not as requested, and why."""
 
     first: str
     second: str

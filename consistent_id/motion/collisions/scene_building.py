@@ -33,7 +33,7 @@ def build_scene(
     """Return a scene that watches all pairs of bodies that can come together.
 
     Not watched are bodies on the same link, on links that a single joint connects, and
-    bodies of the robot that touch at nearly all random poses; the last are told in
+    bodies of the robot that touch at nearly all random poses; the last are listed in
     `Scene.notes`.  Where two bodies of the robot are nearer than is wanted at more than
     half of these poses, it is only wanted that they do not touch.
 
@@ -50,7 +50,7 @@ def build_scene(
     allowed : sequence of (str, str)
         Pairs of bodies, or of links, that may touch.
     poses : int
-        How many random poses within the joints' limits are looked at.
+        How many random poses within the joints' limits are sampled.
     seed : int
         Of these poses.
 
@@ -60,7 +60,7 @@ def build_scene(
         If a name is unknown, or an obstacle touches the robot at every random pose.
     """
     bodies = tuple(bodies)
-    room = _room(bodies, clearance, extra or {})
+    extra_of = _extras(bodies, clearance, extra or {})
     free = {frozenset(names) for names in _expanded(bodies, allowed)}
     pairs, notes = [], []
     for i, j in _movable(robot, bodies):
@@ -68,7 +68,7 @@ def build_scene(
         if frozenset(names) in free:
             notes.append(PairNote(*names, False, "may touch, by `allowed`"))
         else:
-            pairs.append(Pair(i, j, clearance + room[i] + room[j]))
+            pairs.append(Pair(i, j, clearance + extra_of[i] + extra_of[j]))
     scene = Scene(robot, bodies, tuple(pairs), tuple(notes))
     return _sifted(scene, random_poses(robot, poses, seed)) if pairs else scene
 
@@ -98,7 +98,7 @@ def _movable(robot: RobotModel, bodies: tuple[Body, ...]) -> Iterable[tuple[int,
 
 
 def _sifted(scene: Scene, q: ArrayLike) -> Scene:
-    """Leave out pairs that nearly always touch, and ask less of those always near."""
+    """Leave out pairs that nearly always touch; require less of those always near."""
     largest = max(pair.wanted for pair in scene.pairs)
     near = nearest(scene, q, within=largest)
     pairs, notes = [], list(scene.notes)
@@ -128,7 +128,7 @@ def _sifted(scene: Scene, q: ArrayLike) -> Scene:
     return Scene(scene.robot, scene.bodies, tuple(pairs), tuple(notes), scene.dropped)
 
 
-def _room(
+def _extras(
     bodies: tuple[Body, ...], clearance: float, extra: Mapping[str, float]
 ) -> list[float]:
     """Distance beyond the clearance that each body must keep."""

@@ -182,9 +182,9 @@ def separation(
     gap, direction = balls_apart(places, sample, first, second)
     beyond = (gap > within) & ~upright
     normal[beyond] = direction[beyond]
-    ask = np.flatnonzero(~upright & ~beyond)
-    normal[ask], points[:, ask] = _directions(
-        scene, places, sample[ask], first[ask], second[ask]
+    unknown = np.flatnonzero(~upright & ~beyond)
+    normal[unknown], points[:, unknown] = _directions(
+        scene, places, sample[unknown], first[unknown], second[unknown]
     )
     far = np.stack(
         [

@@ -1,4 +1,4 @@
-"""What files of trajectories have in common: their size, and what robots ask for."""
+"""What files of trajectories have in common: their size, and what robots require."""
 
 import os
 from pathlib import Path

@@ -45,7 +45,7 @@ FORMAT_OF_ENDING: dict[str, Format] = {
 
 
 class _Probe(msgspec.Struct):
-    """What tells one kind of JSON from another."""
+    """What distinguishes kinds of JSON."""
 
     format: str | None = None
     joint_names: list[str] | None = None

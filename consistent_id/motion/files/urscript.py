@@ -12,7 +12,7 @@ UR_RATES = (125.0, 500.0)
 """Cycles of CB and of e-Series controllers [Hz]."""
 
 _JOINTS = 6
-_TO_START = "a=0.5, v=0.25"  # rad/s^2, rad/s: slow, since nobody checked this way
+_TO_START = "a=0.5, v=0.25"  # rad/s^2, rad/s: slow, since this way is not checked
 _TRACKING = "0.1, 300"  # lookahead time [s] and gain, the controller's own defaults
 
 

@@ -13,7 +13,7 @@ from consistent_id._support.arrays import Array, IntArray, Vector
 from consistent_id.errors import ProblemError
 from consistent_id.motion.proofs.interval import Interval
 from consistent_id.motion.proofs.peaks import Enclosed, peaks
-from consistent_id.motion.proofs.seams import merged, smooth_pieces
+from consistent_id.motion.proofs.piecewise import merged, smooth_pieces
 from consistent_id.recordings.paths import JointPath
 
 _FINEST = 1e-3  # least scale of the tolerance, relative to the bound over all time

@@ -60,12 +60,12 @@ class Margin:
 
     @property
     def holds(self) -> bool:
-        """Tell whether it is proven that the limit is kept at all times."""
+        """Whether it is proven that the limit is kept at all times."""
         return self.margin >= 0.0
 
     @property
     def violated(self) -> bool:
-        """Tell whether the path is beyond the limit at `time`."""
+        """Whether the path is beyond the limit at `time`."""
         beyond = self.reached - self.limit
         return (-beyond if self.quantity == "lower position" else beyond) > 0.0
 
@@ -84,7 +84,7 @@ class MotionMargins:
 
     @property
     def holds(self) -> bool:
-        """Tell whether it is proven that all limits are kept at all times."""
+        """Whether it is proven that all limits are kept at all times."""
         return all(margin.holds for margin in self.margins)
 
     @property

@@ -27,7 +27,7 @@ class Enclosure(Protocol):
     def __call__(self, middle: Vector, radius: float, cell: IntArray) -> Enclosed:
         """Enclose them over ``middle - radius`` to ``middle + radius`` [s].
 
-        `cell` tells which of the first, equal stretches each one is a part of.
+        `cell` is which of the first, equal stretches each one is a part of.
         """
 
 

@@ -19,7 +19,7 @@ from consistent_id.motion.proofs.friction_bounds import (
 )
 from consistent_id.motion.proofs.interval import Interval
 from consistent_id.motion.proofs.peaks import Enclosed, Enclosure, peaks
-from consistent_id.motion.proofs.seams import merged, smooth_pieces
+from consistent_id.motion.proofs.piecewise import merged, smooth_pieces
 from consistent_id.motion.proofs.torque_motion import SmoothTorque, smooth_torque
 from consistent_id.recordings.paths import JointPath
 from consistent_id.regression.regressor import TorqueModel

@@ -1,18 +1,20 @@
-"""What would be designed, as tables: to look at before a search is begun."""
+"""A design request as tables, before a search is begun."""
 
 from consistent_id._support.tables import Table
-from consistent_id.excitation.asked import Asked
+from consistent_id.excitation.request import DesignRequest
 from consistent_id.excitation.verification import Demands
 from consistent_id.motion.limits import MotionLimits
 from consistent_id.regression.regressor import TorqueModel
 
 
-def asked_tables(model: TorqueModel, asked: Asked, required: Demands) -> list[Table]:
-    """Return form, aim, limits and demands of a path that is asked for."""
-    form, aim = asked.form, asked.aim
+def request_tables(
+    model: TorqueModel, request: DesignRequest, required: Demands
+) -> list[Table]:
+    """Return form, aim, limits and demands of a path that is requested."""
+    form, aim = request.form, request.aim
     refine = "no second stage" if aim.refine is None else f"then {aim.refine}"
     growth = "" if aim.refine is None else f", condition up to {aim.growth:g} times"
-    pose, times = asked.start_pose, asked.periods or 1
+    pose, times = request.start_pose, request.periods or 1
     rows = [
         ("duration", f"{form.duration:g} s"),
         ("frequencies", ", ".join(f"{f:.4g}" for f in form.frequencies) + " Hz"),
@@ -27,11 +29,11 @@ def asked_tables(model: TorqueModel, asked: Asked, required: Demands) -> list[Ta
     ]
     plan = Table(
         f"Exciting trajectory of {model.robot.name}: what would be designed",
-        ("", "asked for"),
+        ("", "requested"),
         tuple(rows),
         required.notes,
     )
-    return [plan, limits_table(asked.limits), *_scene(required)]
+    return [plan, limits_table(request.limits), *_scene(required)]
 
 
 def limits_table(limits: MotionLimits) -> Table:
@@ -66,7 +68,7 @@ def _scene(required: Demands) -> list[Table]:
     )
     notes = (
         *(str(note) for note in scene.notes),
-        *(f"link {name} of the file is not looked at" for name in scene.dropped),
+        *(f"link {name} of the file is not checked" for name in scene.dropped),
     )
     return [Table("Bodies kept apart", ("one", "other", "by [mm]"), rows, notes)]
 

@@ -40,8 +40,8 @@ class Bounds(Protocol):
 def smooth_pieces(path: JointPath) -> tuple[JointPath, ...]:
     """Return the pieces of a path that has any, as a `Move` has; else the path.
 
-    At a seam, higher derivatives jump: both values count, and no bound of a derivative
-    says anything across it.
+    Between pieces, higher derivatives jump: both values count, and no bound of a
+    derivative holds across the junction.
     """
     return tuple(getattr(path, "pieces", (path,)))
 

@@ -1,6 +1,6 @@
 """A design as plain values for JSON, and as tables for people."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -8,18 +8,20 @@ import numpy as np
 from consistent_id._support.tables import Table
 from consistent_id.excitation.designed import ExcitationDesign, Stage
 from consistent_id.excitation.validating import ValidationPath
+from consistent_id.excitation.verification import Proof
 from consistent_id.motion.collisions.clearance import ClearanceReport
 from consistent_id.motion.limits import MotionLimits
 from consistent_id.motion.proofs.margins import Margin
 from consistent_id.regression.base import ConditionNumber
 
-_MOVES = ("whole_move", "validation_move")
+_MOVES = {"trajectory": "whole_move", "validation": "validation_move"}
+"""Names of the moves, and the keys of their clearances in a record."""
 
 
 def design_record(
     design: ExcitationDesign,
     validation: ValidationPath | None = None,
-    clearances: Sequence[ClearanceReport] = (),
+    proofs: Mapping[str, Proof] | None = None,
 ) -> dict[str, Any]:
     """Return all there is to know of a design, for a file that outlives it.
 
@@ -27,8 +29,8 @@ def design_record(
     ----------
     design : ExcitationDesign
     validation : ValidationPath, optional
-    clearances : sequence of ClearanceReport
-        Of the whole moves, with run-in and run-out: to learn from, to judge by.
+    proofs : mapping of str to Proof, optional
+        Of the whole moves, with run-in and run-out: ``"trajectory"``, ``"validation"``.
     """
     aim, form = design.aim, design.form
     return {
@@ -54,7 +56,7 @@ def design_record(
             "earlier_recordings": len(aim.recordings),
         },
         "limits": _limits(design.limits),
-        "scene": _scene(design, clearances),
+        "scene": _scene(design, proofs or {}),
         "before": _condition(design.unoptimised.condition),
         "stages": [_stage(stage) for stage in design.stages],
         "base_parameters": list(design.base.groupings),
@@ -70,14 +72,14 @@ def design_record(
 
 
 def design_tables(
-    design: ExcitationDesign, clearances: Sequence[ClearanceReport] = ()
+    design: ExcitationDesign, proofs: Mapping[str, Proof] | None = None
 ) -> list[Table]:
-    """Return a design as tables: what is reached, what is proven, what it tells.
+    """Return a design as tables: its stages, its proof, its predicted accuracy.
 
     Parameters
     ----------
     design : ExcitationDesign
-    clearances : sequence of ClearanceReport
+    proofs : mapping of str to Proof, optional
         As `design_record`.
     """
     rows = [("random path", "-", f"{design.unoptimised.condition.value:.4g}", "-")]
@@ -103,21 +105,20 @@ def design_tables(
         ),
     )
     margins = design.proof.margins.table()
-    return [found, margins, *_room(design, clearances), design.accuracy.table()]
+    return [found, margins, *_clearances(design, proofs or {}), design.accuracy.table()]
 
 
-def _room(
-    design: ExcitationDesign, clearances: Sequence[ClearanceReport]
-) -> list[Table]:
+def _clearances(design: ExcitationDesign, proofs: Mapping[str, Proof]) -> list[Table]:
     scene = design.demands.scene
-    if scene is None or design.proof.clearance is None:
+    if scene is None:
         return []
-    reports = zip(
-        ("trajectory", *_MOVES), (design.proof.clearance, *clearances), strict=False
-    )
+    reports = [("trajectory", design.proof.clearance)]
+    reports += [
+        (_MOVES[name].replace("_", " "), p.clearance) for name, p in proofs.items()
+    ]
     rows = tuple(
         (
-            name.replace("_", " "),
+            name,
             f"{report.first}, {report.second}",
             f"{report.time:.3f}",
             f"{report.distance * 1e3:.1f}",
@@ -125,18 +126,26 @@ def _room(
             f"{report.proven * 1e3:.1f}",
         )
         for name, report in reports
+        if report is not None
     )
     notes = (
-        f"{len(scene.pairs)} pairs of bodies watched; proven for all times",
+        f"{len(scene.pairs)} pairs of bodies checked; proven for all times",
         *(str(note) for note in scene.notes),
-        *(f"link {name} of the file is not looked at" for name in scene.dropped),
+        *(f"link {name} of the file is not checked" for name in scene.dropped),
     )
-    header = ("motion", "least room between", "at [s]", "seen [mm]", "wanted", "proven")
+    header = (
+        "motion",
+        "least clearance between",
+        "at [s]",
+        "seen [mm]",
+        "wanted",
+        "proven",
+    )
     return [Table("Clearance", header, rows, notes)]
 
 
 def _scene(
-    design: ExcitationDesign, clearances: Sequence[ClearanceReport]
+    design: ExcitationDesign, proofs: Mapping[str, Proof]
 ) -> dict[str, Any] | None:
     scene = design.demands.scene
     if scene is None:
@@ -149,7 +158,7 @@ def _scene(
         ],
         "notes": [str(note) for note in scene.notes],
         "dropped": list(scene.dropped),
-    } | {name: _clearance(of) for name, of in zip(_MOVES, clearances, strict=False)}
+    } | {_MOVES[name]: _clearance(proof.clearance) for name, proof in proofs.items()}
 
 
 def _clearance(report: ClearanceReport | None) -> dict[str, Any] | None:

@@ -1,4 +1,4 @@
-"""The scene that a problem file asks for."""
+"""The scene that a problem file requests."""
 
 import numpy as np
 
@@ -30,7 +30,7 @@ _WHERE = "[excitation.scene]"
 _SHAPES = ("sphere", "box", "capsule", "cylinder")
 
 
-def asked_scene(problem: Problem) -> Scene | None:
+def requested_scene(problem: Problem) -> Scene | None:
     """Return the scene of ``[excitation.scene]``; None without such a table.
 
     Raises

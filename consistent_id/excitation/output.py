@@ -1,0 +1,138 @@
+"""Files, record and tables of a playable design."""
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from consistent_id._support.files import require_writable, write_atomically
+from consistent_id._support.tables import Table
+from consistent_id.errors import InfeasibleError, ProblemError
+from consistent_id.excitation.design_record import design_record, design_tables
+from consistent_id.excitation.figure import design_figure
+from consistent_id.excitation.playable import TRAINING, PlayableDesign
+from consistent_id.excitation.replay import write_replay
+from consistent_id.excitation.request import design_request
+from consistent_id.excitation.request_tables import request_tables
+from consistent_id.excitation.verification import demands
+from consistent_id.motion.files import write_trajectory
+from consistent_id.motion.files.files import FORMAT_OF_ENDING
+from consistent_id.motion.files.urscript import UR_RATES
+from consistent_id.problems.problem import Problem
+from consistent_id.report.figures import save_figure
+from consistent_id.robot.parameters import did_you_mean
+
+FORMATS = ("csv", "yaml")
+"""Endings of the files of samples that are written by default."""
+
+REPLAY = "replay.html"
+
+
+def write_design(
+    playable: PlayableDesign, folder: Path, formats: Sequence[str] = FORMATS
+) -> list[Path]:
+    """Write motions, figure and record into a folder; return the files.
+
+    Parameters
+    ----------
+    playable : PlayableDesign
+    folder : Path
+    formats : sequence of str
+        Endings of files of samples, such as ``csv``, ``yaml`` or ``script``, that
+        `write_trajectory` knows; the exact motion is always written, as ``json``.
+    """
+    require_writable(folder)
+    written = []
+    for name, move in playable.moves.items():
+        for ending in dict.fromkeys(("json", *formats)):
+            file = folder / f"{name}.{ending}"
+            rate = _rate_of(ending, playable.design.aim.rate)
+            written.append(write_trajectory(move, file, rate=rate))
+    figure = design_figure(playable.design)
+    written.append(save_figure(figure, folder / "excitation.png"))
+    text = json.dumps(playable_record(playable), indent=1, allow_nan=False)
+    written.append(write_atomically(folder / "excitation.json", text + "\n"))
+    return written
+
+
+def _rate_of(ending: str, rate: float) -> float:
+    """Return the rate of a file's samples: a UR's controller has its own."""
+    if ending not in ("script", "urscript") or rate in UR_RATES:
+        return rate
+    return UR_RATES[0]
+
+
+def checked_formats(text: str) -> tuple[str, ...]:
+    """Return endings that are listed with commas.
+
+    Raises
+    ------
+    ProblemError
+        If one is not known; so that it is found before a search, not after.
+
+    Examples
+    --------
+    >>> checked_formats("csv, script")
+    ('csv', 'script')
+    """
+    endings = tuple(word.strip().lstrip(".") for word in text.split(","))
+    for ending in endings:
+        if f".{ending}" not in FORMAT_OF_ENDING:
+            near = did_you_mean(ending, [e.lstrip(".") for e in FORMAT_OF_ENDING])
+            raise ProblemError(f"format {ending!r} of a trajectory; {near}")
+    return endings
+
+
+def replay_design(problem: Problem, playable: PlayableDesign, folder: Path) -> Path:
+    """Write a page that replays the training motion; return the file."""
+    if TRAINING not in playable.moves:
+        raise InfeasibleError(f"nothing to replay: {playable.refusals[0]}")
+    model, scene = problem.table.model, problem.table.excitation.scene
+    return write_replay(
+        playable.moves[TRAINING],
+        problem.model.robot,
+        folder / REPLAY,
+        urdf=None if model.urdf is None else problem.file(model.urdf),
+        package_dirs=[problem.file(name) for name in scene.packages] if scene else [],
+        locked=model.locked,
+        scene=playable.design.demands.scene,
+    )
+
+
+def planned_tables(problem: Problem) -> list[Table]:
+    """Return what `playable_design` would design, for people, without a search."""
+    request = design_request(problem)
+    required = demands(problem.model, request.limits, scene=request.scene)
+    return request_tables(problem.model, request, required)
+
+
+def playable_record(playable: PlayableDesign) -> dict[str, Any]:
+    """Return all there is to know of a design and its moves, as plain values."""
+    record = design_record(playable.design, playable.validation, playable.proofs)
+    record["played"] = {
+        name: {
+            "duration_s": move.duration,
+            "proven": playable.proofs[name].holds,
+            "least_margin": asdict(playable.proofs[name].margins.least),
+        }
+        for name, move in playable.moves.items()
+    }
+    record["refusals"] = list(playable.refusals)
+    return record
+
+
+def playable_tables(playable: PlayableDesign) -> list[Table]:
+    """Return the same for people."""
+    rows = tuple(_rows(playable))
+    header = ("motion", "lasts", "least margin", "joint", "limit of")
+    notes = ("run-in and run-out included; proven for all times", *playable.refusals)
+    tables = design_tables(playable.design, playable.proofs)
+    return [*tables, Table("What is played", header, rows, notes)]
+
+
+def _rows(playable: PlayableDesign) -> Iterator[tuple[str, ...]]:
+    for name, move in playable.moves.items():
+        least = playable.proofs[name].margins.least
+        share = f"{100.0 * least.relative:.2f} %"
+        yield name, f"{move.duration:.2f} s", share, least.joint, least.quantity

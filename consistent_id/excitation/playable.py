@@ -1,0 +1,165 @@
+"""From a problem to motions that are ready to play, each proven as a whole."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from consistent_id.errors import InfeasibleError, ProblemError
+from consistent_id.estimation.least_squares import joint_noise
+from consistent_id.excitation.aims import Aim
+from consistent_id.excitation.design import design_trajectory
+from consistent_id.excitation.designed import ExcitationDesign
+from consistent_id.excitation.request import DesignRequest, design_request
+from consistent_id.excitation.validating import ValidationPath, validation_trajectory
+from consistent_id.excitation.verification import Demands, Proof, combined
+from consistent_id.motion.move import Move
+from consistent_id.motion.move_along import move_along
+from consistent_id.problems.problem import Problem
+from consistent_id.recordings.trajectory import FourierTrajectory
+from consistent_id.regression.regression import build_regression
+
+TRAINING, VALIDATION = "trajectory", "validation"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlayableDesign:
+    """A design and a validation path, and the moves that play them.
+
+    Parameters
+    ----------
+    design : ExcitationDesign
+    validation : ValidationPath, optional
+    moves : mapping of str to Move
+        From rest to rest: ``"trajectory"``, ``"validation"``, or those of the two that
+        can be played within the limits; `refusals` say why one is missing.
+    proofs : mapping of str to Proof
+        Of each of the moves, from its first moment to its last.
+    refusals : tuple of str
+    """
+
+    design: ExcitationDesign
+    validation: ValidationPath | None
+    moves: Mapping[str, Move]
+    proofs: Mapping[str, Proof]
+    refusals: tuple[str, ...]
+
+
+def playable_design(
+    problem: Problem,
+    *,
+    starts: int = 4,
+    time_limit: float = 10.0,
+    seed: int = 0,
+    workers: int | None = None,
+    sequential: bool = False,
+    progress: bool = False,
+) -> PlayableDesign:
+    """Design the motions that a problem's ``[excitation]`` table requests.
+
+    Parameters
+    ----------
+    problem : Problem
+    starts, time_limit, seed, workers, progress
+        See `design_trajectory`.
+    sequential : bool
+        Count the information of the problem's training recordings; where the table
+        gives no noise, theirs is taken.
+
+    Raises
+    ------
+    ProblemError, InfeasibleError
+        As `design_trajectory`.  What fails after the search, such as a run-in that
+        cannot keep the limits, costs no design: it is among the refusals.
+    """
+    request = design_request(problem)
+    aim = _with_recordings(problem, request.aim) if sequential else request.aim
+    design = design_trajectory(
+        problem.model,
+        request.form,
+        aim,
+        limits=request.limits,
+        scene=request.scene,
+        starts=starts,
+        time_limit=time_limit,
+        seed=seed,
+        workers=workers,
+        progress=progress,
+    )
+    moves: dict[str, Move] = {}
+    proofs: dict[str, Proof] = {}
+    refusals: list[str] = []
+    validation = None
+
+    def play(
+        name: str, path: FourierTrajectory, proof: Proof, periods: int | None
+    ) -> None:
+        pose, limits = request.start_pose, design.limits
+        move = move_along(path, limits, from_pose=pose, to_pose=pose, periods=periods)
+        proofs[name] = _whole_proof(move, path, proof, design.demands, request)
+        moves[name] = move
+
+    try:
+        play(TRAINING, design.trajectory, design.proof, request.periods)
+    except (InfeasibleError, ProblemError) as cause:
+        refusals.append(f"the trajectory cannot be played: {cause}")
+    try:
+        validation = validation_trajectory(design, seed=seed)
+        play(VALIDATION, validation.trajectory, validation.proof, None)
+    except (InfeasibleError, ProblemError) as cause:
+        refusals.append(f"there is no validation motion: {cause}")
+    return PlayableDesign(design, validation, moves, proofs, tuple(refusals))
+
+
+def _whole_proof(
+    move: Move,
+    path: FourierTrajectory,
+    proof: Proof,
+    demands: Demands,
+    request: DesignRequest,
+) -> Proof:
+    """Return the proof of a move along a path that is proven already.
+
+    The path is proven once: what holds over one period holds over all of them.
+
+    Raises
+    ------
+    InfeasibleError
+        If run-in or run-out does not keep what is demanded.
+    """
+    proofs: dict[str, list[Proof]] = {}
+    for name, pieces in (("run-in", move.run_in), ("run-out", move.run_out)):
+        proofs[name] = [demands.proof(piece) for piece in pieces]
+        try:
+            if pieces:
+                combined(proofs[name]).require()
+        except InfeasibleError as cause:
+            advice = _advice(path, demands, request)
+            raise InfeasibleError(f"{name}: {cause}. {advice}") from None
+    later = proof.later(move.trajectory.start - path.start)
+    return combined([*proofs["run-in"], later, *proofs["run-out"]])
+
+
+def _advice(path: FourierTrajectory, demands: Demands, request: DesignRequest) -> str:
+    """Return what start pose to try when run-in or run-out is in the way."""
+    other = "Give another start_pose in [excitation]"
+    if request.start_pose is None:
+        return other
+    move = move_along(path, demands.limits)
+    pieces = [*move.run_in, *move.run_out]
+    if pieces and not demands.proof(pieces).holds:
+        return other
+    pose = zip(move.joints, move.evaluate([move.start], 0)[0, 0], strict=True)
+    start = ", ".join(f"{joint} = {q:.3f}" for joint, q in pose)
+    return f"{other}, or none: from {start} this path can be reached as it is"
+
+
+def _with_recordings(problem: Problem, aim: Aim) -> Aim:
+    if problem.table.data is None:
+        raise ProblemError(
+            f"problem {problem.name!r} has no recordings to go on from; leave out "
+            "sequential, or add a [data] table"
+        )
+    regression = build_regression(problem.model, problem.training)
+    noise = aim.noise
+    if noise is None:
+        noise = joint_noise(problem.model, regression)
+    return replace(aim, noise=noise, earlier=regression)

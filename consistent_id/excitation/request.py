@@ -1,0 +1,142 @@
+"""What the ``[excitation]`` table of a problem requests, as values of a design."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from consistent_id.errors import ProblemError
+from consistent_id.excitation.aims import Aim, PathForm
+from consistent_id.excitation.request_scene import requested_scene
+from consistent_id.motion.collisions.scene import Scene
+from consistent_id.motion.collisions.separation import nearest
+from consistent_id.motion.limits import MotionLimits, motion_limits
+from consistent_id.problems.excitation_tables import LimitsTable
+from consistent_id.problems.problem import Problem
+from consistent_id.recordings.trajectory import FourierTrajectory
+from consistent_id.robot.model import RobotModel
+from consistent_id.robot.parameters import did_you_mean
+
+_TABLE = "[excitation]"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DesignRequest:
+    """Form, aim, limits and surroundings of a path, and how it is to be played.
+
+    Parameters
+    ----------
+    form : PathForm
+    aim : Aim
+    limits : MotionLimits
+    scene : Scene, optional
+    start_pose : dict from joint to position, optional
+        Where the robot rests before and after, all joints of it.
+    periods : int, optional
+        How often a periodic path is repeated; None to play its duration once.
+    """
+
+    form: PathForm
+    aim: Aim
+    limits: MotionLimits
+    scene: Scene | None
+    start_pose: dict[str, float] | None
+    periods: int | None
+
+
+def design_request(problem: Problem) -> DesignRequest:
+    """Return what the ``[excitation]`` table of a problem requests.
+
+    Raises
+    ------
+    ProblemError
+        If a joint is unknown, its limits leave no motion, the scene contradicts itself,
+        a path is to be repeated that rests or is no whole period, or the start pose is
+        outside the limits or has bodies too near to one another.
+    """
+    table = problem.table.excitation
+    if table.rest and table.periods != 1:
+        raise ProblemError(
+            f"{_TABLE} periods is {table.periods}, but a path that rests at its ends "
+            "is not repeated; give rest = false, or leave periods out and play it as "
+            "often as you like"
+        )
+    limits = _limits(table.limits, problem.model.robot)
+    bases = table.base_frequencies
+    form = PathForm(
+        table.duration,
+        table.harmonics,
+        None if bases is None else tuple(bases),
+        table.rest,
+    )
+    aim = Aim(
+        objective=table.objective,
+        refine=None if table.refine == "none" else table.refine,
+        growth=table.growth,
+        scaling=table.scaling,
+        noise=table.noise,
+        rate=table.rate,
+    )
+    scene = requested_scene(problem)
+    pose = _pose(table.start_pose, limits) if table.start_pose else None
+    if scene is not None and pose is not None:
+        _require_clear(scene, pose)
+    periods = None if table.periods == 1 else table.periods
+    if periods is not None:
+        _require_whole_period(form, periods)
+    return DesignRequest(form, aim, limits, scene, pose, periods)
+
+
+def _limits(given: LimitsTable, robot: RobotModel) -> MotionLimits:
+    limits = motion_limits(
+        robot,
+        position={name: (low, high) for name, (low, high) in given.position.items()},
+        velocity=given.velocity,
+        acceleration=given.acceleration,
+        jerk=given.jerk,
+        effort=given.effort,
+    )
+    return limits.within(given.share)
+
+
+def _pose(given: dict[str, float], limits: MotionLimits) -> dict[str, float]:
+    """Return the pose of all joints: those that are not given in their middle."""
+    for joint, value in given.items():
+        if joint not in limits.joints:
+            near = did_you_mean(joint, limits.joints)
+            raise ProblemError(f"{_TABLE} start_pose: no joint {joint!r}; {near}")
+        j = limits.joints.index(joint)
+        if not limits.lower[j] <= value <= limits.upper[j]:
+            raise ProblemError(
+                f"{_TABLE} start_pose: {joint} = {value:g}, expected between "
+                f"{limits.lower[j]:.6g} and {limits.upper[j]:.6g}, its range (times "
+                "the share that is used)"
+            )
+    return dict(zip(limits.joints, limits.middle.tolist(), strict=True)) | given
+
+
+def _require_whole_period(form: PathForm, periods: int) -> None:
+    """Refuse to repeat what is designed and proven, if it is no whole period."""
+    still = np.zeros((len(form.frequencies), 1))
+    path = FourierTrajectory(
+        ("any",), form.frequencies, np.zeros(1), still, still, form.duration
+    )
+    if path.period is None or not np.isclose(path.period, form.duration):
+        raise ProblemError(
+            f"{_TABLE} periods = {periods}: the path repeats after {path.period} s, "
+            f"not after its duration of {form.duration:g} s; play it once, or leave "
+            "out base_frequencies"
+        )
+
+
+def _require_clear(scene: Scene, pose: dict[str, float]) -> None:
+    if not scene.pairs:
+        return
+    found = nearest(scene, [[pose[name] for name in scene.robot.joint_names]])
+    k = int(found.slack[0].argmin())
+    if found.slack[0, k] < 0.0:
+        first, second = scene.names(scene.pairs[k])
+        raise ProblemError(
+            f"{_TABLE} start_pose: bodies {first!r} and {second!r} are "
+            f"{found.distance[0, k] * 1e3:.1f} mm apart (negative: in one another), at "
+            f"least {scene.pairs[k].wanted * 1e3:.1f} mm are wanted; give another pose"
+        )
