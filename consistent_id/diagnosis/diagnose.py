@@ -6,8 +6,9 @@ from dataclasses import replace
 from consistent_id._support.arrays import Vector
 from consistent_id._support.threads import single_threaded
 from consistent_id.constraints import Constraint
+from consistent_id.constraints.distances import nominal_distance
 from consistent_id.diagnosis.clock import clock_findings, velocity_findings
-from consistent_id.diagnosis.corrections import motion_corrections, torque_corrections
+from consistent_id.diagnosis.corrections import corrections
 from consistent_id.diagnosis.coverage import (
     dead_findings,
     rank_findings,
@@ -15,11 +16,11 @@ from consistent_id.diagnosis.coverage import (
     standstill_findings,
 )
 from consistent_id.diagnosis.explain import (
-    Prepare,
+    Explained,
     best_explanation,
     datasheet_constraints,
+    explained,
     explanation_finding,
-    unexplained,
 )
 from consistent_id.diagnosis.findings import Diagnosis, Finding
 from consistent_id.diagnosis.linearise import Linearised, linearised
@@ -30,11 +31,14 @@ from consistent_id.diagnosis.small_shifts import (
     shift_findings,
 )
 from consistent_id.errors import InfeasibleError, SolverError
-from consistent_id.estimation.constrained import constrained_least_squares
+from consistent_id.estimation.penalised import penalised_fit
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import BaseParameters, base_parameters
-from consistent_id.regression.regression import build_regression
 from consistent_id.regression.regressor import TorqueModel
+
+Prepare = Callable[[Recording], Recording]
+
+_PULL = 1e-4  # squared misfit that a typical distance to the nominal robot weighs
 
 
 @single_threaded
@@ -109,21 +113,17 @@ def _dynamic(
     prepare: Prepare,
 ) -> list[Finding]:
     """Return what only the torque tells."""
-    corrections = [
-        *torque_corrections(model.robot.joint_names, model.torque_joints),
-        *motion_corrections(model.robot),
-    ]
-    prepared = prepare(log)
+    prepared = prepare(log).of(model.robot.joint_names)
     found = rank_findings(model, prepared, base)
     try:
-        best = best_explanation(model, log, corrections, constraints, base, prepare)
+        as_is = explained(model, prepared, constraints, base)
+        best = best_explanation(as_is, corrections(model.robot, model.torque_joints))
         if best is not None and not best.correction.moves:
             return [*found, explanation_finding(best)]
-        zeros = moved_zeros(model, _lineariser(model, prepared, constraints, base))
-        moved = replace(prepared, position=prepared.position + zeros.offsets)
+        zeros = moved_zeros(model, lambda offsets: _linearised(_moved(as_is, offsets)))
         # A zero a little off is part of the explanation by exchanged channels that
         # hardly matter; it is told by leaving less unexplained.
-        if best is None or unexplained(model, moved, constraints, base) < best.misfit:
+        if best is None or _moved(as_is, zeros.offsets).misfit < best.misfit:
             return found + shift_findings(model, zeros) + hidden_zeros(model, zeros)
         return [*found, explanation_finding(best)]
     except (InfeasibleError, SolverError) as failure:
@@ -132,21 +132,18 @@ def _dynamic(
         return [*found, Finding("datasheet", "fault", log.name, statement, advice)]
 
 
-def _lineariser(
-    model: TorqueModel,
-    prepared: Recording,
-    constraints: Sequence[Constraint],
-    base: BaseParameters,
-) -> Callable[[Vector], Linearised]:
-    """Return what linearises at the best bodies of a log with its zeros moved."""
+def _moved(log: Explained, offsets: Vector) -> Explained:
+    """Return a log with its zeros moved, explained anew."""
+    if not offsets.any():
+        return log
+    recording = log.recording
+    moved = replace(recording, position=recording.position + offsets)
+    return explained(log.model, moved, log.constraints, log.base)
 
-    def at(offsets: Vector) -> Linearised:
-        log = replace(prepared, position=prepared.position + offsets)
-        regression = build_regression(model, log)
-        weighted = regression.weighted(regression.torque_rms)
-        best = constrained_least_squares(
-            model, weighted, constraints=constraints, base=base
-        )
-        return linearised(model, best.parameters, log, base)
 
-    return at
+def _linearised(log: Explained) -> Linearised:
+    """Linearise about the best robot; what the data do not determine is nominal."""
+    scaled = log.fit.scaled
+    distance = nominal_distance(log.model, "pullback", scaled.unit)
+    x = penalised_fit(scaled, distance, _PULL).solution.u * scaled.unit
+    return linearised(log.model, x, log.recording, log.base)

@@ -13,7 +13,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Vector
 from consistent_id.diagnosis.findings import Finding
-from consistent_id.diagnosis.jackknife import Fitted, jackknifed
+from consistent_id.diagnosis.jackknife import Fitted
 from consistent_id.diagnosis.linearise import Linearised
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.model import Joint
@@ -58,12 +58,12 @@ def estimate_shifts(system: Linearised, beside: tuple[int, ...] = ()) -> Shifts:
     beside : tuple of int
         Joints whose zeros are off as well; they are estimated together.
     """
-    zeros = range(system.rows.shape[2] - 1 - system.base)
+    zeros = range(system.joints)
     fits = [_fit(system, (j, *(i for i in beside if i != j))) for j in zeros]
     lag = _fit(system, beside)
     return Shifts(
-        offsets=np.array([f.solution[system.base] for f in fits]),
-        offset_errors=np.array([f.errors[system.base] for f in fits]),
+        offsets=np.array([f.solution[0] for f in fits]),
+        offset_errors=np.array([f.errors[0] for f in fits]),
         misfits=np.array([f.misfit for f in fits]),
         lag=float(lag.solution[-1]),
         lag_error=float(lag.errors[-1]),
@@ -126,14 +126,13 @@ def moved_zeros(
 
 def _together(system: Linearised, alone: Shifts, least: Vector) -> dict[int, float]:
     """Return zeros that are sure only beside each other: opposite ones hide."""
-    told = np.flatnonzero(np.isfinite(alone.offset_errors))
-    fit = _fit(system, tuple(told.tolist()))
-    place = slice(system.base, system.base + len(told))
-    sizes = fit.solution[place]
-    scores = _scores(sizes, least[told], fit.errors[place])
+    seen = np.flatnonzero(np.isfinite(alone.offset_errors))
+    fit = _fit(system, tuple(seen.tolist()))
+    sizes = fit.solution[:-1]
+    scores = _scores(sizes, least[seen], fit.errors[:-1])
     return {
         int(j): float(d)
-        for j, d, score in zip(told, sizes, scores, strict=True)
+        for j, d, score in zip(seen, sizes, scores, strict=True)
         if score >= 1.0
     }
 
@@ -226,5 +225,5 @@ def _lags(shifts: Shifts) -> list[Finding]:
 
 
 def _fit(system: Linearised, zeros: tuple[int, ...]) -> Fitted:
-    columns = [*range(system.base), *(system.base + j for j in zeros), -1]
-    return jackknifed(system.rows[:, :, columns], system.torque)
+    """Fit some zeros, in their order, and the lag last."""
+    return system.factors.fitted([*zeros, system.joints])
