@@ -16,11 +16,13 @@ from consistent_id.diagnosis.coverage import (
     standstill_findings,
 )
 from consistent_id.diagnosis.explain import (
+    SAMPLES,
     Explained,
     best_explanation,
     datasheet_constraints,
     explained,
     explanation_finding,
+    thinned,
 )
 from consistent_id.diagnosis.findings import Diagnosis, Finding
 from consistent_id.diagnosis.linearise import Linearised, linearised
@@ -113,7 +115,7 @@ def _dynamic(
     prepare: Prepare,
 ) -> list[Finding]:
     """Return what only the torque tells."""
-    prepared = prepare(log).of(model.robot.joint_names)
+    prepared = thinned(prepare(log).of(model.robot.joint_names), SAMPLES)
     found = rank_findings(model, prepared, base)
     try:
         as_is = explained(model, prepared, constraints, base)

@@ -45,7 +45,7 @@ class Explained:
     constraints : sequence of Constraint
     base : BaseParameters
     recording : Recording
-        Prepared, of the robot's joints, at most `SAMPLES` samples.
+        Prepared, of the robot's joints.
     factors : ChannelFactors
     fit : BestFit
     """
@@ -101,10 +101,9 @@ def explained(
     InfeasibleError, NotExcitedError, SolverError
         See `best_fit`.
     """
-    log = thinned(recording.of(model.robot.joint_names), SAMPLES)
-    (factors,) = channel_factors(model, base, [log])
+    (factors,) = channel_factors(model, base, [recording])
     fit = best_fit(model, factors.regression(), constraints, base=base)
-    return Explained(model, constraints, base, log, factors, fit)
+    return Explained(model, constraints, base, recording, factors, fit)
 
 
 def thinned(recording: Recording, samples: int) -> Recording:

@@ -15,7 +15,6 @@ from consistent_id.regression.regressor import TorqueModel
 _STEP = 1e-4  # rad or m, of the finite differences
 _BAND = 8.0  # times the motion's bandwidth: torque beyond it is noise and friction's
 _POWER = 0.99  # of the velocity, within the bandwidth
-_ENOUGH = 4.0  # samples per period of the cut-off: more are combinations of others
 _LEAST = 1e-3  # of a joint's torque, below which its misfit is not believed
 
 
@@ -63,8 +62,7 @@ def linearised(
         axis=1,
     )
     cutoff = _BAND * _bandwidth(states[1], rate)
-    step = max(int(rate / (_ENOUGH * cutoff)), 1)
-    rows = np.swapaxes(_smooth(rows, cutoff, rate)[:, :, ::step], 1, 2)
+    rows = np.swapaxes(_smooth(rows, cutoff, rate), 1, 2)
     rows = rows / _misfits(rows[:, :, : len(base)], rows[:, :, -1])[:, None, None]
     factors = jackknife(rows[:, :, :-1], rows[:, :, -1]).without(len(base))
     return Linearised(factors, len(model.robot))
