@@ -1,4 +1,4 @@
-"""The data detective: what is wrong with a log, before anything is learnt from it."""
+"""The data detective: what is wrong with a log, before it is used."""
 
 from consistent_id.diagnosis.diagnose import diagnose
 from consistent_id.diagnosis.findings import Diagnosis, Finding

@@ -17,11 +17,11 @@ from consistent_id.diagnosis.coverage import (
 )
 from consistent_id.diagnosis.explain import (
     SAMPLES,
-    Explained,
+    FittedLog,
     best_explanation,
     datasheet_constraints,
-    explained,
     explanation_finding,
+    fitted_log,
     thinned,
 )
 from consistent_id.diagnosis.findings import Diagnosis, Finding
@@ -60,13 +60,15 @@ def diagnose(
     model : TorqueModel
     training, validation : sequence of Recording
         As they were logged, with torque; all are looked at, and whether validation
-        repeats training.  Validation without torque is asked only that.
+        repeats training.  Of validation without torque only that is asked.
     prepare : callable, optional
         From a recording as logged to one with velocity and acceleration, such as
-        filtering and differentiating; by default they are taken as prepared.
+        filtering and differentiating; by default they are taken as prepared.  It is
+        called once for each recording, so it has to treat all joints alike and to keep
+        constants: corrections are applied to what it returns.
     constraints : sequence of Constraint, optional
-        What is known of the robot; by default bodies, friction that dissipates, and
-        the datasheet's masses where all are known.
+        What is known of the robot; by default physical consistency, friction that
+        dissipates, and the datasheet's masses where they are known.
     base : BaseParameters, optional
 
     Returns
@@ -114,17 +116,17 @@ def _dynamic(
     base: BaseParameters,
     prepare: Prepare,
 ) -> list[Finding]:
-    """Return what only the torque tells."""
+    """Return what only torque and motion together show."""
     prepared = thinned(prepare(log).of(model.robot.joint_names), SAMPLES)
     found = rank_findings(model, prepared, base)
     try:
-        as_is = explained(model, prepared, constraints, base)
+        as_is = fitted_log(model, prepared, constraints, base)
         best = best_explanation(as_is, corrections(model.robot, model.torque_joints))
         if best is not None and not best.correction.moves:
             return [*found, explanation_finding(best)]
         zeros = moved_zeros(model, lambda offsets: _linearised(_moved(as_is, offsets)))
-        # A zero a little off is part of the explanation by exchanged channels that
-        # hardly matter; it is told by leaving less unexplained.
+        # Exchanging channels that hardly matter can also take up a small zero offset;
+        # the offset is the fault if correcting it leaves less unexplained.
         if best is None or _moved(as_is, zeros.offsets).misfit < best.misfit:
             return found + shift_findings(model, zeros) + hidden_zeros(model, zeros)
         return [*found, explanation_finding(best)]
@@ -134,16 +136,16 @@ def _dynamic(
         return [*found, Finding("datasheet", "fault", log.name, statement, advice)]
 
 
-def _moved(log: Explained, offsets: Vector) -> Explained:
-    """Return a log with its zeros moved, explained anew."""
+def _moved(log: FittedLog, offsets: Vector) -> FittedLog:
+    """Return a log with its joint zeros moved, fitted anew."""
     if not offsets.any():
         return log
     recording = log.recording
     moved = replace(recording, position=recording.position + offsets)
-    return explained(log.model, moved, log.constraints, log.base)
+    return fitted_log(log.model, moved, log.constraints, log.base)
 
 
-def _linearised(log: Explained) -> Linearised:
+def _linearised(log: FittedLog) -> Linearised:
     """Linearise about the best robot; what the data do not determine is nominal."""
     scaled = log.fit.scaled
     distance = nominal_distance(log.model, "pullback", scaled.unit)

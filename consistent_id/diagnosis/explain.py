@@ -36,8 +36,8 @@ _MARGIN = 1.1  # by which so few samples may overstate a misfit
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Explained:
-    """A prepared log, and the constrained robot that explains it best.
+class FittedLog:
+    """A prepared log, and the constrained robot that fits it best.
 
     Parameters
     ----------
@@ -88,12 +88,12 @@ def datasheet_constraints(model: TorqueModel) -> tuple[Constraint, ...]:
     return (PhysicalConsistency(), *masses, NonNegativeDrive())
 
 
-def explained(
+def fitted_log(
     model: TorqueModel,
     recording: Recording,
     constraints: Sequence[Constraint],
     base: BaseParameters,
-) -> Explained:
+) -> FittedLog:
     """Fit a prepared log under constraints.
 
     Raises
@@ -103,7 +103,7 @@ def explained(
     """
     (factors,) = channel_factors(model, base, [recording])
     fit = best_fit(model, factors.regression(), constraints, base=base)
-    return Explained(model, constraints, base, recording, factors, fit)
+    return FittedLog(model, constraints, base, recording, factors, fit)
 
 
 def thinned(recording: Recording, samples: int) -> Recording:
@@ -112,7 +112,7 @@ def thinned(recording: Recording, samples: int) -> Recording:
 
 
 def best_explanation(
-    as_is: Explained, corrections: Sequence[Correction]
+    as_is: FittedLog, corrections: Sequence[Correction]
 ) -> Explanation | None:
     """Return the correction that explains the log far better than it is, if any does.
 
@@ -148,7 +148,7 @@ class _Candidate:
     def least_misfit(self) -> float:
         return self.factors.least_misfit(self._change())
 
-    def constrained_misfit(self, log: Explained) -> float:
+    def constrained_misfit(self, log: FittedLog) -> float:
         regression = self.factors.regression(self._change())
         fit = best_fit(log.model, regression, log.constraints, base=log.base)
         return _relative(fit, self.factors)
@@ -162,7 +162,7 @@ class _Candidate:
         return self.correction.change.matrix[np.ix_(places, places)]
 
 
-def _moved(as_is: Explained, corrections: Sequence[Correction]) -> list[_Candidate]:
+def _moved(as_is: FittedLog, corrections: Sequence[Correction]) -> list[_Candidate]:
     """Return corrections of the motion that a few samples do not rule out."""
     few = thinned(as_is.recording, _SCREENED)
     logs = [few, *(c.applied(few) for c in corrections)]
@@ -170,8 +170,10 @@ def _moved(as_is: Explained, corrections: Sequence[Correction]) -> list[_Candida
         factors.least_misfit()
         for factors in channel_factors(as_is.model, as_is.base, logs)
     ]
-    # What constraints cost is the same of few samples; only least squares is asked.
-    allowed = _MARGIN * of_few[0] * as_is.misfit / as_is.factors.least_misfit()
+    # What constraints cost is taken to be the same for few samples as for all.
+    of_all = as_is.factors.least_misfit()
+    fewer = of_few[0] / of_all if of_all > 0.0 else 1.0
+    allowed = _MARGIN * fewer * as_is.misfit
     left = [
         c
         for c, misfit in zip(corrections, of_few[1:], strict=True)

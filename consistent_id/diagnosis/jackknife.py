@@ -1,9 +1,9 @@
 """Least squares whose standard errors come from leaving segments out.
 
-Misfits of a model that is not quite right are neither white nor of one size; what each
-segment of the log pulls the estimate by tells how sure it is.  The plain sandwich takes
-the misfit that is left, too small where there are as many parameters as segments; the
-jackknife takes what the fit of the other segments leaves.
+Misfits of a model that is not quite right are neither white nor of one size.  How far
+each segment of the log pulls the estimate shows how sure it is.  The plain sandwich
+takes the misfit that is left, which is too small where there are as many parameters as
+segments; the jackknife takes the misfit that the fit of the other segments leaves.
 
 Segments are compressed once.  Fits of many choices of columns then cost next to
 nothing, and columns that all of them share are eliminated beforehand.

@@ -150,7 +150,7 @@ def shift_findings(model: TorqueModel, zeros: Zeros) -> list[Finding]:
 
 
 def hidden_zeros(model: TorqueModel, zeros: Zeros) -> list[Finding]:
-    """Note the zeros that could be off by much without being told."""
+    """Note the joints whose zero offset the log does not identify."""
     reach = _SURE * zeros.shifts.offset_errors
     hidden = [
         f"{joint.name} ({_from_where(joint, size)})"
@@ -166,18 +166,18 @@ def hidden_zeros(model: TorqueModel, zeros: Zeros) -> list[Finding]:
             "hidden zero",
             "note",
             "some joints",
-            f"the log would not tell if zeros were off: {', '.join(hidden)}",
-            "where it matters, move more widely and faster; no motion tells the zero "
-            "of an axis along gravity at the base, nor that of the last body",
+            f"the log does not identify the zero offsets of {', '.join(hidden)}",
+            "where it matters, move more widely and faster; no motion identifies the "
+            "zero of an axis along gravity at the base, nor that of the last joint",
         )
     ]
 
 
 def _from_where(joint: Joint, size: float) -> str:
     if joint.kind == "prismatic":
-        return f"below {size:.2g} m" if np.isfinite(size) else "by any length"
+        return f"below {size:.2g} m" if np.isfinite(size) else "any length"
     degrees = float(np.degrees(size))
-    return f"below {degrees:.2g} degrees" if degrees < 90.0 else "by any angle"
+    return f"below {degrees:.2g} degrees" if degrees < 90.0 else "any angle"
 
 
 def _small(model: TorqueModel) -> Vector:
