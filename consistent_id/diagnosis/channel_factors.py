@@ -4,8 +4,8 @@ A reversed, exchanged or scaled torque channel is then a combination of columns 
 triangular factors: neither motion nor regressor are looked at again.
 """
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -37,44 +37,51 @@ class ChannelFactors:
     factors: tuple[Matrix, ...]
     samples: int
 
-    def least_misfit(self, change: Matrix | None = None) -> float:
-        """Return the misfit of least squares, below which no constraint leads.
-
-        Root of the mean over joints of the squared residual over the squared torque.
+    def changed(self, matrix: Matrix) -> "ChannelFactors":
+        """Return the factors with torque multiplied by a matrix from the right.
 
         Parameters
         ----------
-        change : ndarray, shape (torque joints, torque joints), optional
-            By which torque is multiplied from the right.
+        matrix : ndarray, shape (joints, joints)
         """
-        scale = np.sqrt(self.samples)
+        b, names = len(self.base), self.model.robot.joint_names
+        places = [names.index(name) for name in self.model.torque_joints]
+        among = matrix[np.ix_(places, places)]
+        changed = (np.column_stack([F[:, :b], F[:, b:] @ among]) for F in self.factors)
+        return replace(self, factors=tuple(changed))
+
+    def relative(self, misfit: float) -> float:
+        """Return a norm of weighted rows as a root of their mean square."""
+        return misfit / float(np.sqrt(self.samples * len(self.factors)))
+
+    def least_misfit(self) -> float:
+        """Return the misfit of least squares, below which no constraint leads.
+
+        Root of the mean over joints of the squared residual over the squared torque.
+        """
+        b = len(self.base)
         rows = [
-            np.column_stack([A, z]) / max(float(np.linalg.norm(z)) / scale, _LEAST)
-            for A, z in self._systems(change)
+            F[:, [*range(b), b + j]] / max(float(np.linalg.norm(F[:, b + j])), _LEAST)
+            for j, F in enumerate(self.factors)
         ]
         R = triangle(np.asfortranarray(np.vstack(rows)))
         least = abs(R[-1, -1]) if len(R) == R.shape[1] else 0.0
-        return float(least / (scale * np.sqrt(len(rows))))
+        return float(least / np.sqrt(len(rows)))
 
-    def regression(self, change: Matrix | None = None) -> Regression:
+    def regression(self) -> Regression:
         """Return the regression, each joint relative to its own torque."""
-        P = self.base.projection
+        b, P = len(self.base), self.base.projection
         bare = Regression(
             layout=self.model.layout,
             joints=self.model.torque_joints,
             factors=tuple(
-                np.column_stack([A @ P, z]) for A, z in self._systems(change)
+                np.column_stack([F[:, :b] @ P, F[:, b + j]])
+                for j, F in enumerate(self.factors)
             ),
             counts=(self.samples,) * len(self.factors),
             fingerprint=self.model.fingerprint,
         )
         return bare.weighted(np.maximum(bare.torque_rms, _LEAST))
-
-    def _systems(self, change: Matrix | None) -> Iterator[tuple[Matrix, Array]]:
-        b = len(self.base)
-        change = np.eye(len(self.factors)) if change is None else change
-        for F, combined in zip(self.factors, change.T, strict=True):
-            yield F[:, :b], F[:, b:] @ combined
 
 
 def channel_factors(
@@ -108,12 +115,8 @@ def channel_factors(
 
 def _factor(Y: Array, torque: Array) -> Matrix:
     """Return a joint's factor; columns that are zero are left out of the work."""
-    b, samples = Y.shape
-    kept = [*np.flatnonzero(Y.any(axis=1)), *range(b, b + torque.shape[1])]
-    rows = np.empty((samples, len(kept)), order="F")
-    rows[:, : -torque.shape[1]] = Y[kept[: -torque.shape[1]]].T
-    rows[:, -torque.shape[1] :] = torque
-    R = triangle(rows)
-    factor = np.zeros((len(R), b + torque.shape[1]))
-    factor[:, kept] = R
+    kept = Y.any(axis=1)
+    R = triangle(np.asfortranarray(np.column_stack([Y[kept].T, torque])))
+    factor = np.zeros((len(R), len(Y) + torque.shape[1]))
+    factor[:, [*np.flatnonzero(kept), *range(len(Y), factor.shape[1])]] = R
     return factor

@@ -20,16 +20,8 @@ from consistent_id.robot.model import Joint, RobotModel
 class Change(NamedTuple):
     """A map of channels: ``values @ matrix``, and `shift` added to positions.
 
-    Parameters
-    ----------
-    joints : tuple of int
-        Those it concerns; none stands for all.
-    matrix : ndarray, shape (joints, joints)
-    shift : ndarray, shape (joints,), [rad or m]
-    size : float
-        Factor or angle [degrees], for the sentence.
-    unit : str
-        For the sentence.
+    `joints` are the places of those it concerns, none for all; `size` and `unit` are
+    for sentences.
     """
 
     joints: tuple[int, ...]
@@ -75,11 +67,6 @@ class Correction:
     where: str
 
     @property
-    def moves(self) -> bool:
-        """Whether it changes the motion, and not the torque alone."""
-        return self.fault.channels == "motion"
-
-    @property
     def statement(self) -> str:
         """What the log would be."""
         return self._filled(self.fault.statement)
@@ -100,7 +87,7 @@ class Correction:
         def mapped(values: Matrix | None) -> Matrix | None:
             return None if values is None else values @ matrix
 
-        if not self.moves:
+        if self.fault.channels == "torque":
             return replace(prepared, torque=mapped(prepared.torque))
         return replace(
             prepared,
@@ -123,14 +110,13 @@ def corrections(robot: RobotModel, torque_joints: Sequence[str]) -> list[Correct
     known = [names.index(name) for name in torque_joints]
     places = {"torque": known, "motion": range(len(names))}
     return [
-        Correction(fault, change, ", ".join(names[j] for j in change.joints) or ALL)
+        Correction(fault, change, ", ".join(names[j] for j in change.joints) or _ALL)
         for fault in FAULT_KINDS
         for change in fault.changes(robot.joints, places[fault.channels])
     ]
 
 
-ALL = "all joints"
-
+_ALL = "all joints"
 _QUARTERS = (90.0, -90.0, 180.0)  # degrees
 _UNITS = ((1e3, "kN m"), (1e-3, "N mm"))
 

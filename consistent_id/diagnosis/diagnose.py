@@ -122,7 +122,7 @@ def _dynamic(
     try:
         as_is = fitted_log(model, prepared, constraints, base)
         best = best_explanation(as_is, corrections(model.robot, model.torque_joints))
-        if best is not None and not best.correction.moves:
+        if best is not None and best.correction.fault.channels == "torque":
             return [*found, explanation_finding(best)]
         zeros = moved_zeros(model, lambda offsets: _linearised(_moved(as_is, offsets)))
         # Exchanging channels that hardly matter can also take up a small zero offset;
@@ -142,12 +142,12 @@ def _moved(log: FittedLog, offsets: Vector) -> FittedLog:
         return log
     recording = log.recording
     moved = replace(recording, position=recording.position + offsets)
-    return fitted_log(log.model, moved, log.constraints, log.base)
+    return fitted_log(log.factors.model, moved, log.constraints, log.factors.base)
 
 
 def _linearised(log: FittedLog) -> Linearised:
     """Linearise about the best robot; what the data do not determine is nominal."""
-    scaled = log.fit.scaled
-    distance = nominal_distance(log.model, "pullback", scaled.unit)
+    model, scaled = log.factors.model, log.fit.scaled
+    distance = nominal_distance(model, "pullback", scaled.unit)
     x = penalised_fit(scaled, distance, _PULL).solution.u * scaled.unit
-    return linearised(log.model, x, log.recording, log.base)
+    return linearised(model, x, log.recording, log.factors.base)

@@ -10,9 +10,6 @@ until no bound is left that could win.
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
-from consistent_id._support.arrays import Matrix
 from consistent_id.constraints import (
     Constraint,
     FixedMasses,
@@ -41,18 +38,14 @@ class FittedLog:
 
     Parameters
     ----------
-    model : TorqueModel
     constraints : sequence of Constraint
-    base : BaseParameters
     recording : Recording
         Prepared, of the robot's joints.
     factors : ChannelFactors
     fit : BestFit
     """
 
-    model: TorqueModel
     constraints: Sequence[Constraint]
-    base: BaseParameters
     recording: Recording
     factors: ChannelFactors
     fit: BestFit
@@ -63,7 +56,7 @@ class FittedLog:
 
         Root of the mean over joints of the squared residual over the squared torque.
         """
-        return _relative(self.fit, self.factors)
+        return self.factors.relative(self.fit.misfit)
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,8 +95,7 @@ def fitted_log(
         See `best_fit`.
     """
     (factors,) = channel_factors(model, base, [recording])
-    fit = best_fit(model, factors.regression(), constraints, base=base)
-    return FittedLog(model, constraints, base, recording, factors, fit)
+    return FittedLog(constraints, recording, factors, _fit(factors, constraints))
 
 
 def thinned(recording: Recording, samples: int) -> Recording:
@@ -118,58 +110,43 @@ def best_explanation(
 
     One at a time: others that rival the best are part of the same fault.
     """
-    candidates = [_Candidate(c, as_is.factors) for c in corrections if not c.moves]
-    candidates += _moved(as_is, [c for c in corrections if c.moves])
-    bounds = [
-        Explanation(c.correction, c.least_misfit, as_is.misfit) for c in candidates
+    torque, motion = (
+        [c for c in corrections if c.fault.channels == channels]
+        for channels in ("torque", "motion")
+    )
+    candidates = [
+        *((c, as_is.factors.changed(c.change.matrix)) for c in torque),
+        *_moved(as_is, motion),
     ]
+    bounds = [Explanation(c, f.least_misfit(), as_is.misfit) for c, f in candidates]
     best: Explanation | None = None
     for i in sorted(range(len(bounds)), key=lambda i: -bounds[i].score):
-        if bounds[i].score < (1.0 if best is None else best.score):
+        least = 1.0 if best is None else best.score
+        if bounds[i].score < least:
             break  # nor do constraints allow what least squares does not reach
+        correction, factors = candidates[i]
         try:
-            misfit = candidates[i].constrained_misfit(as_is)
+            fit = _fit(factors, as_is.constraints)
         except SolverError:
             continue
-        found = Explanation(candidates[i].correction, misfit, as_is.misfit)
-        if found.score >= (1.0 if best is None else best.score):
-            best = found
+        found = Explanation(correction, factors.relative(fit.misfit), as_is.misfit)
+        best = found if found.score >= least else best
     return best
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Candidate:
-    """A correction, and the factors of the motion that it leaves."""
-
-    correction: Correction
-    factors: ChannelFactors
-
-    @property
-    def least_misfit(self) -> float:
-        return self.factors.least_misfit(self._change())
-
-    def constrained_misfit(self, log: FittedLog) -> float:
-        regression = self.factors.regression(self._change())
-        fit = best_fit(log.model, regression, log.constraints, base=log.base)
-        return _relative(fit, self.factors)
-
-    def _change(self) -> Matrix | None:
-        """Return what becomes of the channels of the torque joints."""
-        if self.correction.moves:
-            return None
-        model = self.factors.model
-        places = [model.robot.joint_names.index(name) for name in model.torque_joints]
-        return self.correction.change.matrix[np.ix_(places, places)]
+def _fit(factors: ChannelFactors, constraints: Sequence[Constraint]) -> BestFit:
+    model, base = factors.model, factors.base
+    return best_fit(model, factors.regression(), constraints, base=base)
 
 
-def _moved(as_is: FittedLog, corrections: Sequence[Correction]) -> list[_Candidate]:
+def _moved(
+    as_is: FittedLog, corrections: Sequence[Correction]
+) -> list[tuple[Correction, ChannelFactors]]:
     """Return corrections of the motion that a few samples do not rule out."""
+    model, base = as_is.factors.model, as_is.factors.base
     few = thinned(as_is.recording, _SCREENED)
     logs = [few, *(c.applied(few) for c in corrections)]
-    of_few = [
-        factors.least_misfit()
-        for factors in channel_factors(as_is.model, as_is.base, logs)
-    ]
+    of_few = [factors.least_misfit() for factors in channel_factors(model, base, logs)]
     # What constraints cost is taken to be the same for few samples as for all.
     of_all = as_is.factors.least_misfit()
     fewer = of_few[0] / of_all if of_all > 0.0 else 1.0
@@ -180,12 +157,8 @@ def _moved(as_is: FittedLog, corrections: Sequence[Correction]) -> list[_Candida
         if misfit * c.fault.threshold <= allowed
     ]
     whole = [c.applied(as_is.recording) for c in left]
-    factors = channel_factors(as_is.model, as_is.base, whole)
-    return [_Candidate(*pair) for pair in zip(left, factors, strict=True)]
-
-
-def _relative(fit: BestFit, factors: ChannelFactors) -> float:
-    return fit.misfit / float(np.sqrt(factors.samples * len(factors.factors)))
+    factors = channel_factors(model, base, whole)
+    return list(zip(left, factors, strict=True))
 
 
 def explanation_finding(explanation: Explanation) -> Finding:
