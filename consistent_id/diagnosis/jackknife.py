@@ -5,8 +5,8 @@ each segment of the log pulls the estimate shows how sure it is.  The plain sand
 takes the misfit that is left, which is too small where there are as many parameters as
 segments; the jackknife takes the misfit that the fit of the other segments leaves.
 
-Segments are compressed once.  Fits of many choices of columns then cost next to
-nothing, and columns that all of them share are eliminated beforehand.
+Segments are compressed once, and columns that all fits share are eliminated once; fits
+of many choices of the other columns then cost next to nothing.
 """
 
 from dataclasses import dataclass
@@ -109,11 +109,6 @@ def jackknife(A: Array, z: Matrix) -> Jackknife:
     after = list(accumulate(parts[::-1], _merged, initial=none))[::-1]
     others = tuple(map(_merged, before[:-1], after[1:]))
     return Jackknife(before[-1], others)
-
-
-def jackknifed(A: Array, z: Matrix) -> Fitted:
-    """Solve ``A x = z`` for all columns; see `jackknife` and `Jackknife.fitted`."""
-    return jackknife(A, z).fitted(list(range(A.shape[2])))
 
 
 def _compressed(rows: Matrix) -> Matrix:

@@ -23,7 +23,7 @@ from consistent_id.diagnosis.coverage import (
     saturation_findings,
     standstill_findings,
 )
-from consistent_id.diagnosis.jackknife import jackknifed
+from consistent_id.diagnosis.jackknife import jackknife
 from consistent_id.diagnosis.linearise import linearised
 from consistent_id.diagnosis.repeats import leak_findings, repeated_share
 from consistent_id.diagnosis.small_shifts import estimate_shifts
@@ -70,7 +70,7 @@ def test_a_clean_log_is_not_accused(seed):
         "one joint does not move",
     ],
 )
-def test_a_fault_that_only_the_torque_tells_is_found_as_what_it_is(fault):
+def test_a_fault_that_only_the_torque_shows_is_found_as_what_it_is(fault):
     kind, inject = logs().FAULTS[fault]
     found = _diagnosed(inject(clean_case(5), np.random.default_rng(1)).log)
     assert {f.kind for f in found.suspicious} == {kind}
@@ -86,11 +86,11 @@ def test_a_zero_off_by_a_known_angle_is_measured():
     assert np.degrees(shifts.offsets[1]) == pytest.approx(-3.0, abs=0.3)
     assert shifts.offset_errors[1] < np.radians(0.3)
     assert int(np.argmin(shifts.misfits)) == 1
-    # About gravity, or of the last body, no zero can be told.
+    # About gravity, or of the last link, no zero offset is identifiable.
     assert np.isinf(shifts.offset_errors[[0, 3]]).all()
 
 
-def test_zeros_that_the_log_would_not_tell_are_noted():
+def test_zero_offsets_that_the_log_does_not_identify_are_noted():
     (note,) = _diagnosed(clean_log(0)).of("hidden zero")
     assert note.severity == "note"
     assert "joint1 (any angle)" in note.statement
@@ -98,7 +98,7 @@ def test_zeros_that_the_log_would_not_tell_are_noted():
     assert "joint2" not in note.statement
 
 
-def test_two_zeros_that_hide_each_other_are_told():
+def test_two_zeros_that_hide_each_other_are_found():
     log = clean_log(2)
     moved = log.position + np.radians([0.0, 6.0, -7.0, 0.0])
     found = _diagnosed(replace(log, position=moved)).of("offset zero")
@@ -120,22 +120,26 @@ def test_a_lag_is_measured_with_its_sign(late):
     assert words and ("later" if late > 0 else "earlier") in words[0]
 
 
+def _fitted(A, z):
+    return jackknife(A, z).fitted(list(range(A.shape[2])))
+
+
 def test_standard_errors_cover_the_scatter_of_estimates():
     rng = np.random.default_rng(0)
     A = rng.normal(size=(2, 400, 15))
     truth = rng.normal(size=15)
-    fits = [jackknifed(A, A @ truth + rng.normal(size=(2, 400))) for _ in range(200)]
+    fits = [_fitted(A, A @ truth + rng.normal(size=(2, 400))) for _ in range(200)]
     scatter = np.std([f.solution for f in fits], axis=0)
     stated = np.sqrt(np.mean([f.errors**2 for f in fits], axis=0))
     # Two hundred draws know a scatter to 5 %; the jackknife is a little too careful.
     np.testing.assert_allclose(stated / scatter, 1.05, atol=0.2)
 
 
-def test_what_the_data_leave_open_has_no_standard_error():
+def test_what_is_not_identifiable_has_no_standard_error():
     rng = np.random.default_rng(0)
     A = rng.normal(size=(1, 100, 3))
     A = np.concatenate([A, A[:, :, :1] + A[:, :, 1:2], 0 * A[:, :, :1]], axis=2)
-    fit = jackknifed(A, rng.normal(size=(1, 100)))
+    fit = _fitted(A, rng.normal(size=(1, 100)))
     assert np.isinf(fit.errors).tolist() == [True, True, False, True, True]
 
 
@@ -152,7 +156,7 @@ def test_torque_that_the_model_does_without_is_not_looked_at(nonsense):
     assert (finding.kind, finding.where) == ("torque sign", "joint2")
 
 
-def test_a_dead_torque_channel_is_told_and_stops_nothing():
+def test_a_dead_torque_channel_is_found_and_stops_nothing():
     log = clean_log(0)
     torque = log.torque * [1.0, 1.0, 0.0, 1.0]
     (finding,) = _diagnosed(replace(log, torque=torque)).suspicious
@@ -167,7 +171,7 @@ def test_masses_that_no_log_can_have_are_the_datasheets_fault():
 
 
 @pytest.mark.parametrize(("factor", "unit"), [(1e3, "milli"), (1e6, "micro")])
-def test_a_clock_that_is_not_in_seconds_is_told_with_its_unit(factor, unit):
+def test_a_clock_that_is_not_in_seconds_is_found_with_its_unit(factor, unit):
     log = clean_log(0)
     (finding,) = clock_findings(replace(log, time=log.time * factor))
     assert unit in finding.statement
@@ -181,7 +185,7 @@ def test_a_fast_clock_in_milliseconds_shows_in_the_velocity():
     assert finding.kind == "clock"
 
 
-def test_velocities_that_are_reversed_or_anothers_are_told():
+def test_velocities_that_are_reversed_or_anothers_are_found():
     log = clean_log(0)
     velocity = log.velocity.copy()
     velocity[:, 2] *= -1
@@ -252,7 +256,7 @@ def test_validation_is_looked_at_too():
 
 
 @pytest.mark.parametrize("joint", [1, 3])
-def test_what_the_data_leave_open_is_named(joint):
+def test_what_is_not_identifiable_is_named(joint):
     case = clean_case(0)
     moves = np.where(np.arange(4) == joint, 0.0, 1.0)[:, None]
     motion = replace(
@@ -266,7 +270,7 @@ def test_what_the_data_leave_open_is_named(joint):
     still = f"joint{joint + 1}"
     assert finding.where == still
     assert f"of {len(base)} base parameters (structural rank)" in finding.statement
-    # Nothing is learnt of the friction of a joint that does not move.
+    # The data say nothing of the friction of a joint that does not move.
     assert f"{still}.viscous" in finding.statement
     assert rank_findings(arm(), logs().prepared(case.log), base) == []
 
@@ -335,7 +339,7 @@ def _arm_in(folder):
     return logs().clean(model, np.random.default_rng(3)).log
 
 
-def test_a_problem_whose_validation_repeats_its_training_is_told(tmp_path):
+def test_a_problem_whose_validation_repeats_its_training_is_found(tmp_path):
     from consistent_id import load_problem
     from consistent_id.cli.commands import check_problem
 
