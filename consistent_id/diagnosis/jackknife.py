@@ -60,18 +60,16 @@ class Jackknife:
         With ``x_g`` the solution without segment ``g`` of ``G``, the standard errors
         are the roots of ``(G - 1) / G sum_g (x_g - x)^2``.
         """
-        norms = np.linalg.norm(self.whole[:, columns], axis=0)
-        unit = np.where(norms > 0.0, norms, 1.0)
-        _, s, Vt = np.linalg.svd(self.whole[:, columns] / unit, full_matrices=False)
+        A, z = self.whole[:, columns], self.whole[:, -1]
+        _, s, Vt = np.linalg.svd(A / _sizes(A), full_matrices=False)
         kept = Vt[s > _RANK * s[0]]
-        x = _solved(self.whole, columns, unit)
-        moves = [_solved(F, columns, unit) - x for F in self.others]
+        x = solution(A, z)
+        moves = [solution(F[:, columns], F[:, -1]) - x for F in self.others]
         share = (len(moves) - 1) / len(moves)
         errors = np.sqrt(share * np.sum(np.square(moves), axis=0))
         lost = 1.0 - np.sum(kept**2, axis=0) > _LOST
         errors = np.where(lost, np.inf, np.maximum(errors, _TINY))
-        rest = self.whole[:, -1] - self.whole[:, columns] @ (x / unit)
-        return Fitted(x / unit, errors / unit, float(np.linalg.norm(rest)))
+        return Fitted(x, errors, float(np.linalg.norm(z - A @ x)))
 
     def without(self, count: int) -> "Jackknife":
         """Eliminate the first columns: what is left is orthogonal to them.
@@ -81,7 +79,7 @@ class Jackknife:
         first, rest = self.whole[:, :count], self.whole[:, count:]
         kept = _independent(first)
         eliminated = [
-            triangle(np.asfortranarray(np.column_stack([F[:, kept], F[:, count:]])))[
+            _factor(np.column_stack([F[:, kept], F[:, count:]]))[
                 len(kept) :, len(kept) :
             ]
             for F in (self.whole, *self.others)
@@ -103,35 +101,35 @@ def jackknife(A: Array, z: Matrix) -> Jackknife:
     """
     rows = np.concatenate([A, z[:, :, None]], axis=2)
     cuts = [c for c in np.array_split(np.arange(rows.shape[1]), _SEGMENTS) if len(c)]
-    parts = [_compressed(rows[:, c].reshape(-1, rows.shape[2])) for c in cuts]
+    parts = [_factor(rows[:, c].reshape(-1, rows.shape[2])) for c in cuts]
     none = np.zeros((0, rows.shape[2]))
-    before = list(accumulate(parts, _merged, initial=none))
-    after = list(accumulate(parts[::-1], _merged, initial=none))[::-1]
-    others = tuple(map(_merged, before[:-1], after[1:]))
+    before = list(accumulate(parts, _factor, initial=none))
+    after = list(accumulate(parts[::-1], _factor, initial=none))[::-1]
+    others = tuple(map(_factor, before[:-1], after[1:]))
     return Jackknife(before[-1], others)
 
 
-def _compressed(rows: Matrix) -> Matrix:
-    return triangle(np.array(rows, order="F"))
+def solution(A: Matrix, z: Vector) -> Vector:
+    """Return the least-squares solution, rank decided on unit columns."""
+    sizes = _sizes(A)
+    return np.asarray(np.linalg.lstsq(A / sizes, z, rcond=_RANK)[0] / sizes)
 
 
-def _merged(first: Matrix, second: Matrix) -> Matrix:
-    return triangle(np.asfortranarray(np.vstack([first, second])))
+def _sizes(A: Matrix) -> Vector:
+    """Return the norms of columns, one where they are zero."""
+    norms = np.linalg.norm(A, axis=0)
+    return np.where(norms > 0.0, norms, 1.0)
 
 
-def _solved(factor: Matrix, columns: list[int], unit: Vector) -> Vector:
-    """Return the least-squares solution in units of the columns."""
-    A, z = factor[:, columns] / unit, factor[:, -1]
-    return np.asarray(np.linalg.lstsq(A, z, rcond=_RANK)[0])
+def _factor(*rows: Matrix) -> Matrix:
+    return triangle(np.asfortranarray(np.vstack(rows)))
 
 
 def _independent(columns: Matrix) -> list[int]:
     """Return columns that span all of them."""
     from scipy.linalg import qr
 
-    norms = np.linalg.norm(columns, axis=0)
-    unit = np.where(norms > 0.0, norms, 1.0)
-    R, order = qr(columns / unit, mode="r", pivoting=True)
+    R, order = qr(columns / _sizes(columns), mode="r", pivoting=True)
     size = abs(np.diag(R))
     rank = int((size > _RANK * size.max(initial=0.0)).sum())
     return sorted(int(i) for i in order[:rank])

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector
-from consistent_id.diagnosis.jackknife import Jackknife, jackknife
-from consistent_id.estimation.least_squares import solve_linear
+from consistent_id.diagnosis.jackknife import Jackknife, jackknife, solution
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.regression import triangle
@@ -113,12 +112,9 @@ def _misfits(rows: Array, torque: Matrix) -> Vector:
     """
     scale = np.sqrt(np.mean(torque**2, axis=1))
     scale = np.where(scale > 0.0, scale, 1.0)
-    weighted = (rows / scale[:, None, None]).reshape(-1, rows.shape[2])
-    fit = solve_linear(*_triangular(weighted, (torque / scale[:, None]).ravel()))
-    misfit = np.sqrt(np.mean((torque - rows @ fit.x) ** 2, axis=1))
+    weighted = np.concatenate([rows, torque[:, :, None]], axis=2)
+    weighted = (weighted / scale[:, None, None]).reshape(-1, weighted.shape[2])
+    R = triangle(np.asfortranarray(weighted))
+    rest = torque - rows @ solution(R[:, :-1], R[:, -1])
+    misfit = np.sqrt(np.mean(rest**2, axis=1))
     return np.asarray(np.maximum(misfit, _LEAST * scale))
-
-
-def _triangular(A: Matrix, z: Vector) -> tuple[Matrix, Vector]:
-    R = triangle(np.asfortranarray(np.column_stack([A, z])))
-    return R[:, :-1], R[:, -1]
