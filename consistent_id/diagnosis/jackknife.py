@@ -76,12 +76,10 @@ class Jackknife:
 
         Columns of which nothing is left beyond rounding become zero.
         """
-        first, rest = self.whole[:, :count], self.whole[:, count:]
-        kept = _independent(first)
+        kept, rest = _independent(self.whole[:, :count]), self.whole[:, count:]
+        rank = len(kept)
         eliminated = [
-            _factor(np.column_stack([F[:, kept], F[:, count:]]))[
-                len(kept) :, len(kept) :
-            ]
+            _factor(np.column_stack([F[:, kept], F[:, count:]]))[rank:, rank:]
             for F in (self.whole, *self.others)
         ]
         sizes = np.linalg.norm(rest, axis=0)
