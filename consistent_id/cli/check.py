@@ -48,7 +48,7 @@ def run_check(options: argparse.Namespace) -> int:
 
 def _check(options: argparse.Namespace) -> Answer:
     from consistent_id.cli.commands import check_log, check_problem
-    from consistent_id.diagnosis.tell import diagnosis_record
+    from consistent_id.diagnosis.diagnosis_table import diagnosis_record
     from consistent_id.problems.problem import load_problem
     from consistent_id.recordings.readers import Columns
 

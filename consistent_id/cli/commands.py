@@ -8,7 +8,7 @@ from consistent_id._support.files import require_writable, write_atomically
 from consistent_id._support.tables import Table
 from consistent_id.comparison.parameter_uncertainty import Uncertainty, uncertainty
 from consistent_id.diagnosis import Diagnosis, diagnose
-from consistent_id.diagnosis.tell import diagnosis_table
+from consistent_id.diagnosis.diagnosis_table import diagnosis_table
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.problems.folder import toml_files
 from consistent_id.problems.problem import Problem

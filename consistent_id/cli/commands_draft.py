@@ -8,7 +8,7 @@ from consistent_id._support.tables import Table
 from consistent_id.cli.commands import check_problem, compare_problem
 from consistent_id.comparison.comparison import verdict_table
 from consistent_id.diagnosis import Diagnosis
-from consistent_id.diagnosis.tell import diagnosis_table
+from consistent_id.diagnosis.diagnosis_table import diagnosis_table
 from consistent_id.problems.draft import Draft, draft_table
 from consistent_id.problems.study import Study
 

@@ -84,7 +84,7 @@ def _identify(options: argparse.Namespace) -> Answer:
 
 def _identify_log(options: argparse.Namespace) -> Answer:
     from consistent_id.cli.commands_draft import identify_log
-    from consistent_id.diagnosis.tell import diagnosis_record
+    from consistent_id.diagnosis.diagnosis_table import diagnosis_record
     from consistent_id.report import write_report
     from consistent_id.report.study_record import study_record
 

@@ -1,176 +1,216 @@
-"""Faults as corrections: what the log would be, had the fault not happened."""
+"""Faults that another arrangement of the channels undoes: one table.
 
-from collections.abc import Callable, Iterator
+Each correction is an affine map of the torque channels, or of the motion channels.
+Preparation (resampling, filters, differences) treats all channels alike and keeps
+constants, so the map is applied after it: a log is prepared once.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import Literal, NamedTuple
 
 import numpy as np
 
-from consistent_id._support.arrays import Array
+from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.recordings.recording import Recording
-from consistent_id.robot.model import RobotModel
+from consistent_id.robot.model import Joint, RobotModel
 
-_QUARTERS = {90: np.pi / 2, -90: -np.pi / 2, 180: np.pi}
+
+class Change(NamedTuple):
+    """A map of channels: ``values @ matrix``, and `shift` added to positions.
+
+    `joints` are the places of those it concerns, none for all; `size` and `unit` are
+    for sentences.
+    """
+
+    joints: tuple[int, ...]
+    matrix: Matrix
+    shift: Vector
+    size: float = 1.0
+    unit: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class FaultKind:
+    """A kind of fault: what may have happened, and when it is reported.
+
+    Parameters
+    ----------
+    kind : str
+        As in `Finding`.
+    channels : {"torque", "motion"}
+        What it changes.
+    threshold : float
+        Ratio of misfits, as the log is over corrected, from which on it is reported.
+    statement, advice : str
+        With the fields ``{joints}``, ``{size}`` and ``{unit}``.
+    changes : callable
+        From the joints whose channels may be at fault, and their places, to the changes
+        that undo the fault.
+    """
+
+    kind: str
+    channels: Literal["torque", "motion"]
+    threshold: float
+    statement: str
+    advice: str
+    changes: Callable[[Sequence[Joint], Sequence[int]], Iterator[Change]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Correction:
-    """A fault that may have happened, and how to undo it.
+    """A fault that may have happened, and the change that undoes it."""
 
-    Parameters
-    ----------
-    kind, where, statement, advice : str
-        As in `Finding`.
-    undo : callable
-        From the recording as it is to the one without the fault.
-    moves : bool
-        Whether it changes the motion, and not the torque alone.
-    """
-
-    kind: str
+    fault: FaultKind
+    change: Change
     where: str
-    statement: str
-    advice: str
-    undo: Callable[[Recording], Recording]
-    moves: bool
+
+    @property
+    def statement(self) -> str:
+        """What the log would be."""
+        return self._filled(self.fault.statement)
+
+    @property
+    def advice(self) -> str:
+        """What to do."""
+        return self._filled(self.fault.advice)
+
+    def _filled(self, text: str) -> str:
+        size, unit = self.change.size, self.change.unit
+        return text.format(joints=self.where, size=size, unit=unit)
+
+    def applied(self, prepared: Recording) -> Recording:
+        """Return a prepared recording without the fault."""
+        matrix, shift = self.change.matrix, self.change.shift
+
+        def mapped(values: Matrix | None) -> Matrix | None:
+            return None if values is None else values @ matrix
+
+        if self.fault.channels == "torque":
+            return replace(prepared, torque=mapped(prepared.torque))
+        return replace(
+            prepared,
+            position=prepared.position @ matrix + shift,
+            velocity=mapped(prepared.velocity),
+            acceleration=mapped(prepared.acceleration),
+        )
 
 
-def torque_corrections(
-    joints: tuple[str, ...], measured: tuple[str, ...]
-) -> Iterator[Correction]:
-    """Yield reversed and exchanged torque channels, and torque in other units.
+def corrections(robot: RobotModel, torque_joints: Sequence[str]) -> list[Correction]:
+    """Return all corrections of the table that a robot's log can need.
 
     Parameters
     ----------
-    joints : tuple of str
-        Of the recording, in its order.
-    measured : tuple of str
-        Those whose torque is known.
+    robot : RobotModel
+    torque_joints : sequence of str
+        Joints whose torque is known; torque faults are looked for in these.
     """
-    places = [joints.index(name) for name in measured]
+    names = robot.joint_names
+    known = [names.index(name) for name in torque_joints]
+    places = {"torque": known, "motion": range(len(names))}
+    return [
+        Correction(fault, change, ", ".join(names[j] for j in change.joints) or _ALL)
+        for fault in FAULT_KINDS
+        for change in fault.changes(robot.joints, places[fault.channels])
+    ]
+
+
+_ALL = "all joints"
+_QUARTERS = (90.0, -90.0, 180.0)  # degrees
+_UNITS = ((1e3, "kN m"), (1e-3, "N mm"))
+
+
+def _scaling(joints: Sequence[Joint], places: Sequence[int], factor: float) -> Matrix:
+    scale = np.ones(len(joints))
+    scale[list(places)] = factor
+    return np.diag(scale)
+
+
+def _reversed(joints: Sequence[Joint], places: Sequence[int]) -> Iterator[Change]:
     for j in places:
-        joint = joints[j]
-        yield Correction(
-            "torque sign",
-            joint,
-            f"with the torque of {joint} reversed",
-            f"reverse the torque channel of {joint}, or its axis in the model",
-            _on_torque(_reversed(j)),
-            moves=False,
-        )
+        yield Change((j,), _scaling(joints, [j], -1.0), np.zeros(len(joints)))
+
+
+def _exchanged(joints: Sequence[Joint], places: Sequence[int]) -> Iterator[Change]:
     for i, j in combinations(places, 2):
-        pair = f"{joints[i]}, {joints[j]}"
-        yield Correction(
-            "channel order",
-            pair,
-            f"with the torques of {pair} exchanged",
-            "name the torque columns in the order of the joints they belong to",
-            _on_torque(_exchanged(i, j)),
-            moves=False,
-        )
-    for factor, unit in ((1e3, "kN m"), (1e-3, "N mm")):
-        yield Correction(
-            "torque unit",
-            "all joints",
-            f"with the torque taken as {unit}",
-            f"multiply the torque by {factor:g}",
-            _on_torque(lambda tau, f=factor: f * tau),  # type: ignore[misc]
-            moves=False,
-        )
+        order = np.arange(len(joints))
+        order[[i, j]] = j, i
+        yield Change((i, j), np.eye(len(joints))[order], np.zeros(len(joints)))
 
 
-def motion_corrections(robot: RobotModel) -> Iterator[Correction]:
-    """Yield exchanged position channels, degrees, and zeros off by quarter turns."""
-    joints = robot.joint_names
-    for i, j in combinations(range(len(joints)), 2):
-        pair = f"{joints[i]}, {joints[j]}"
-        yield Correction(
-            "channel order",
-            pair,
-            f"with the positions of {pair} exchanged",
-            "name the position columns in the order of the joints they belong to",
-            _on_motion(_exchanged(i, j)),
-            moves=True,
-        )
-    turning = [j for j, joint in enumerate(robot.joints) if joint.kind != "prismatic"]
-    yield Correction(
+def _other_units(joints: Sequence[Joint], places: Sequence[int]) -> Iterator[Change]:
+    for factor, unit in _UNITS:
+        matrix = _scaling(joints, places, factor)
+        yield Change((), matrix, np.zeros(len(joints)), factor, unit)
+
+
+def _degrees(joints: Sequence[Joint], places: Sequence[int]) -> Iterator[Change]:
+    matrix = _scaling(joints, _turning(joints, places), np.pi / 180)
+    yield Change((), matrix, np.zeros(len(joints)))
+
+
+def _quarter_turns(joints: Sequence[Joint], places: Sequence[int]) -> Iterator[Change]:
+    for j in _turning(joints, places):
+        for degrees in _QUARTERS:
+            shift = np.zeros(len(joints))
+            shift[j] = np.radians(degrees)
+            yield Change((j,), np.eye(len(joints)), shift, degrees)
+
+
+def _turning(joints: Sequence[Joint], places: Sequence[int]) -> list[int]:
+    return [j for j in places if joints[j].kind != "prismatic"]
+
+
+FAULT_KINDS = (
+    FaultKind(
+        "torque sign",
+        "torque",
+        1.15,
+        "with the torque of {joints} reversed",
+        "reverse the torque channel of {joints}, or its axis in the model",
+        _reversed,
+    ),
+    FaultKind(
+        "channel order",
+        "torque",
+        1.15,
+        "with the torques of {joints} exchanged",
+        "name the torque columns in the order of the joints they belong to",
+        _exchanged,
+    ),
+    FaultKind(
+        "torque unit",
+        "torque",
+        2.0,
+        "with the torque taken as {unit}",
+        "multiply the torque by {size:g}",
+        _other_units,
+    ),
+    FaultKind(
+        "channel order",
+        "motion",
+        1.15,
+        "with the positions of {joints} exchanged",
+        "name the position columns in the order of the joints they belong to",
+        _exchanged,
+    ),
+    FaultKind(
         "degrees",
-        "all joints",
+        "motion",
+        1.5,
         "with the positions taken as degrees",
         "multiply positions and velocities by pi / 180",
-        _on_motion(_scaled(turning, np.pi / 180)),
-        moves=True,
-    )
-    for j in turning:
-        for degrees, angle in _QUARTERS.items():
-            yield Correction(
-                "offset zero",
-                joints[j],
-                f"with the zero of {joints[j]} moved by {degrees} degrees",
-                f"add {degrees} degrees to the position of {joints[j]}, or turn its "
-                "frame in the model",
-                _shifted(j, angle),
-                moves=True,
-            )
-
-
-def _reversed(j: int) -> Callable[[Array], Array]:
-    def change(values: Array) -> Array:
-        values = values.copy()
-        values[:, j] = -values[:, j]
-        return values
-
-    return change
-
-
-def _exchanged(i: int, j: int) -> Callable[[Array], Array]:
-    def change(values: Array) -> Array:
-        values = values.copy()
-        values[:, [i, j]] = values[:, [j, i]]
-        return values
-
-    return change
-
-
-def _scaled(columns: list[int], factor: float) -> Callable[[Array], Array]:
-    def change(values: Array) -> Array:
-        values = values.copy()
-        values[:, columns] *= factor
-        return values
-
-    return change
-
-
-def _on_torque(change: Callable[[Array], Array]) -> Callable[[Recording], Recording]:
-    def undo(recording: Recording) -> Recording:
-        torque = recording.torque
-        return (
-            recording if torque is None else replace(recording, torque=change(torque))
-        )
-
-    return undo
-
-
-def _on_motion(change: Callable[[Array], Array]) -> Callable[[Recording], Recording]:
-    def undo(recording: Recording) -> Recording:
-        return replace(
-            recording,
-            position=change(recording.position),
-            velocity=None if recording.velocity is None else change(recording.velocity),
-            acceleration=(
-                None
-                if recording.acceleration is None
-                else change(recording.acceleration)
-            ),
-        )
-
-    return undo
-
-
-def _shifted(j: int, angle: float) -> Callable[[Recording], Recording]:
-    def undo(recording: Recording) -> Recording:
-        position = recording.position.copy()
-        position[:, j] += angle
-        return replace(recording, position=position)
-
-    return undo
+        _degrees,
+    ),
+    FaultKind(
+        "offset zero",
+        "motion",
+        1.15,
+        "with the zero of {joints} moved by {size:g} degrees",
+        "add {size:g} degrees to the position of {joints}, or turn its frame in the "
+        "model",
+        _quarter_turns,
+    ),
+)
+"""Faults that are looked for; a new one is one entry, and how its change looks."""

@@ -1,4 +1,4 @@
-"""Logs that rest, saturate, say nothing, or leave parameters open."""
+"""Logs that rest, saturate, carry no signal, or do not excite all parameters."""
 
 from dataclasses import replace
 
@@ -43,7 +43,7 @@ def standstill_findings(recording: Recording) -> list[Finding]:
 
 
 def dead_findings(recording: Recording) -> list[Finding]:
-    """Find torque channels that say nothing: one value throughout."""
+    """Find torque channels without a signal: one value throughout."""
     if recording.torque is None:
         return []
     return [
@@ -89,7 +89,7 @@ def saturation_findings(recording: Recording) -> list[Finding]:
 def rank_findings(
     model: TorqueModel, recording: Recording, base: BaseParameters
 ) -> list[Finding]:
-    """Name the combinations of base parameters that the data leave open.
+    """Name the combinations of base parameters that are not identifiable.
 
     What an encoder reads of a joint at rest flickers; it is taken for the rest it is.
 
@@ -103,7 +103,8 @@ def rank_findings(
     recording = recording.of(model.robot.joint_names)
     travel = np.ptp(recording.position, axis=0)
     at_rest = travel < _MOVES
-    excitation = excitation_of(build_regression(model, _held(recording, at_rest)), base)
+    steady = _without_motion(recording, at_rest)
+    excitation = excitation_of(build_regression(model, steady), base)
     missing = excitation.structural_rank - excitation.data_rank
     if missing == 0:
         return []
@@ -115,16 +116,16 @@ def rank_findings(
             "warning",
             ", ".join(still) or "all joints",
             f"{cause}the data determine {excitation.data_rank} of "
-            f"{excitation.structural_rank} base parameters (structural rank); open: "
-            + "; ".join(excitation.undetermined),
-            "move the joints that these combinations name, and not all alike; what "
-            "stays open rests on the prior",
+            f"{excitation.structural_rank} base parameters (structural rank); not "
+            "identifiable: " + "; ".join(excitation.undetermined),
+            "move the joints that these combinations name, and not all alike; what is "
+            "not identifiable is taken from the prior",
             1.0 + missing,
         )
     ]
 
 
-def _held(recording: Recording, at_rest: BoolArray) -> Recording:
+def _without_motion(recording: Recording, at_rest: BoolArray) -> Recording:
     """Return a recording in which some joints do not move at all."""
     q = np.where(at_rest, recording.position.mean(axis=0), recording.position)
     dq, ddq = (

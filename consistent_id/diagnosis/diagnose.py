@@ -6,8 +6,9 @@ from dataclasses import replace
 from consistent_id._support.arrays import Vector
 from consistent_id._support.threads import single_threaded
 from consistent_id.constraints import Constraint
+from consistent_id.constraints.distances import nominal_distance
 from consistent_id.diagnosis.clock import clock_findings, velocity_findings
-from consistent_id.diagnosis.corrections import motion_corrections, torque_corrections
+from consistent_id.diagnosis.corrections import corrections
 from consistent_id.diagnosis.coverage import (
     dead_findings,
     rank_findings,
@@ -15,11 +16,13 @@ from consistent_id.diagnosis.coverage import (
     standstill_findings,
 )
 from consistent_id.diagnosis.explain import (
-    Prepare,
+    SAMPLES,
+    FittedLog,
     best_explanation,
     datasheet_constraints,
     explanation_finding,
-    unexplained,
+    fitted_log,
+    thinned,
 )
 from consistent_id.diagnosis.findings import Diagnosis, Finding
 from consistent_id.diagnosis.linearise import Linearised, linearised
@@ -30,11 +33,14 @@ from consistent_id.diagnosis.small_shifts import (
     shift_findings,
 )
 from consistent_id.errors import InfeasibleError, SolverError
-from consistent_id.estimation.constrained import constrained_least_squares
+from consistent_id.estimation.penalised import penalised_fit
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import BaseParameters, base_parameters
-from consistent_id.regression.regression import build_regression
 from consistent_id.regression.regressor import TorqueModel
+
+Prepare = Callable[[Recording], Recording]
+
+_PULL = 1e-4  # squared misfit that a typical distance to the nominal robot weighs
 
 
 @single_threaded
@@ -54,13 +60,15 @@ def diagnose(
     model : TorqueModel
     training, validation : sequence of Recording
         As they were logged, with torque; all are looked at, and whether validation
-        repeats training.  Validation without torque is asked only that.
+        repeats training.  Of validation without torque only that is asked.
     prepare : callable, optional
         From a recording as logged to one with velocity and acceleration, such as
-        filtering and differentiating; by default they are taken as prepared.
+        filtering and differentiating; by default they are taken as prepared.  It is
+        called once for each recording, so it has to treat all joints alike and to keep
+        constants: corrections are applied to what it returns.
     constraints : sequence of Constraint, optional
-        What is known of the robot; by default bodies, friction that dissipates, and
-        the datasheet's masses where all are known.
+        What is known of the robot; by default physical consistency, friction that
+        dissipates, and the datasheet's masses where they are known.
     base : BaseParameters, optional
 
     Returns
@@ -108,22 +116,18 @@ def _dynamic(
     base: BaseParameters,
     prepare: Prepare,
 ) -> list[Finding]:
-    """Return what only the torque tells."""
-    corrections = [
-        *torque_corrections(model.robot.joint_names, model.torque_joints),
-        *motion_corrections(model.robot),
-    ]
-    prepared = prepare(log)
+    """Return what only torque and motion together show."""
+    prepared = thinned(prepare(log).of(model.robot.joint_names), SAMPLES)
     found = rank_findings(model, prepared, base)
     try:
-        best = best_explanation(model, log, corrections, constraints, base, prepare)
-        if best is not None and not best.correction.moves:
+        as_is = fitted_log(model, prepared, constraints, base)
+        best = best_explanation(as_is, corrections(model.robot, model.torque_joints))
+        if best is not None and best.correction.fault.channels == "torque":
             return [*found, explanation_finding(best)]
-        zeros = moved_zeros(model, _lineariser(model, prepared, constraints, base))
-        moved = replace(prepared, position=prepared.position + zeros.offsets)
-        # A zero a little off is part of the explanation by exchanged channels that
-        # hardly matter; it is told by leaving less unexplained.
-        if best is None or unexplained(model, moved, constraints, base) < best.misfit:
+        zeros = moved_zeros(model, lambda offsets: _linearised(_moved(as_is, offsets)))
+        # Exchanging channels that hardly matter can also take up a small zero offset;
+        # the offset is the fault if correcting it leaves less unexplained.
+        if best is None or _moved(as_is, zeros.offsets).misfit < best.misfit:
             return found + shift_findings(model, zeros) + hidden_zeros(model, zeros)
         return [*found, explanation_finding(best)]
     except (InfeasibleError, SolverError) as failure:
@@ -132,21 +136,18 @@ def _dynamic(
         return [*found, Finding("datasheet", "fault", log.name, statement, advice)]
 
 
-def _lineariser(
-    model: TorqueModel,
-    prepared: Recording,
-    constraints: Sequence[Constraint],
-    base: BaseParameters,
-) -> Callable[[Vector], Linearised]:
-    """Return what linearises at the best bodies of a log with its zeros moved."""
+def _moved(log: FittedLog, offsets: Vector) -> FittedLog:
+    """Return a log with its joint zeros moved, fitted anew."""
+    if not offsets.any():
+        return log
+    recording = log.recording
+    moved = replace(recording, position=recording.position + offsets)
+    return fitted_log(log.factors.model, moved, log.constraints, log.factors.base)
 
-    def at(offsets: Vector) -> Linearised:
-        log = replace(prepared, position=prepared.position + offsets)
-        regression = build_regression(model, log)
-        weighted = regression.weighted(regression.torque_rms)
-        best = constrained_least_squares(
-            model, weighted, constraints=constraints, base=base
-        )
-        return linearised(model, best.parameters, log, base)
 
-    return at
+def _linearised(log: FittedLog) -> Linearised:
+    """Linearise about the best robot; what the data do not determine is nominal."""
+    model, scaled = log.factors.model, log.fit.scaled
+    distance = nominal_distance(model, "pullback", scaled.unit)
+    x = penalised_fit(scaled, distance, _PULL).solution.u * scaled.unit
+    return linearised(model, x, log.recording, log.factors.base)

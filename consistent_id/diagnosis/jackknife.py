@@ -1,20 +1,25 @@
 """Least squares whose standard errors come from leaving segments out.
 
-Misfits of a model that is not quite right are neither white nor of one size; what each
-segment of the log pulls the estimate by tells how sure it is.  The plain sandwich takes
-the misfit that is left, too small where there are as many parameters as segments; the
-jackknife takes what the fit of the other segments leaves.
+Misfits of a model that is not quite right are neither white nor of one size.  How far
+each segment of the log pulls the estimate shows how sure it is.  The plain sandwich
+takes the misfit that is left, which is too small where there are as many parameters as
+segments; the jackknife takes the misfit that the fit of the other segments leaves.
+
+Segments are compressed once, and columns that all fits share are eliminated once; fits
+of many choices of the other columns then cost next to nothing.
 """
 
 from dataclasses import dataclass
+from itertools import accumulate
 
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector
+from consistent_id.regression.regression import triangle
 
 _SEGMENTS = 20
 _RANK = 1e-6  # of the largest singular value, of unit columns
-_TOUCHED = 1e-6  # squared share in the null space from which a parameter is lost
+_LOST = 1e-6  # squared share in the null space from which a parameter is lost
 _TINY = 1e-300  # instead of an error of zero, by which one could not divide
 
 
@@ -26,7 +31,7 @@ class Fitted:
     ----------
     solution : ndarray, shape (columns,)
     errors : ndarray, shape (columns,)
-        Infinite where the data leave it open.
+        Infinite where the data do not determine it.
     misfit : float
         Norm of ``A x - z``.
     """
@@ -36,42 +41,93 @@ class Fitted:
     misfit: float
 
 
-def jackknifed(A: Array, z: Matrix) -> Fitted:
-    """Solve ``A x = z`` in the least-squares sense.
+@dataclass(frozen=True, slots=True, eq=False)
+class Jackknife:
+    """Factors of ``[A, z]``: of all segments, and of all but one.
 
-    With ``x_g`` the solution without segment ``g`` of ``G``, the standard errors are
-    the roots of ``(G - 1) / G sum_g (x_g - x)^2``.
+    Parameters
+    ----------
+    whole : ndarray, shape (rows, columns + 1)
+    others : tuple of ndarray, each shape (rows, columns + 1)
+    """
+
+    whole: Matrix
+    others: tuple[Matrix, ...]
+
+    def fitted(self, columns: list[int]) -> Fitted:
+        """Solve ``A x = z`` for some columns in the least-squares sense.
+
+        With ``x_g`` the solution without segment ``g`` of ``G``, the standard errors
+        are the roots of ``(G - 1) / G sum_g (x_g - x)^2``.
+        """
+        A, z = self.whole[:, columns], self.whole[:, -1]
+        _, s, Vt = np.linalg.svd(A / _sizes(A), full_matrices=False)
+        kept = Vt[s > _RANK * s[0]]
+        x = solution(A, z)
+        moves = [solution(F[:, columns], F[:, -1]) - x for F in self.others]
+        share = (len(moves) - 1) / len(moves)
+        errors = np.sqrt(share * np.sum(np.square(moves), axis=0))
+        lost = 1.0 - np.sum(kept**2, axis=0) > _LOST
+        errors = np.where(lost, np.inf, np.maximum(errors, _TINY))
+        return Fitted(x, errors, float(np.linalg.norm(z - A @ x)))
+
+    def without(self, count: int) -> "Jackknife":
+        """Eliminate the first columns: what is left is orthogonal to them.
+
+        Columns of which nothing is left beyond rounding become zero.
+        """
+        kept, rest = _independent(self.whole[:, :count]), self.whole[:, count:]
+        rank = len(kept)
+        eliminated = [
+            _factor(np.column_stack([F[:, kept], F[:, count:]]))[rank:, rank:]
+            for F in (self.whole, *self.others)
+        ]
+        sizes = np.linalg.norm(rest, axis=0)
+        left = np.linalg.norm(eliminated[0], axis=0) > _RANK * sizes
+        left[-1] = True
+        whole, *others = (F * left for F in eliminated)
+        return Jackknife(whole, tuple(others))
+
+
+def jackknife(A: Array, z: Matrix) -> Jackknife:
+    """Compress segments, and all but one of them.
 
     Parameters
     ----------
     A : ndarray, shape (joints, samples, columns)
     z : ndarray, shape (joints, samples)
     """
-    joints, samples, columns = A.shape
-    norms = np.linalg.norm(A, axis=(0, 1))
-    unit = np.where(norms > 0.0, norms, 1.0)
-    U, s, Vt = np.linalg.svd((A / unit).reshape(-1, columns), full_matrices=False)
-    kept = s > _RANK * s[0]
-    U, back = U[:, kept], Vt[kept].T / s[kept]
-    inner = U.T @ z.reshape(-1)
-    rest = z - (U @ inner).reshape(z.shape)
-    U = U.reshape(joints, samples, -1)
-    cuts = [c for c in np.array_split(np.arange(samples), _SEGMENTS) if len(c)]
-    moves = [back @ _moved(U[:, cut], rest[:, cut]) for cut in cuts]
-    share = (len(cuts) - 1) / len(cuts)
-    errors = np.sqrt(share * np.sum(np.square(moves), axis=0))
-    lost = 1.0 - np.sum(Vt[kept] ** 2, axis=0) > _TOUCHED
-    errors = np.where(lost, np.inf, np.maximum(errors, _TINY))
-    return Fitted(back @ inner / unit, errors / unit, float(np.linalg.norm(rest)))
+    rows = np.concatenate([A, z[:, :, None]], axis=2)
+    cuts = [c for c in np.array_split(np.arange(rows.shape[1]), _SEGMENTS) if len(c)]
+    parts = [_factor(rows[:, c].reshape(-1, rows.shape[2])) for c in cuts]
+    none = np.zeros((0, rows.shape[2]))
+    before = list(accumulate(parts, _factor, initial=none))
+    after = list(accumulate(parts[::-1], _factor, initial=none))[::-1]
+    others = tuple(map(_factor, before[:-1], after[1:]))
+    return Jackknife(before[-1], others)
 
 
-def _moved(U: Array, rest: Array) -> Vector:
-    """Return by how much leaving a segment out moves the solution.
+def solution(A: Matrix, z: Vector) -> Vector:
+    """Return the least-squares solution, rank decided on unit columns."""
+    sizes = _sizes(A)
+    return np.asarray(np.linalg.lstsq(A / sizes, z, rcond=_RANK)[0] / sizes)
 
-    In the orthonormal coordinates of all segments: ``(1 - U'U)^-1 U' rest`` of the
-    segment's rows.
-    """
-    u = U.reshape(-1, U.shape[2])
-    others = np.eye(u.shape[1]) - u.T @ u
-    moved, *_ = np.linalg.lstsq(others, u.T @ rest.reshape(-1), rcond=_RANK)
-    return np.asarray(moved)
+
+def _sizes(A: Matrix) -> Vector:
+    """Return the norms of columns, one where they are zero."""
+    norms = np.linalg.norm(A, axis=0)
+    return np.where(norms > 0.0, norms, 1.0)
+
+
+def _factor(*rows: Matrix) -> Matrix:
+    return triangle(np.asfortranarray(np.vstack(rows)))
+
+
+def _independent(columns: Matrix) -> list[int]:
+    """Return columns that span all of them."""
+    from scipy.linalg import qr
+
+    R, order = qr(columns / _sizes(columns), mode="r", pivoting=True)
+    size = abs(np.diag(R))
+    rank = int((size > _RANK * size.max(initial=0.0)).sum())
+    return sorted(int(i) for i in order[:rank])

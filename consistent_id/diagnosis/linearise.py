@@ -1,18 +1,17 @@
-"""How the torque moves with parameters, zeros and lag, near an estimate."""
+"""How the torque changes with parameters, joint zeros and lag, near an estimate."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector
-from consistent_id.diagnosis.jackknife import jackknifed
+from consistent_id.diagnosis.jackknife import Jackknife, jackknife, solution
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import BaseParameters
+from consistent_id.regression.regression import triangle
 from consistent_id.regression.regressor import TorqueModel
 
 _STEP = 1e-4  # rad or m, of the finite differences
-_HELD = 20_000  # samples whose rows are filtered
-_SAMPLES = 1500  # samples that are fitted
 _BAND = 8.0  # times the motion's bandwidth: torque beyond it is noise and friction's
 _POWER = 0.99  # of the velocity, within the bandwidth
 _LEAST = 1e-3  # of a joint's torque, below which its misfit is not believed
@@ -20,26 +19,24 @@ _LEAST = 1e-3  # of a joint's torque, below which its misfit is not believed
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Linearised:
-    """Rows of all torque joints, divided by each joint's misfit.
+    """Factors of all torque joints' rows, each joint's divided by its misfit.
 
     Parameters
     ----------
-    rows : ndarray, shape (torque joints, samples, base + joints + 1)
-        Columns of the base parameters, of the joints' zeros and of the lag.
-    torque : ndarray, shape (torque joints, samples)
-    base : int
-        Number of base parameters.
+    factors : Jackknife
+        Columns of the joints' zeros and of the lag; base parameters are eliminated.
+    joints : int
+        Number of joints.
     """
 
-    rows: Array
-    torque: Matrix
-    base: int
+    factors: Jackknife
+    joints: int
 
 
 def linearised(
     model: TorqueModel, x: Vector, recording: Recording, base: BaseParameters
 ) -> Linearised:
-    """Return how the torque moves with base parameters, zeros and lag.
+    """Return how the torque changes with zeros and lag, beside the base parameters.
 
     Columns and torque go through one low-pass filter, so that it drops out, and noise
     and friction's edges, which preparation rounded in the torque alone, with it.
@@ -54,22 +51,20 @@ def linearised(
     base : BaseParameters
     """
     recording = recording.of(model.robot.joint_names)
-    # What is prepared is smooth: long logs are thinned before rows are held at once.
-    recording = recording.samples(slice(None, None, max(len(recording) // _HELD, 1)))
-    rate = recording.rate
-    states = _states(recording)
-    slopes = [_by_position(model, x, recording, j) for j in range(len(model.robot))]
-    slopes.append(-np.gradient(model.predict(x, *states), 1.0 / rate, axis=0))
-    columns = model.regressor(*states)[:, list(base.independent)]
-    rows = np.concatenate(
-        [np.swapaxes(columns, 1, 2), np.stack([s.T for s in slopes], axis=2)], axis=2
-    )
+    rate, states = recording.rate, _states(recording)
+    columns = model.regressor(*states)
     torque = np.asarray(recording.of(model.torque_joints).torque).T
+    lag = -np.gradient(np.einsum("jps,p->js", columns, x), 1.0 / rate, axis=1)
+    slopes = _by_position(model, x, *states)
+    rows = np.concatenate(
+        [columns[:, list(base.independent)], slopes, lag[:, None], torque[:, None]],
+        axis=1,
+    )
     cutoff = _BAND * _bandwidth(states[1], rate)
-    step = max(len(recording) // _SAMPLES, 1)
-    rows, torque = (_smooth(a, cutoff, rate)[:, ::step] for a in (rows, torque))
-    scale = _misfits(rows[:, :, : len(base)], torque)
-    return Linearised(rows / scale[:, None, None], torque / scale[:, None], len(base))
+    rows = np.swapaxes(_smooth(rows, cutoff, rate), 1, 2)
+    rows = rows / _misfits(rows[:, :, : len(base)], rows[:, :, -1])[:, None, None]
+    factors = jackknife(rows[:, :, :-1], rows[:, :, -1]).without(len(base))
+    return Linearised(factors, len(model.robot))
 
 
 def _states(recording: Recording) -> tuple[Array, Array, Array]:
@@ -77,13 +72,16 @@ def _states(recording: Recording) -> tuple[Array, Array, Array]:
     return recording.position, np.asarray(dq), np.asarray(ddq)
 
 
-def _by_position(model: TorqueModel, x: Vector, recording: Recording, j: int) -> Array:
-    q, dq, ddq = _states(recording)
-    shift = np.zeros(q.shape[1])
-    shift[j] = _STEP
-    ahead = model.predict(x, q + shift, dq, ddq)
-    behind = model.predict(x, q - shift, dq, ddq)
-    return (ahead - behind) / (2 * _STEP)
+def _by_position(
+    model: TorqueModel, x: Vector, q: Array, dq: Array, ddq: Array
+) -> Array:
+    """Return the torque's slopes, shape (torque joints, joints, samples)."""
+    steps = _STEP * np.eye(q.shape[1])
+    moved = np.concatenate([q + step for step in (*steps, *-steps)])
+    times = (2 * q.shape[1], 1)
+    torque = model.predict(x, moved, np.tile(dq, times), np.tile(ddq, times))
+    ahead, behind = torque.reshape(2, q.shape[1], len(q), -1)
+    return np.moveaxis(ahead - behind, 2, 0) / (2 * _STEP)
 
 
 def _bandwidth(velocity: Array, rate: float) -> float:
@@ -104,7 +102,7 @@ def _smooth(values: Array, cutoff: float, rate: float) -> Array:
     if cutoff >= 0.4 * rate:
         return values
     sections = butter(4, cutoff / (rate / 2.0), output="sos")
-    return np.asarray(sosfiltfilt(sections, values, axis=1))
+    return np.asarray(sosfiltfilt(sections, values, axis=-1))
 
 
 def _misfits(rows: Array, torque: Matrix) -> Vector:
@@ -114,6 +112,9 @@ def _misfits(rows: Array, torque: Matrix) -> Vector:
     """
     scale = np.sqrt(np.mean(torque**2, axis=1))
     scale = np.where(scale > 0.0, scale, 1.0)
-    fit = jackknifed(rows / scale[:, None, None], torque / scale[:, None])
-    misfit = np.sqrt(np.mean((torque - rows @ fit.solution) ** 2, axis=1))
+    weighted = np.concatenate([rows, torque[:, :, None]], axis=2)
+    weighted = (weighted / scale[:, None, None]).reshape(-1, weighted.shape[2])
+    R = triangle(np.asfortranarray(weighted))
+    rest = torque - rows @ solution(R[:, :-1], R[:, -1])
+    misfit = np.sqrt(np.mean(rest**2, axis=1))
     return np.asarray(np.maximum(misfit, _LEAST * scale))

@@ -17,7 +17,7 @@ _MOVED = 10.0  # times that, by which some joint must move within a span
 _SPANS = 40  # of a recording, each half a second or longer
 _SHORTEST = 0.5  # s
 _POINTS = 25  # of a span, at which positions are compared
-_RATE = 200.0  # Hz: finer does not tell more
+_RATE = 200.0  # Hz: a finer one shows no more
 _STARTS = 20  # places in the other recording at which a span is tried
 _SHARE = 0.1  # of the moving spans, from which on it is a fault
 
@@ -30,57 +30,58 @@ def leak_findings(
         Finding(
             "leak",
             "fault" if share >= _SHARE else "note",
-            held.name,
-            f"{share:.0%} of the motion of {held.name} repeats {learnt.name}, to "
+            log.name,
+            f"{share:.0%} of the motion of {log.name} repeats {earlier.name}, to "
             f"within {_SAME:.1%} of the joints' ranges",
-            "judge by a motion of its own: a repeated period has the same errors of "
-            "the model, and only other noise",
+            "validate with a motion of its own: a repeated period has the same errors "
+            "of the model, and only other noise",
             share / _SHARE,
-            held.name,
+            log.name,
         )
-        for held in validation
-        for learnt in training
-        if (share := repeated_share(held, learnt)) > 0.0
+        for log in validation
+        for earlier in training
+        if (share := repeated_share(log, earlier)) > 0.0
     ]
 
 
-def repeated_share(held: Recording, learnt: Recording) -> float:
+def repeated_share(validation: Recording, training: Recording) -> float:
     """Return the share of a recording's moving spans that occur in another."""
-    learnt = learnt.samples(slice(None, None, max(int(learnt.rate / _RATE), 1)))
-    tolerance = _SAME * np.ptp(learnt.position, axis=0)
+    training = training.samples(slice(None, None, max(int(training.rate / _RATE), 1)))
+    tolerance = _SAME * np.ptp(training.position, axis=0)
     tolerance = np.where(tolerance > 0.0, tolerance, 1e-12)
-    length = max(_SHORTEST, held.duration / _SPANS)
-    starts = held.time[0] + length * np.arange(int(held.duration / length))
+    length = max(_SHORTEST, validation.duration / _SPANS)
+    starts = validation.time[0] + length * np.arange(int(validation.duration / length))
     moving = hits = 0
     for start in starts:
         lapse = np.linspace(0.0, length, _POINTS)
-        span = _at(held.of(learnt.joints), start + lapse)
+        span = _at(validation.of(training.joints), start + lapse)
         if (np.ptp(span, axis=0) > _MOVED * tolerance).any():
             moving += 1
-            hits += _occurs(span, lapse, learnt, tolerance)
+            hits += _occurs(span, lapse, training, tolerance)
     return hits / max(moving, 1)
 
 
-def _occurs(span: Array, lapse: Vector, learnt: Recording, tolerance: Vector) -> bool:
-    """Tell whether a span lies on a recording, moved in time."""
-    steps = abs(np.diff(learnt.position, axis=0, append=learnt.position[-1:]))
-    away = abs(learnt.position - span[0])
+def _occurs(span: Array, lapse: Vector, training: Recording, tolerance: Vector) -> bool:
+    """Return whether a span lies on a recording, moved in time."""
+    steps = abs(np.diff(training.position, axis=0, append=training.position[-1:]))
+    away = abs(training.position - span[0])
     near = np.flatnonzero((away <= tolerance + steps).all(axis=1))
     nearest = near[np.argsort((away[near] / tolerance).max(axis=1))[:_STARTS]]
     return any(
-        _lies_on(span, lapse, learnt, tolerance, float(learnt.time[i])) for i in nearest
+        _lies_on(span, lapse, training, tolerance, float(training.time[i]))
+        for i in nearest
     )
 
 
 def _lies_on(
-    span: Array, lapse: Vector, learnt: Recording, tolerance: Vector, start: float
+    span: Array, lapse: Vector, training: Recording, tolerance: Vector, start: float
 ) -> bool:
-    """Tell whether a span fits from a time on, moved to fit best (Gauss-Newton)."""
-    last = learnt.time[-1] - lapse[-1]
+    """Return whether a span fits from a time on, moved to fit best (Gauss-Newton)."""
+    last = training.time[-1] - lapse[-1]
     for _ in range(3):
-        if not learnt.time[0] - lapse[1] <= start <= last + lapse[1]:
+        if not training.time[0] - lapse[1] <= start <= last + lapse[1]:
             return False
-        there = _at(learnt, start + lapse)
+        there = _at(training, start + lapse)
         if (abs(there - span) <= tolerance).all():
             return True
         rate = np.gradient(there, lapse, axis=0) / tolerance

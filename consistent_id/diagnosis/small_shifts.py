@@ -13,7 +13,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Vector
 from consistent_id.diagnosis.findings import Finding
-from consistent_id.diagnosis.jackknife import Fitted, jackknifed
+from consistent_id.diagnosis.jackknife import Fitted
 from consistent_id.diagnosis.linearise import Linearised
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.model import Joint
@@ -58,12 +58,12 @@ def estimate_shifts(system: Linearised, beside: tuple[int, ...] = ()) -> Shifts:
     beside : tuple of int
         Joints whose zeros are off as well; they are estimated together.
     """
-    zeros = range(system.rows.shape[2] - 1 - system.base)
+    zeros = range(system.joints)
     fits = [_fit(system, (j, *(i for i in beside if i != j))) for j in zeros]
     lag = _fit(system, beside)
     return Shifts(
-        offsets=np.array([f.solution[system.base] for f in fits]),
-        offset_errors=np.array([f.errors[system.base] for f in fits]),
+        offsets=np.array([f.solution[0] for f in fits]),
+        offset_errors=np.array([f.errors[0] for f in fits]),
         misfits=np.array([f.misfit for f in fits]),
         lag=float(lag.solution[-1]),
         lag_error=float(lag.errors[-1]),
@@ -126,14 +126,13 @@ def moved_zeros(
 
 def _together(system: Linearised, alone: Shifts, least: Vector) -> dict[int, float]:
     """Return zeros that are sure only beside each other: opposite ones hide."""
-    told = np.flatnonzero(np.isfinite(alone.offset_errors))
-    fit = _fit(system, tuple(told.tolist()))
-    place = slice(system.base, system.base + len(told))
-    sizes = fit.solution[place]
-    scores = _scores(sizes, least[told], fit.errors[place])
+    seen = np.flatnonzero(np.isfinite(alone.offset_errors))
+    fit = _fit(system, tuple(seen.tolist()))
+    sizes = fit.solution[:-1]
+    scores = _scores(sizes, least[seen], fit.errors[:-1])
     return {
         int(j): float(d)
-        for j, d, score in zip(told, sizes, scores, strict=True)
+        for j, d, score in zip(seen, sizes, scores, strict=True)
         if score >= 1.0
     }
 
@@ -151,7 +150,7 @@ def shift_findings(model: TorqueModel, zeros: Zeros) -> list[Finding]:
 
 
 def hidden_zeros(model: TorqueModel, zeros: Zeros) -> list[Finding]:
-    """Note the zeros that could be off by much without being told."""
+    """Note the joints whose zero offset the log does not identify."""
     reach = _SURE * zeros.shifts.offset_errors
     hidden = [
         f"{joint.name} ({_from_where(joint, size)})"
@@ -167,18 +166,18 @@ def hidden_zeros(model: TorqueModel, zeros: Zeros) -> list[Finding]:
             "hidden zero",
             "note",
             "some joints",
-            f"the log would not tell if zeros were off: {', '.join(hidden)}",
-            "where it matters, move more widely and faster; no motion tells the zero "
-            "of an axis along gravity at the base, nor that of the last body",
+            f"the log does not identify the zero offsets of {', '.join(hidden)}",
+            "where it matters, move more widely and faster; no motion identifies the "
+            "zero of an axis along gravity at the base, nor that of the last joint",
         )
     ]
 
 
 def _from_where(joint: Joint, size: float) -> str:
     if joint.kind == "prismatic":
-        return f"below {size:.2g} m" if np.isfinite(size) else "by any length"
+        return f"below {size:.2g} m" if np.isfinite(size) else "any length"
     degrees = float(np.degrees(size))
-    return f"below {degrees:.2g} degrees" if degrees < 90.0 else "by any angle"
+    return f"below {degrees:.2g} degrees" if degrees < 90.0 else "any angle"
 
 
 def _small(model: TorqueModel) -> Vector:
@@ -226,5 +225,5 @@ def _lags(shifts: Shifts) -> list[Finding]:
 
 
 def _fit(system: Linearised, zeros: tuple[int, ...]) -> Fitted:
-    columns = [*range(system.base), *(system.base + j for j in zeros), -1]
-    return jackknifed(system.rows[:, :, columns], system.torque)
+    """Fit some zeros, in their order, and the lag last."""
+    return system.factors.fitted([*zeros, system.joints])

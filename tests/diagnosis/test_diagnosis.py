@@ -1,18 +1,13 @@
 """The data detective, on logs whose one fault is known."""
 
-import importlib.util
-import sys
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
+from faulty_logs import DRIVE, arm, clean_case, clean_log, logs
 
 from consistent_id import (
-    Datasheet,
-    DHRow,
-    DriveTerms,
     FixedMasses,
     ParameterBounds,
     Recording,
@@ -20,7 +15,6 @@ from consistent_id import (
     base_parameters,
     build_regression,
     constrained_least_squares,
-    from_modified_dh,
 )
 from consistent_id.diagnosis import Diagnosis, Finding, diagnose
 from consistent_id.diagnosis.clock import clock_findings, velocity_findings
@@ -29,65 +23,22 @@ from consistent_id.diagnosis.coverage import (
     saturation_findings,
     standstill_findings,
 )
-from consistent_id.diagnosis.jackknife import jackknifed
+from consistent_id.diagnosis.jackknife import jackknife
 from consistent_id.diagnosis.linearise import linearised
 from consistent_id.diagnosis.repeats import leak_findings, repeated_share
 from consistent_id.diagnosis.small_shifts import estimate_shifts
-
-DRIVE = DriveTerms(viscous=True, coulomb="tanh", velocity_scale=0.02, offset=True)
-
-
-@cache
-def _logs():
-    path = Path(__file__).parents[2] / "benchmarks" / "detective_logs.py"
-    spec = importlib.util.spec_from_file_location("detective_logs", path)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["detective_logs"] = module  # dataclasses look themselves up there
-    spec.loader.exec_module(module)
-    return module
-
-
-@cache
-def _arm():
-    """Four joints, shoulder to wrist, with a datasheet."""
-    rows = [
-        DHRow(0, 0, 0.3),
-        DHRow(-np.pi / 2, 0),
-        DHRow(0, 0.5, 0.1),
-        DHRow(np.pi / 2, 0.05, 0.4),
-    ]
-    robot = from_modified_dh("arm", rows)
-    sheet = {
-        name: Datasheet(mass=mass, com=com)
-        for name, mass, com in zip(
-            robot.link_names,
-            (8.0, 6.0, 4.0, 2.0),
-            ([0, 0, -0.1], [0.2, 0, 0.1], [0, -0.1, 0.05], [0.05, 0, 0.1]),
-            strict=True,
-        )
-    }
-    return TorqueModel(robot.with_datasheet(sheet), DRIVE)
 
 
 @cache
 def _partly():
     """Return the arm of which two joints have no usable torque."""
-    return replace(_arm(), torque_joints=("joint1", "joint2"))
-
-
-@cache
-def _case(seed):
-    return _logs().clean(_arm(), np.random.default_rng(seed))
-
-
-def _clean(seed):
-    return _case(seed).log
+    return replace(arm(), torque_joints=("joint1", "joint2"))
 
 
 @cache
 def _estimated(seed, spoil):
     """Return shifts of a spoilt and prepared log, and the log."""
-    model, log = _arm(), _logs().prepared(spoil(_clean(seed)))
+    model, log = arm(), logs().prepared(spoil(clean_log(seed)))
     base = base_parameters(model)
     regression = build_regression(model, log)
     weighted = regression.weighted(regression.torque_rms)
@@ -96,12 +47,12 @@ def _estimated(seed, spoil):
 
 
 def _diagnosed(log, validation=(), model=None):
-    return diagnose(model or _arm(), log, validation, prepare=_logs().prepared)
+    return diagnose(model or arm(), log, validation, prepare=logs().prepared)
 
 
 @pytest.mark.parametrize("seed", range(2))
 def test_a_clean_log_is_not_accused(seed):
-    assert _diagnosed(_clean(seed)).suspicious == ()
+    assert _diagnosed(clean_log(seed)).suspicious == ()
 
 
 @pytest.mark.parametrize(
@@ -119,9 +70,9 @@ def test_a_clean_log_is_not_accused(seed):
         "one joint does not move",
     ],
 )
-def test_a_fault_that_only_the_torque_tells_is_found_as_what_it_is(fault):
-    kind, inject = _logs().FAULTS[fault]
-    found = _diagnosed(inject(_case(5), np.random.default_rng(1)).log)
+def test_a_fault_that_only_the_torque_shows_is_found_as_what_it_is(fault):
+    kind, inject = logs().FAULTS[fault]
+    found = _diagnosed(inject(clean_case(5), np.random.default_rng(1)).log)
     assert {f.kind for f in found.suspicious} == {kind}
     assert all(f.advice and f.statement for f in found.findings)
 
@@ -135,20 +86,20 @@ def test_a_zero_off_by_a_known_angle_is_measured():
     assert np.degrees(shifts.offsets[1]) == pytest.approx(-3.0, abs=0.3)
     assert shifts.offset_errors[1] < np.radians(0.3)
     assert int(np.argmin(shifts.misfits)) == 1
-    # About gravity, or of the last body, no zero can be told.
+    # About gravity, or of the last link, no zero offset is identifiable.
     assert np.isinf(shifts.offset_errors[[0, 3]]).all()
 
 
-def test_zeros_that_the_log_would_not_tell_are_noted():
-    (note,) = _diagnosed(_clean(0)).of("hidden zero")
+def test_zero_offsets_that_the_log_does_not_identify_are_noted():
+    (note,) = _diagnosed(clean_log(0)).of("hidden zero")
     assert note.severity == "note"
-    assert "joint1 (by any angle)" in note.statement
-    assert "joint4 (by any angle)" in note.statement
+    assert "joint1 (any angle)" in note.statement
+    assert "joint4 (any angle)" in note.statement
     assert "joint2" not in note.statement
 
 
-def test_two_zeros_that_hide_each_other_are_told():
-    log = _clean(2)
+def test_two_zeros_that_hide_each_other_are_found():
+    log = clean_log(2)
     moved = log.position + np.radians([0.0, 6.0, -7.0, 0.0])
     found = _diagnosed(replace(log, position=moved)).of("offset zero")
     assert {f.where for f in found} == {"joint2", "joint3"}
@@ -165,32 +116,36 @@ def test_a_lag_is_measured_with_its_sign(late):
 
     # Six samples at 200 Hz; linearisation and friction leave a fifth.
     assert _estimated(4, delayed).lag == pytest.approx(late / 200.0, rel=0.2)
-    words = [f.statement for f in _diagnosed(delayed(_clean(4))).of("lag")]
+    words = [f.statement for f in _diagnosed(delayed(clean_log(4))).of("lag")]
     assert words and ("later" if late > 0 else "earlier") in words[0]
+
+
+def _fitted(A, z):
+    return jackknife(A, z).fitted(list(range(A.shape[2])))
 
 
 def test_standard_errors_cover_the_scatter_of_estimates():
     rng = np.random.default_rng(0)
     A = rng.normal(size=(2, 400, 15))
     truth = rng.normal(size=15)
-    fits = [jackknifed(A, A @ truth + rng.normal(size=(2, 400))) for _ in range(200)]
+    fits = [_fitted(A, A @ truth + rng.normal(size=(2, 400))) for _ in range(200)]
     scatter = np.std([f.solution for f in fits], axis=0)
     stated = np.sqrt(np.mean([f.errors**2 for f in fits], axis=0))
     # Two hundred draws know a scatter to 5 %; the jackknife is a little too careful.
     np.testing.assert_allclose(stated / scatter, 1.05, atol=0.2)
 
 
-def test_what_the_data_leave_open_has_no_standard_error():
+def test_what_is_not_identifiable_has_no_standard_error():
     rng = np.random.default_rng(0)
     A = rng.normal(size=(1, 100, 3))
     A = np.concatenate([A, A[:, :, :1] + A[:, :, 1:2], 0 * A[:, :, :1]], axis=2)
-    fit = jackknifed(A, rng.normal(size=(1, 100)))
+    fit = _fitted(A, rng.normal(size=(1, 100)))
     assert np.isinf(fit.errors).tolist() == [True, True, False, True, True]
 
 
 @pytest.mark.parametrize("nonsense", [0.0, 1.0])
 def test_torque_that_the_model_does_without_is_not_looked_at(nonsense):
-    log = _clean(1)
+    log = clean_log(1)
     torque = log.torque.copy()
     noise = np.random.default_rng(9).normal(size=(len(log), 2))
     torque[:, 2:] = nonsense * noise
@@ -201,8 +156,8 @@ def test_torque_that_the_model_does_without_is_not_looked_at(nonsense):
     assert (finding.kind, finding.where) == ("torque sign", "joint2")
 
 
-def test_a_dead_torque_channel_is_told_and_stops_nothing():
-    log = _clean(0)
+def test_a_dead_torque_channel_is_found_and_stops_nothing():
+    log = clean_log(0)
     torque = log.torque * [1.0, 1.0, 0.0, 1.0]
     (finding,) = _diagnosed(replace(log, torque=torque)).suspicious
     assert (finding.kind, finding.where) == ("dead channel", "joint3")
@@ -211,27 +166,27 @@ def test_a_dead_torque_channel_is_told_and_stops_nothing():
 
 def test_masses_that_no_log_can_have_are_the_datasheets_fault():
     masses = [FixedMasses({"link4": 3.0}), ParameterBounds({"link4.m": (9.0, 10.0)})]
-    found = diagnose(_arm(), _clean(0), prepare=_logs().prepared, constraints=masses)
+    found = diagnose(arm(), clean_log(0), prepare=logs().prepared, constraints=masses)
     assert [f.kind for f in found.faults] == ["datasheet"]
 
 
 @pytest.mark.parametrize(("factor", "unit"), [(1e3, "milli"), (1e6, "micro")])
-def test_a_clock_that_is_not_in_seconds_is_told_with_its_unit(factor, unit):
-    log = _clean(0)
+def test_a_clock_that_is_not_in_seconds_is_found_with_its_unit(factor, unit):
+    log = clean_log(0)
     (finding,) = clock_findings(replace(log, time=log.time * factor))
     assert unit in finding.statement
     assert clock_findings(log) == []
 
 
 def test_a_fast_clock_in_milliseconds_shows_in_the_velocity():
-    log = _clean(0)
+    log = clean_log(0)
     fast = replace(log, time=np.linspace(0, 0.2, len(log)) * 1e3)
     (finding,) = velocity_findings(replace(fast, velocity=fast.velocity * 100))
     assert finding.kind == "clock"
 
 
-def test_velocities_that_are_reversed_or_anothers_are_told():
-    log = _clean(0)
+def test_velocities_that_are_reversed_or_anothers_are_found():
+    log = clean_log(0)
     velocity = log.velocity.copy()
     velocity[:, 2] *= -1
     (finding,) = velocity_findings(replace(log, velocity=velocity))
@@ -242,7 +197,7 @@ def test_velocities_that_are_reversed_or_anothers_are_told():
 
 
 def test_torque_that_stays_at_its_limit_is_saturated():
-    log = _clean(0)
+    log = clean_log(0)
     limit = 0.6 * abs(log.torque[:, 1]).max()
     clipped = log.torque.copy()
     clipped[:, 1] = np.clip(clipped[:, 1], -limit, limit)
@@ -253,22 +208,22 @@ def test_torque_that_stays_at_its_limit_is_saturated():
 
 
 def test_rests_are_counted():
-    log = _logs().resting(_case(0), np.random.default_rng(0)).log
+    log = logs().resting(clean_case(0), np.random.default_rng(0)).log
     (finding,) = standstill_findings(log)
     assert "50%" in finding.statement or "51%" in finding.statement
-    assert standstill_findings(_clean(0)) == []
+    assert standstill_findings(clean_log(0)) == []
 
 
 def test_validation_that_repeats_the_training_is_a_leak():
-    case = _logs().repeated(_case(0), np.random.default_rng(0))
+    case = logs().repeated(clean_case(0), np.random.default_rng(0))
     (finding,) = leak_findings([case.log], case.validation)
     assert (finding.kind, finding.severity) == ("leak", "fault")
     assert finding.statement.startswith("100%")
-    assert leak_findings([case.log], [_clean(1)]) == []
+    assert leak_findings([case.log], [clean_log(1)]) == []
 
 
 def test_a_period_repeated_at_another_rate_and_not_quite_is_a_leak():
-    case = _logs().repeated(_case(1), np.random.default_rng(0))
+    case = logs().repeated(clean_case(1), np.random.default_rng(0))
     (period,) = case.validation
     thin = period.samples(slice(None, None, 3))
     off = replace(thin, position=thin.position + 1e-3 * np.ptp(thin.position, axis=0))
@@ -278,8 +233,8 @@ def test_a_period_repeated_at_another_rate_and_not_quite_is_a_leak():
 
 
 def test_a_log_that_starts_where_another_did_is_no_fault():
-    case = _logs().repeated(_case(0), np.random.default_rng(0))
-    (period,), other = case.validation, _clean(1)
+    case = logs().repeated(clean_case(0), np.random.default_rng(0))
+    (period,), other = case.validation, clean_log(1)
     start = period.samples(slice(0, 150))
     rest = other.position + start.position[-1] - other.position[0]
     joined = Recording(
@@ -292,7 +247,7 @@ def test_a_log_that_starts_where_another_did_is_no_fault():
 
 
 def test_validation_is_looked_at_too():
-    log, other = _clean(0), _clean(1)
+    log, other = clean_log(0), clean_log(1)
     wrong = replace(other, torque=other.torque * [1.0, -1.0, 1.0, 1.0], name="held")
     (finding,) = _diagnosed(log, [wrong]).suspicious
     assert (finding.kind, finding.recording) == ("torque sign", "held")
@@ -301,23 +256,23 @@ def test_validation_is_looked_at_too():
 
 
 @pytest.mark.parametrize("joint", [1, 3])
-def test_what_the_data_leave_open_is_named(joint):
-    case = _case(0)
+def test_what_is_not_identifiable_is_named(joint):
+    case = clean_case(0)
     moves = np.where(np.arange(4) == joint, 0.0, 1.0)[:, None]
     motion = replace(
         case.motion, sine=moves * case.motion.sine, cosine=moves * case.motion.cosine
     )
     held = replace(case, motion=motion)
-    log = _logs().logged(held, _logs().times(), np.random.default_rng(1))
-    prepared = _logs().prepared(replace(log, velocity=None))
-    base = base_parameters(_arm())
-    (finding,) = rank_findings(_arm(), prepared, base)
+    log = logs().logged(held, logs().times(), np.random.default_rng(1))
+    prepared = logs().prepared(replace(log, velocity=None))
+    base = base_parameters(arm())
+    (finding,) = rank_findings(arm(), prepared, base)
     still = f"joint{joint + 1}"
     assert finding.where == still
     assert f"of {len(base)} base parameters (structural rank)" in finding.statement
-    # Nothing is learnt of the friction of a joint that does not move.
+    # The data say nothing of the friction of a joint that does not move.
     assert f"{still}.viscous" in finding.statement
-    assert rank_findings(_arm(), _logs().prepared(case.log), base) == []
+    assert rank_findings(arm(), logs().prepared(case.log), base) == []
 
 
 def test_findings_are_ranked_by_gravity():
@@ -381,10 +336,10 @@ def _arm_in(folder):
 
     (folder / "arm.urdf").write_text(ARM_URDF)
     model = TorqueModel(load_urdf(folder / "arm.urdf"), DRIVE)
-    return _logs().clean(model, np.random.default_rng(3)).log
+    return logs().clean(model, np.random.default_rng(3)).log
 
 
-def test_a_problem_whose_validation_repeats_its_training_is_told(tmp_path):
+def test_a_problem_whose_validation_repeats_its_training_is_found(tmp_path):
     from consistent_id import load_problem
     from consistent_id.cli.commands import check_problem
 

@@ -15,21 +15,22 @@ _LOOKED_FOR = (
 def diagnosis_table(found: Diagnosis) -> Table:
     """Return the findings, the gravest first, with what to do about each."""
     where = f" in {', '.join(found.recordings)}" if found.recordings else ""
-    told = tuple(_told(f, several=len(found.recordings) > 1) for f in found.findings)
+    several = len(found.recordings) > 1
+    sentences = tuple(_sentence(f, several=several) for f in found.findings)
     what = "What was found" if found.suspicious else "Nothing suspicious was found"
     return Table(
         f"{what}{where}",
         ("severity", "kind", "where", "recording"),
         tuple((f.severity, f.kind, f.where, f.recording) for f in found.findings),
-        told if found.suspicious else (*told, f"looked for: {_LOOKED_FOR}"),
+        sentences if found.suspicious else (*sentences, f"looked for: {_LOOKED_FOR}"),
     )
 
 
-def _told(finding: Finding, *, several: bool) -> str:
-    """Return a finding in a sentence, and what to do about it; notes ask nothing."""
+def _sentence(finding: Finding, *, several: bool) -> str:
+    """Return a finding in a sentence, and what to do about it unless it is a note."""
     where = f"{finding.recording}, " if several and finding.recording else ""
-    said = f"{finding.kind} ({where}{finding.where}): {finding.statement}"
-    return said if finding.severity == "note" else f"{said}. To do: {finding.advice}"
+    text = f"{finding.kind} ({where}{finding.where}): {finding.statement}"
+    return text if finding.severity == "note" else f"{text}. To do: {finding.advice}"
 
 
 def diagnosis_record(found: Diagnosis) -> dict[str, Any]:

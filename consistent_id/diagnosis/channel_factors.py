@@ -1,0 +1,122 @@
+"""A motion compressed once, with every torque channel as a right-hand side.
+
+A reversed, exchanged or scaled torque channel is then a combination of columns of small
+triangular factors: neither motion nor regressor are looked at again.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from consistent_id._support.arrays import Array, Matrix
+from consistent_id.recordings.recording import Recording
+from consistent_id.regression.base import BaseParameters
+from consistent_id.regression.regression import Regression, motion_of, triangle
+from consistent_id.regression.regressor import CHUNK, TorqueModel
+
+_LEAST = 1e-12  # N m or N, instead of a torque of zero, by which one could not divide
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ChannelFactors:
+    """Triangular factors of one motion.
+
+    Parameters
+    ----------
+    model : TorqueModel
+    base : BaseParameters
+    factors : tuple of ndarray, each shape (rows, base + torque joints)
+        Of each torque joint: its base columns, then all torque channels.
+    samples : int
+        Behind each factor.
+    """
+
+    model: TorqueModel
+    base: BaseParameters
+    factors: tuple[Matrix, ...]
+    samples: int
+
+    def changed(self, matrix: Matrix) -> "ChannelFactors":
+        """Return the factors with torque multiplied by a matrix from the right.
+
+        Parameters
+        ----------
+        matrix : ndarray, shape (joints, joints)
+        """
+        b, names = len(self.base), self.model.robot.joint_names
+        places = [names.index(name) for name in self.model.torque_joints]
+        among = matrix[np.ix_(places, places)]
+        changed = (np.column_stack([F[:, :b], F[:, b:] @ among]) for F in self.factors)
+        return replace(self, factors=tuple(changed))
+
+    def relative(self, misfit: float) -> float:
+        """Return a norm of weighted rows as a root of their mean square."""
+        return misfit / float(np.sqrt(self.samples * len(self.factors)))
+
+    def least_misfit(self) -> float:
+        """Return the misfit of least squares, below which no constraint leads.
+
+        Root of the mean over joints of the squared residual over the squared torque.
+        """
+        b = len(self.base)
+        rows = [
+            F[:, [*range(b), b + j]] / max(float(np.linalg.norm(F[:, b + j])), _LEAST)
+            for j, F in enumerate(self.factors)
+        ]
+        R = triangle(np.asfortranarray(np.vstack(rows)))
+        least = abs(R[-1, -1]) if len(R) == R.shape[1] else 0.0
+        return float(least / np.sqrt(len(rows)))
+
+    def regression(self) -> Regression:
+        """Return the regression, each joint relative to its own torque."""
+        b, P = len(self.base), self.base.projection
+        bare = Regression(
+            layout=self.model.layout,
+            joints=self.model.torque_joints,
+            factors=tuple(
+                np.column_stack([F[:, :b] @ P, F[:, b + j]])
+                for j, F in enumerate(self.factors)
+            ),
+            counts=(self.samples,) * len(self.factors),
+            fingerprint=self.model.fingerprint,
+        )
+        return bare.weighted(np.maximum(bare.torque_rms, _LEAST))
+
+
+def channel_factors(
+    model: TorqueModel, base: BaseParameters, recordings: Sequence[Recording]
+) -> list[ChannelFactors]:
+    """Compress motions with all torque channels.
+
+    Short motions are put through the regressor together, which is faster.
+
+    Parameters
+    ----------
+    model : TorqueModel
+    base : BaseParameters
+    recordings : sequence of Recording
+        With velocity, acceleration and torque.
+    """
+    motions = [motion_of(model, recording, None) for recording in recordings]
+    longest = max((len(m.q) for m in motions), default=1)
+    together = max(CHUNK // longest, 1)
+    found = []
+    for start in range(0, len(motions), together):
+        group = motions[start : start + together]
+        states = (np.concatenate(x) for x in list(zip(*group, strict=True))[:3])
+        Y = model.regressor(*states)[:, list(base.independent)]
+        ends = np.cumsum([len(m.q) for m in group])
+        for motion, rows in zip(group, np.split(Y, ends[:-1], axis=2), strict=True):
+            factors = tuple(_factor(of_joint, motion.torque) for of_joint in rows)
+            found.append(ChannelFactors(model, base, factors, len(motion.q)))
+    return found
+
+
+def _factor(Y: Array, torque: Array) -> Matrix:
+    """Return a joint's factor; columns that are zero are left out of the work."""
+    kept = Y.any(axis=1)
+    R = triangle(np.asfortranarray(np.column_stack([Y[kept].T, torque])))
+    factor = np.zeros((len(R), len(Y) + torque.shape[1]))
+    factor[:, [*np.flatnonzero(kept), *range(len(Y), factor.shape[1])]] = R
+    return factor

@@ -1,0 +1,192 @@
+"""Corrections after preparation, and from compressed factors, against the slow way."""
+
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+import pytest
+from faulty_logs import arm, clean_case, clean_log, logs
+
+from consistent_id import base_parameters, build_regression
+from consistent_id.diagnosis import diagnose
+from consistent_id.diagnosis.channel_factors import channel_factors
+from consistent_id.diagnosis.corrections import FAULT_KINDS, corrections
+from consistent_id.diagnosis.explain import (
+    best_explanation,
+    datasheet_constraints,
+    fitted_log,
+)
+from consistent_id.estimation.best_fit import best_fit
+from consistent_id.problems.file import PreparationTable
+from consistent_id.problems.preparation import prepared
+
+JOINTS = ("joint1", "joint2", "joint3", "joint4")
+
+# As in the problem folders, and what else a problem file can ask for.
+PREPARATIONS = {
+    "resampled": {"resample": 190.0, "motion_cutoff": 7.5, "torque_cutoff": 10.0},
+    "as logged": {"motion_cutoff": 20.0, "torque_cutoff": 20.0},
+    "decimated": {"motion_cutoff": 40.0, "torque_cutoff": 40.0, "decimate": 4},
+    "polynomials": {"method": "savitzky-golay", "window": 0.2, "torque_cutoff": 10.0},
+    "smoother": {"method": "smoother", "order": 4, "torque_cutoff": 10.0},
+    "series": {"method": "fourier", "period": 10.0, "harmonics": 5},
+    "delayed": {"delays": {"velocity": 0.003}, "motion_cutoff": 8.0},
+    "trimmed": {"motion_cutoff": 8.0, "trim_standstill": True},
+}
+
+
+def _exchanged(values, i, j):
+    values = values.copy()
+    values[:, [i, j]] = values[:, [j, i]]
+    return values
+
+
+def _by_hand(correction, log):
+    """Return the raw log without a fault, each kind written out."""
+    kind, channels = correction.fault.kind, correction.fault.channels
+    places = [JOINTS.index(n) for n in correction.where.split(", ") if n in JOINTS]
+    moving = [c for c in ("position", "velocity") if getattr(log, c) is not None]
+    if kind == "channel order":
+        names = ["torque"] if channels == "torque" else moving
+        return replace(log, **{n: _exchanged(getattr(log, n), *places) for n in names})
+    if kind == "degrees":
+        return replace(log, **{n: getattr(log, n) * np.pi / 180 for n in moving})
+    if kind == "offset zero":
+        position = log.position.copy()
+        position[:, places] += np.radians(correction.change.size)
+        return replace(log, position=position)
+    torque = log.torque.copy()
+    if kind == "torque sign":
+        torque[:, places] *= -1.0
+    else:
+        assert kind == "torque unit"
+        torque *= {"kN m": 1e3, "N mm": 1e-3}[correction.change.unit]
+    return replace(log, torque=torque)
+
+
+@pytest.mark.parametrize("name", PREPARATIONS)
+def test_a_correction_of_a_prepared_log_is_the_prepared_log_corrected(name):
+    table = PreparationTable(**PREPARATIONS[name])
+    log = clean_log(0) if name == "delayed" else replace(clean_log(0), velocity=None)
+    tried = corrections(arm().robot, JOINTS)
+    # What a second derivative loses to rounding, where a constant is added before.
+    tolerance = 1e-8
+    if name == "smoother":  # is slow, and stops its search for the noise at 1e-6 or so
+        log, tolerance = log.samples(slice(0, 600)), 1e-5
+        tried = list({c.fault: c for c in tried}.values())
+    (once,) = prepared(log, table)
+    for correction in tried:
+        (slow,) = prepared(_by_hand(correction, log), table)
+        fast = correction.applied(once)
+        assert len(fast) == len(slow)
+        for channel in ("position", "velocity", "acceleration", "torque"):
+            expected = getattr(slow, channel)
+            size = tolerance * abs(expected).max(axis=0)
+            error = abs(getattr(fast, channel) - expected)
+            assert (error <= size).all(), (correction.statement, channel)
+
+
+@pytest.mark.parametrize("measured", [JOINTS, ("joint2", "joint4")])
+def test_factors_with_changed_torque_are_those_of_the_changed_log(measured):
+    model = replace(arm(), torque_joints=measured)
+    log, base = logs().prepared(clean_log(1)), base_parameters(model)
+    (factors,) = channel_factors(model, base, [log])
+    x = np.random.default_rng(0).normal(size=len(model.layout))
+    kinds = set()
+    for correction in corrections(model.robot, measured):
+        if correction.fault.channels == "motion":
+            continue
+        kinds.add(correction.fault.kind)
+        changed = factors.changed(correction.change.matrix)
+        slow = build_regression(model, _by_hand(correction, log))
+        slow = slow.weighted(slow.torque_rms)
+        fast = changed.regression()
+        np.testing.assert_allclose(fast.sigma, slow.sigma, rtol=1e-12)
+        np.testing.assert_allclose(
+            fast.residual_rms(x), slow.residual_rms(x), rtol=1e-9
+        )
+        R = slow.stacked()
+        fit = np.linalg.lstsq(R[:, :-1], R[:, -1])[0]
+        least = np.linalg.norm(R[:, :-1] @ fit - R[:, -1]) / np.sqrt(sum(slow.counts))
+        assert changed.least_misfit() == pytest.approx(least, rel=1e-6)
+    assert kinds == {"torque sign", "channel order", "torque unit"}
+
+
+def test_motions_compressed_together_are_those_compressed_alone():
+    model, log = arm(), logs().prepared(clean_log(1))
+    base = base_parameters(model)
+    few = [
+        c.applied(log)
+        for c in corrections(model.robot, JOINTS)
+        if c.fault.channels == "motion"
+    ][:7]
+    for motion, found in zip(few, channel_factors(model, base, few), strict=True):
+        alone = build_regression(model, motion)
+        x = np.random.default_rng(1).normal(size=len(model.layout))
+        np.testing.assert_allclose(
+            found.regression().residual_rms(x), alone.residual_rms(x), rtol=1e-9
+        )
+
+
+@pytest.mark.parametrize(
+    "fault",
+    [
+        "torque channels exchanged",
+        "torque in kN m",
+        "position channels exchanged",
+        "zero off by 90 degrees",
+        None,
+    ],
+)
+def test_bounds_lose_no_explanation_that_trying_all_would_find(fault):
+    model, case = arm(), clean_case(6)
+    if fault is not None:
+        case = logs().FAULTS[fault][1](case, np.random.default_rng(2))
+    raw, base = case.log, base_parameters(model)
+    known = datasheet_constraints(model)
+
+    def misfit(log):
+        regression = build_regression(model, logs().prepared(log))
+        weighted = regression.weighted(regression.torque_rms)
+        fit = best_fit(model, weighted, known, base=base)
+        return fit.misfit / np.sqrt(sum(weighted.counts))
+
+    as_is = misfit(raw)
+    scores = {
+        (c.fault.kind, c.where, c.statement): as_is
+        / misfit(_by_hand(c, raw))
+        / c.fault.threshold
+        for c in corrections(model.robot, JOINTS)
+    }
+    log = fitted_log(model, logs().prepared(raw), known, base)
+    assert log.misfit == pytest.approx(as_is, rel=1e-6)
+    best = best_explanation(log, corrections(model.robot, JOINTS))
+    if max(scores.values()) < 1.0:
+        assert best is None
+        assert fault is None
+        return
+    c = best.correction
+    assert (c.fault.kind, c.where, c.statement) == max(scores, key=scores.get)
+    assert best.score == pytest.approx(max(scores.values()), rel=1e-4)
+
+
+def test_each_log_is_prepared_once():
+    calls = []
+
+    def prepare(log):
+        calls.append(log.name)
+        return logs().prepared(log)
+
+    other = replace(clean_log(1), name="other")
+    diagnose(arm(), clean_log(0), [other], prepare=prepare)
+    assert calls == [clean_log(0).name, "other"]
+
+
+def test_every_kind_of_the_table_occurs_and_fills_its_sentences():
+    found = corrections(arm().robot, JOINTS)
+    assert {c.fault for c in found} == set(FAULT_KINDS)
+    assert len(found) == 4 + 6 + 2 + 6 + 1 + 12
+    assert not any(mark in c.statement + c.advice for c in found for mark in "{}")
+    pairs = [", ".join(pair) for pair in combinations(JOINTS, 2)]
+    exchanged = [c.where for c in found if c.fault.kind == "channel order"]
+    assert exchanged == 2 * pairs
