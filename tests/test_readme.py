@@ -38,6 +38,7 @@ def test_there_is_one_command_to_run_and_one_to_test():
     assert commands[1].endswith("pytest")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", [name for name, blocks in PAGES.items() if blocks])
 def test_the_python_of_the_pages_runs(page, capsys, tmp_path, monkeypatch):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))

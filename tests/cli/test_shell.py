@@ -53,6 +53,7 @@ def test_a_robot_and_a_log_are_identified_by_one_command(arm, tmp_path, capsys):
     assert (folder / "constrained.json").exists()
 
 
+@pytest.mark.slow
 def test_a_dry_run_writes_nothing(arm, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert main(["identify", *arm, "--output", "out", "--dry-run", "--json"]) == 0
@@ -64,6 +65,7 @@ def test_a_dry_run_writes_nothing(arm, tmp_path, capsys, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_init_writes_a_problem_that_compare_works_through(
     arm, tmp_path, capsys, monkeypatch
 ):
@@ -119,6 +121,7 @@ def test_what_the_problem_file_says_is_not_taken_from_the_shell(capsys):
     assert "--torque-gain is for a robot and a log" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_one_command_goes_from_a_robot_and_a_log_to_a_report(arm, tmp_path, capsys):
     file = tmp_path / "report.html"
     assert main(["identify", *arm, "--report", str(file)]) == 0

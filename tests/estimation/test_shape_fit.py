@@ -171,6 +171,7 @@ def test_each_joint_may_have_shapes_of_its_own():
         assert shape.value == pytest.approx(value, rel=0.2)
 
 
+@pytest.mark.slow
 def test_intervals_hold_the_truth_as_often_as_they_say():
     drive = DriveTerms(viscous=True, coulomb="tanh", velocity_scale=0.05)
     inside = 0

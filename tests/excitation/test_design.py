@@ -83,6 +83,7 @@ def test_the_second_stage_has_smaller_errors_within_the_bound():
     assert conditions[1] <= 1.2 * 1.02 * conditions[0]
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_design_however_many_workers():
     first, again, many = (
         designed(workers=workers, starts=3, seed=3) for workers in (1, 1, 2)
@@ -95,6 +96,7 @@ def test_the_same_seed_gives_the_same_design_however_many_workers():
         assert not any("another run may differ" in note for note in design.notes)
 
 
+@pytest.mark.slow
 def test_torque_limits_bind_and_are_proven():
     robot = arm(2)
     free = designed(aim=Aim(refine=None))
@@ -116,6 +118,7 @@ def test_torque_limits_bind_and_are_proven():
         assert (worst <= 0.8 * reached).all()
 
 
+@pytest.mark.slow
 def test_the_worst_of_a_set_is_kept_where_one_robot_alone_would_not_be():
     robot = arm(2)
     light = designed(aim=Aim(refine=None))
@@ -309,6 +312,7 @@ print(json.dumps([design.notes, design.proof.holds, len(design.stages)]))
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("workers", [1, 2])
 def test_an_interrupt_keeps_the_best(workers, tmp_path):
     tests = Path(__file__).parents[1] / "helpers"

@@ -78,6 +78,7 @@ def _problem(folder, text, **parts):
     return load_problem(folder)
 
 
+@pytest.mark.slow
 def test_a_wall_is_kept_clear_of_which_the_same_design_without_it_runs_through(
     tmp_path,
 ):
@@ -150,6 +151,7 @@ def test_a_start_pose_in_an_obstacle_is_refused_before_any_search(tmp_path):
         planned_tables(problem)
 
 
+@pytest.mark.slow
 def test_a_run_in_through_an_obstacle_is_refused_with_a_pose_that_would_do(tmp_path):
     options = {"starts": 1, "workers": 1, "time_limit": 60.0}
     free = excite(_problem(tmp_path, LEVER), **options)
@@ -166,6 +168,7 @@ def test_a_run_in_through_an_obstacle_is_refused_with_a_pose_that_would_do(tmp_p
     assert "excitation.json" in names and "trajectory.json" not in names
 
 
+@pytest.mark.slow
 def test_all_that_is_played_is_proven_and_lasts_as_designed(tmp_path):
     problem = _problem(tmp_path, ARM, bodies=WALL, excitation="rest = false")
     excited = excite(problem, starts=1, workers=1, time_limit=60.0)
@@ -234,6 +237,7 @@ def test_formats_are_checked_before_the_search_and_written_after(tmp_path, capsy
     assert record["stages"][-1]["clearance"]["bodies"] == ["arm", "post"]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not ROBOTS.exists(), reason="example-robot-data is missing")
 def test_a_ur10_on_a_floor_keeps_clear_of_it_and_of_itself(tmp_path):
     file = ROBOTS / "ur_description" / "urdf" / "ur10_joint_limited_robot.urdf"

@@ -97,6 +97,7 @@ def test_a_task_or_a_laboratory_that_is_not_there_is_refused(tmp_path):
         load_problem(tmp_path)
 
 
+@pytest.mark.slow
 def test_the_six_experiments_of_the_rx60_are_on_their_curves():
     for name in PROBLEM.table.laboratory.experiments:
         path = task_path(PROBLEM, name)
@@ -120,6 +121,7 @@ def test_without_friction_least_squares_finds_what_the_torque_depends_on():
         assert experiment.estimates[1].certificate.verdict == "certified"
 
 
+@pytest.mark.slow
 def test_friction_spoils_least_squares_as_published_and_not_a_model_that_has_it():
     done = _reproduced(True)
     published, _, *rubbing = done.tables
@@ -130,6 +132,7 @@ def test_friction_spoils_least_squares_as_published_and_not_a_model_that_has_it(
         assert published.standard_deviation.max() > 5 * table.standard_deviation.max()
 
 
+@pytest.mark.slow
 def test_known_parameters_stay_where_the_datasheet_has_them():
     for table in _reproduced(True).tables:
         fixed = [table.names.index(f"alpha{k}") for k in (4, 15, 16)]
@@ -137,6 +140,7 @@ def test_known_parameters_stay_where_the_datasheet_has_them():
         assert table.mean[fixed] == pytest.approx([0.1255, 24.775, 2.1197], abs=1e-3)
 
 
+@pytest.mark.slow
 def test_tables_hold_mean_and_sample_deviation():
     table = _reproduced(True).tables[0]
     assert table.vectors.shape == (2, 16)
@@ -146,6 +150,7 @@ def test_tables_hold_mean_and_sample_deviation():
     assert table.standard_deviation == pytest.approx(half)
 
 
+@pytest.mark.slow
 def test_tables_are_printed_as_in_the_paper():
     done = _reproduced(True)
     first = done.tables[0]
@@ -159,6 +164,7 @@ def test_tables_are_printed_as_in_the_paper():
     assert "standard deviation" in fourth.markdown()
 
 
+@pytest.mark.slow
 def test_an_experiment_is_the_same_whatever_others_are_done():
     alone = reproduce_experiments(PROBLEM, _truth(), experiments=("circle",))
     both = _reproduced(True)

@@ -1,0 +1,247 @@
+"""Do the tests notice a wrong token? Changes one token of the core at a time.
+
+``python benchmarks/mutation.py --count 60 --seed 0`` copies the repository to a
+temporary folder, changes one operator, sign, comparison or constant, and runs the fast
+tests of the room that the token is in and of the room next to it. A mutant that no test
+notices is printed with its line. Mutants that cannot be noticed, because the program
+does the same, are listed in ``EQUIVALENT`` with the reason.
+
+The sample orders mutants by a hash of seed, file and line. A change elsewhere in the
+code does not draw another sample.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import hashlib
+import os
+import random
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).parent.parent
+PACKAGE = "consistent_id"
+
+#: What is changed: folders and files of the package, all that decides a number.
+CORE = (
+    "regression",
+    "constraints",
+    "estimation",
+    "comparison",
+    "recordings/signals",
+    "robot/inertia.py",
+    "robot/log_cholesky.py",
+    "robot/model.py",
+    "robot/scaling.py",
+    "robot/solids.py",
+)
+#: Folders of tests that a room's mutants have to get past, in this order.
+TESTS = {
+    "robot": ("robot", "regression"),
+    "recordings": ("recordings", "estimation"),
+    "regression": ("regression", "estimation"),
+    "constraints": ("constraints", "estimation"),
+    "estimation": ("estimation", "comparison"),
+    "comparison": ("comparison", "report", "cli"),
+}
+SWAPS: dict[type[ast.AST], tuple[str, tuple[str, ...]]] = {
+    ast.Add: ("+", ("-",)),
+    ast.Sub: ("-", ("+",)),
+    ast.Mult: ("*", ("/",)),
+    ast.Div: ("/", ("*",)),
+    ast.Pow: ("**", ("*",)),
+    ast.FloorDiv: ("//", ("*",)),
+    ast.Mod: ("%", ("*",)),
+    ast.BitAnd: ("&", ("|",)),
+    ast.BitOr: ("|", ("&",)),
+    ast.Lt: ("<", ("<=", ">")),
+    ast.LtE: ("<=", ("<", ">=")),
+    ast.Gt: (">", (">=", "<")),
+    ast.GtE: (">=", (">", "<=")),
+    ast.Eq: ("==", ("!=",)),
+    ast.NotEq: ("!=", ("==",)),
+    ast.And: ("and", ("or",)),
+    ast.Or: ("or", ("and",)),
+    ast.USub: ("-", ("",)),
+    ast.Not: ("not", ("not not",)),
+}
+#: Mutated lines that no test can notice, and why.
+EQUIVALENT: dict[str, str] = {}
+
+
+@dataclass(frozen=True, slots=True)
+class Mutant:
+    """One changed token: bytes `start` to `end` of a file become `new`."""
+
+    path: str
+    line: int
+    start: int
+    end: int
+    new: str
+    source: bytes
+
+    @property
+    def content(self) -> bytes:
+        """The whole file with the change."""
+        return self.source[: self.start] + self.new.encode() + self.source[self.end :]
+
+    @property
+    def changed(self) -> str:
+        """The changed line."""
+        return self.content.decode().splitlines()[self.line - 1].strip()
+
+    def rank(self, seed: int) -> bytes:
+        """Place in the sample; independent of all other lines."""
+        line = self.source.splitlines()[self.line - 1].strip()
+        key = f"{seed} {self.path} {line.decode()} {self.changed}"
+        return hashlib.sha256(key.encode()).digest()
+
+
+def mutants_of(path: Path, rng: random.Random) -> Iterator[Mutant]:
+    """All mutants of a file, one for each token that can be changed."""
+    source = path.read_bytes()
+    starts = [0]
+    for line in source.splitlines(keepends=True):
+        starts.append(starts[-1] + len(line))
+
+    def begin(node: ast.expr) -> int:
+        return starts[node.lineno - 1] + node.col_offset
+
+    def end(node: ast.expr) -> int:
+        assert node.end_lineno is not None and node.end_col_offset is not None
+        return starts[node.end_lineno - 1] + node.end_col_offset
+
+    def mutant(start: int, stop: int, new: str) -> Mutant:
+        line = source.count(b"\n", 0, start) + 1
+        name = path.relative_to(ROOT / PACKAGE).as_posix()
+        return Mutant(name, line, start, stop, new, source)
+
+    def swapped(op: ast.AST, low: int, high: int) -> Iterator[Mutant]:
+        if type(op) in SWAPS:
+            old, new = SWAPS[type(op)]
+            place = _outside_comments(source, low, high).find(old.encode())
+            yield mutant(low + place, low + place + len(old), rng.choice(new))
+
+    for node in _code(ast.parse(source)):
+        match node:
+            case ast.BinOp(left=left, op=op, right=right):
+                yield from swapped(op, end(left), begin(right))
+            case ast.AugAssign(target=left, op=op, value=right):
+                yield from swapped(op, end(left), begin(right))
+            case ast.Compare(left=left, ops=ops, comparators=rights):
+                for op, right in zip(ops, rights, strict=True):
+                    yield from swapped(op, end(left), begin(right))
+                    left = right
+            case ast.BoolOp(op=op, values=values):
+                yield from swapped(op, end(values[0]), begin(values[1]))
+            case ast.UnaryOp(op=op, operand=operand):
+                yield from swapped(op, begin(node), begin(operand))
+            case ast.Constant(value=bool() as value):
+                yield mutant(begin(node), end(node), str(not value))
+            case ast.Constant(value=int() | float() as value):
+                yield mutant(begin(node), end(node), repr(value + 1))
+
+
+def _code(node: ast.AST) -> Iterator[ast.AST]:
+    """Nodes that do something: no annotations, decorators, imports or error text."""
+    if isinstance(node, ast.Raise | ast.Import | ast.ImportFrom | ast.JoinedStr):
+        return
+    if isinstance(node, ast.keyword) and node.arg == "strict":  # of zip: a guard
+        return
+    yield node
+    for name, value in ast.iter_fields(node):
+        if name in ("annotation", "returns", "decorator_list"):
+            continue
+        for child in value if isinstance(value, list) else [value]:
+            if isinstance(child, ast.AST):
+                yield from _code(child)
+
+
+def _outside_comments(source: bytes, low: int, high: int) -> bytes:
+    """Source between two operands, comments blanked."""
+    lines = source[low:high].split(b"\n")
+    kept = [line.split(b"#")[0].ljust(len(line)) for line in lines]
+    return b"\n".join(kept)
+
+
+def sample(seed: int, count: int) -> list[Mutant]:
+    """Return the first `count` mutants of the core in the order of the seed."""
+    files = [ROOT / PACKAGE / name for name in CORE]
+    paths = [p for f in files for p in ([f] if f.suffix else sorted(f.rglob("*.py")))]
+    found = [m for p in paths for m in mutants_of(p, random.Random(f"{seed} {p.name}"))]
+    return sorted(found, key=lambda mutant: mutant.rank(seed))[:count]
+
+
+def tests_for(folder: Path, mutant: Mutant) -> list[str]:
+    """Tests of the mutant, those named after its module first."""
+    path = Path(mutant.path)
+    room = path.parts[0]
+    near = sorted((folder / "tests" / room).glob(f"test_*{path.stem}*.py"))
+    own = [str(folder / PACKAGE / path), *map(str, near)]
+    return own + [str(folder / "tests" / name) for name in TESTS[room]]
+
+
+def fate(folder: Path, mutant: Mutant, timeout: float) -> str:
+    """``killed``, ``survived`` or ``timeout`` (which is killed too)."""
+    target = folder / PACKAGE / mutant.path
+    target.write_bytes(mutant.content)
+    try:
+        done = _pytest(folder, tests_for(folder, mutant), timeout)
+    except subprocess.TimeoutExpired:
+        return "timeout"
+    finally:
+        target.write_bytes(mutant.source)
+    return "survived" if done.returncode == 0 else "killed"
+
+
+def _pytest(
+    folder: Path, tests: list[str], timeout: float
+) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-B", "-m", "pytest", "-x", "-q", "-n0", *tests]
+    return subprocess.run(
+        [*command, "-p", "no:cacheprovider"],
+        cwd=folder,
+        env=os.environ | {"PYTHONPATH": str(folder)},
+        timeout=timeout,
+        capture_output=True,
+        text=True,
+    )
+
+
+def main() -> None:
+    """Print the fate of each mutant, and the score."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--count", type=int, default=60)
+    parser.add_argument("--skip", type=int, default=0, help="mutants done already")
+    parser.add_argument("--timeout", type=float, default=600.0, help="[s] per mutant")
+    parser.add_argument("--list", action="store_true", help="print mutants, run none")
+    options = parser.parse_args()
+    mutants = sample(options.seed, options.skip + options.count)[options.skip :]
+    fates = []
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place) / "repository"
+        ignored = shutil.ignore_patterns(".*", "__pycache__", "results", "build")
+        shutil.copytree(ROOT, folder, ignore=ignored)
+        for mutant in mutants:
+            known = mutant.changed in EQUIVALENT
+            if options.list or known:
+                outcome = "equivalent" if known else "listed"
+            else:
+                outcome = fate(folder, mutant, options.timeout)
+            fates.append(outcome)
+            where = f"{mutant.path}:{mutant.line}"
+            print(f"{outcome:10} {where}: {mutant.changed}", flush=True)
+    killed = sum(outcome in ("killed", "timeout") for outcome in fates)
+    other = len(fates) - fates.count("equivalent")
+    print(f"{killed} of {other} killed; {len(fates) - other} equivalent")
+
+
+if __name__ == "__main__":
+    main()
