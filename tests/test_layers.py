@@ -1,6 +1,7 @@
 """Imports run one way, room by room, and heavy libraries are imported where used."""
 
 import ast
+from functools import cache
 from pathlib import Path
 
 import consistent_id
@@ -32,6 +33,7 @@ def _imported(tree: ast.AST) -> list[str]:
     return names
 
 
+@cache
 def _modules() -> dict[Path, ast.Module]:
     paths = (path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py"))
     return {path: ast.parse((PACKAGE / path).read_text()) for path in paths}

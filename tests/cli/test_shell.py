@@ -215,6 +215,7 @@ def test_colours_take_nothing_away_and_do_not_touch_other_words():
     assert shown == text
 
 
+@pytest.mark.slow
 def test_progress_is_shown_to_whoever_watches(monkeypatch, capsys):
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
     assert main(["compare", "problems/rx60", "--dry-run", "--json"]) == 0

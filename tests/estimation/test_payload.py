@@ -158,6 +158,7 @@ def _loaded_first(logs):
     return model, loaded, unloaded
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(
     "CONSISTENT_ID_DATASETS" not in os.environ,
     reason="CONSISTENT_ID_DATASETS does not name the folder of recordings",

@@ -108,6 +108,7 @@ def test_the_six_experiments_of_the_rx60_are_on_their_curves():
     assert (motion.name, motion.rate) == ("circle", 1000.0)
 
 
+@pytest.mark.slow
 def test_without_friction_least_squares_finds_what_the_torque_depends_on():
     done = _reproduced(False)
     assert [e.excited.rank for e in done.experiments] == [11, 11]

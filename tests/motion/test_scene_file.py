@@ -181,6 +181,7 @@ def test_meshes_stand_where_pinocchio_has_them(path):
     _agrees(scene, path, random_poses(robot, 3, seed=0))
 
 
+@pytest.mark.slow
 @needs_robots
 def test_what_touches_as_meshes_touches_as_pieces_and_hardly_more():
     robot = load_urdf(UR10)
