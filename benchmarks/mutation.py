@@ -4,7 +4,7 @@
 temporary folder, changes one operator, sign, comparison or constant, and runs the fast
 tests of the room that the token is in and of the room next to it. A mutant that no test
 notices is printed with its line. Mutants that cannot be noticed, because the program
-does the same, are listed in ``EQUIVALENT`` with the reason.
+does the same, are listed in ``mutation.toml`` with the reason.
 
 The sample orders mutants by a hash of seed, file and line. A change elsewhere in the
 code does not draw another sample.
@@ -15,13 +15,15 @@ from __future__ import annotations
 import argparse
 import ast
 import hashlib
+import importlib
+import multiprocessing
 import os
 import random
 import re
 import shutil
-import subprocess
 import sys
 import tempfile
+import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -72,8 +74,14 @@ SWAPS: dict[type[ast.AST], tuple[str, tuple[str, ...]]] = {
     ast.USub: ("-", ("",)),
     ast.Not: ("not", ("not not",)),
 }
-#: Mutated lines that no test can notice, and why.
-EQUIVALENT: dict[str, str] = {}
+#: Mutated lines that no test can notice, each with the reason.
+EQUIVALENT = tomllib.loads((ROOT / "benchmarks/mutation.toml").read_text())
+
+
+#: Forked processes need not import these again.
+LIBRARIES = ("scipy.linalg", "scipy.optimize", "scipy.interpolate")
+LIBRARIES += ("pinocchio", "casadi", "clarabel", "cvxpy", "pytest")
+FORK = multiprocessing.get_context("fork")
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,9 +140,10 @@ def mutants_of(path: Path, rng: random.Random) -> Iterator[Mutant]:
 
     for node in _code(ast.parse(source)):
         match node:
-            case ast.BinOp(left=left, op=op, right=right):
-                yield from swapped(op, end(left), begin(right))
-            case ast.AugAssign(target=left, op=op, value=right):
+            case (
+                ast.BinOp(left=left, op=op, right=right)
+                | ast.AugAssign(target=left, op=op, value=right)
+            ):
                 yield from swapped(op, end(left), begin(right))
             case ast.Compare(left=left, ops=ops, comparators=rights):
                 for op, right in zip(ops, rights, strict=True):
@@ -194,25 +203,33 @@ def fate(folder: Path, mutant: Mutant, timeout: float) -> str:
     target.write_bytes(mutant.content)
     try:
         for tests in stages(folder, mutant):
-            if tests and _ends_with(folder, tests, timeout) not in (0, 5):
-                return "killed"
-    except subprocess.TimeoutExpired:
-        return "timeout"
+            code = _ends_with(folder, tests, timeout) if tests else 0
+            if code not in (0, 5):
+                return "timeout" if code is None else "killed"
     finally:
         target.write_bytes(mutant.source)
     return "survived"
 
 
-def _ends_with(folder: Path, tests: list[str], timeout: float) -> int:
-    command = [sys.executable, "-B", "-m", "pytest", "-x", "-q", "-n0", *tests]
-    done = subprocess.run(
-        [*command, "-p", "no:cacheprovider"],
-        cwd=folder,
-        env=os.environ | {"PYTHONPATH": str(folder)},
-        timeout=timeout,
-        capture_output=True,
-    )
-    return done.returncode
+def _ends_with(folder: Path, tests: list[str], timeout: float) -> int | None:
+    """Exit code of pytest in a forked process, None if the time is over."""
+    process = FORK.Process(target=_run, args=(folder, tests))
+    process.start()
+    process.join(timeout)
+    process.kill()
+    return process.exitcode
+
+
+def _run(folder: Path, tests: list[str]) -> None:
+    import pytest
+
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 1)
+    os.dup2(nowhere, 2)
+    os.chdir(folder)
+    os.environ["PYTHONPATH"] = sys.path[0] = str(folder)
+    sys.dont_write_bytecode = True
+    os._exit(pytest.main(["-x", "-q", "-n0", "-p", "no:cacheprovider", *tests]))
 
 
 def main() -> None:
@@ -220,12 +237,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--count", type=int, default=60)
-    parser.add_argument("--skip", type=int, default=0, help="mutants done already")
     parser.add_argument("--timeout", type=float, default=600.0, help="[s] per mutant")
     parser.add_argument("--list", action="store_true", help="print mutants, run none")
     options = parser.parse_args()
-    mutants = sample(options.seed, options.skip + options.count)[options.skip :]
+    mutants = sample(options.seed, options.count)
     fates = []
+    for library in LIBRARIES:
+        importlib.import_module(library)
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place) / "repository"
         ignored = shutil.ignore_patterns(".*", "__pycache__", "results", "build")

@@ -85,6 +85,15 @@ def test_random_problems_of_all_kinds_are_certified(seed):
     assert all(InertialParameters(body).is_consistent() for body in estimate.links)
 
 
+def test_the_proof_reaches_ten_times_as_far_as_the_nominal_robot():
+    model, _, log = experiment(0, noise=1.0, samples=200)
+    found = constrained_least_squares(model, build_regression(model, log))
+    assert found.certificate.verdict == "certified"
+    said = found.certificate.reason
+    reach = int(said.split("among robots up to ")[1].split(" times the nominal")[0])
+    assert 10 <= reach < 1000
+
+
 def test_the_optimum_is_no_worse_than_the_truth_and_no_better_than_least_squares():
     model, truth, log = experiment(30, noise=3.0, samples=300)
     regression = build_regression(model, log)
