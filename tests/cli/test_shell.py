@@ -105,6 +105,7 @@ def test_init_does_not_write_over_a_file_unless_told(arm, tmp_path, capsys):
     assert json.loads(capsys.readouterr().out)["text"] == file.read_text()
 
 
+@pytest.mark.slow
 def test_a_faulty_log_is_told_with_the_verdict(arm, tmp_path, capsys):
     rows = [row.split(",") for row in Path(arm[1]).read_text().splitlines()]
     for row in rows[1:]:

@@ -85,6 +85,7 @@ def test_every_replicate_satisfies_the_constraints(distance):
         assert (x[20:] >= 0.0).all()
 
 
+@pytest.mark.slow
 def test_its_scatter_is_the_covariance_from_segments_and_that_of_white_noise():
     model, segments, sigma = simulated(2, count=80, noise=0.02)
     found = bootstrap(model, segments, prior=PRIOR, replicates=300)

@@ -121,13 +121,6 @@ def test_reference_bodies_are_bodies_also_where_the_nominal_is_flat_or_unknown()
     assert link_scales(robot).mass.tolist() == [2.0, 2.0]  # the mean of those known
 
 
-def test_a_robot_whose_joints_are_all_in_one_place_is_a_metre_long():
-    table = [DHRow(0, 0), DHRow(-np.pi / 2, 0)]
-    scales = link_scales(from_modified_dh("wrist", table))
-    assert scales.length.tolist() == [0.1, 0.1]  # a tenth of it, at the least
-    assert scales.mass.tolist() == [1.0, 1.0]
-
-
 def test_slack_is_what_noise_brings_and_is_between_zero_and_one():
     # b parameters fitted to N rows of noise lower the squared misfit by b / N.
     assert PointToSet().relative_slack(50, 5050) == pytest.approx(np.sqrt(1.01) - 1)

@@ -136,6 +136,7 @@ def test_the_misfits_slope_is_that_of_finite_differences(shared):
         assert slope[i] == pytest.approx(change / (2 * h), rel=1e-5, abs=1e-8)
 
 
+@pytest.mark.slow
 def test_known_shapes_are_found_and_lie_in_their_intervals():
     model, log = _experiment()
     found = fit_shapes(_guess(model), log)

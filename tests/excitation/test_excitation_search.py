@@ -115,6 +115,7 @@ def test_torque_limits_are_kept_and_are_in_the_way():
     assert found.score > free.score
 
 
+@pytest.mark.slow
 def test_the_worst_of_a_set_of_robots_counts():
     nominal = arm(2).nominal
     heavy = np.array([nominal, 1.5 * nominal])
