@@ -1,9 +1,26 @@
-"""Names that every doctest may use."""
+"""One BLAS thread, examples that repeat themselves, and names of doctests."""
 
-import numpy as np
+import os
+
 import pytest
+from hypothesis import HealthCheck, settings
+
+# Workers share the cores; before NumPy is imported, and for subprocesses too.
+for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
+
+# The same examples on every machine, however slow it is.
+settings.register_profile(
+    "repeatable",
+    deadline=None,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.too_slow],
+)
+settings.load_profile("repeatable")
 
 
 @pytest.fixture(autouse=True)
 def _doctest_names(doctest_namespace):
+    import numpy as np
+
     doctest_namespace["np"] = np

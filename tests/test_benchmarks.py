@@ -44,12 +44,14 @@ def test_the_stacked_error_comes_out_of_compressed_recordings():
     assert error == pytest.approx(direct, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_the_table_of_the_constrained_solve_can_be_made():
     table = _benchmark("speed").solve_table(1, samples=2000, replicates=4)
     assert "Clarabel" in table
     assert "certified" in table
 
 
+@pytest.mark.slow
 def test_random_problems_are_certified_or_rightly_refused():
     robustness = _benchmark("robustness")
     for seed in (20, 21, 22):
@@ -58,6 +60,7 @@ def test_random_problems_are_certified_or_rightly_refused():
         assert result.verdict == ("refused" if seed % 20 == 0 else "certified")
 
 
+@pytest.mark.slow
 def test_the_series_beats_the_filter_on_periodic_motion():
     differentiation = _benchmark("differentiation")
     motion, encoder = next(iter(differentiation.MOTIONS)), differentiation.ENCODERS[2]

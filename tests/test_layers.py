@@ -2,6 +2,7 @@
 
 import ast
 import runpy
+from functools import cache
 from pathlib import Path
 
 import consistent_id
@@ -34,6 +35,7 @@ def _imported(tree: ast.AST) -> list[str]:
     return names
 
 
+@cache
 def _modules() -> dict[Path, ast.Module]:
     paths = (path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py"))
     return {path: ast.parse((PACKAGE / path).read_text()) for path in paths}

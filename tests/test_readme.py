@@ -19,6 +19,9 @@ TEXTS = {
 # A block of Python, and what it prints if the page shows that.
 BLOCK = re.compile(r"```python\n(.*?)```(?:\n\n```text\n(.*?)```)?", re.DOTALL)
 PAGES = {name: BLOCK.findall(text) for name, text in TEXTS.items()}
+# Pages that design a motion: which local optimum a search finds depends on the rounding
+# of the machine, so their numbers are compared within a half.
+SEARCHED = {"excite-my-robot", "tutorial"}
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[-+]\d+)?")
 
 
@@ -40,6 +43,7 @@ def test_there_is_one_command_to_run_and_one_to_test():
     assert commands[1].endswith("pytest")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", [name for name, blocks in PAGES.items() if blocks])
 def test_the_python_of_the_pages_runs(page, capsys, tmp_path, monkeypatch):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
@@ -49,16 +53,16 @@ def test_the_python_of_the_pages_runs(page, capsys, tmp_path, monkeypatch):
         out = capsys.readouterr().out
         printed += out
         if shown:
-            assert_alike(out, shown)
+            assert_alike(out, shown, rel=0.5 if page in SEARCHED else 0.1)
     assert printed
 
 
-def assert_alike(out, shown):
+def assert_alike(out, shown, *, rel):
     """The same words, and numbers as near as another machine's rounding leaves them."""
     assert NUMBER.sub("#", out) == NUMBER.sub("#", shown)
     for mine, theirs in zip(NUMBER.findall(out), NUMBER.findall(shown), strict=True):
         last = 10.0 ** -len(theirs.partition(".")[2])
-        assert float(mine) == pytest.approx(float(theirs), rel=0.1, abs=2.0 * last)
+        assert float(mine) == pytest.approx(float(theirs), rel=rel, abs=2.0 * last)
 
 
 def test_every_page_is_in_the_index_once():

@@ -8,10 +8,13 @@ import pytest
 
 from consistent_id import load_problem, load_problems, run_study
 
-pytestmark = pytest.mark.skipif(
-    "CONSISTENT_ID_DATASETS" not in os.environ,
-    reason="CONSISTENT_ID_DATASETS does not name the folder of recordings",
-)
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(
+        "CONSISTENT_ID_DATASETS" not in os.environ,
+        reason="CONSISTENT_ID_DATASETS does not name the folder of recordings",
+    ),
+]
 
 # Held-out errors known for plain least squares.  Of the TX40 only training errors of 5
 # to 12 % per joint are known: 10 % is what two joints of its wrist allow.

@@ -7,10 +7,13 @@ import pytest
 
 from consistent_id import load_problem, run_study
 
-pytestmark = pytest.mark.skipif(
-    "CONSISTENT_ID_DATASETS" not in os.environ,
-    reason="CONSISTENT_ID_DATASETS does not name the folder of recordings",
-)
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(
+        "CONSISTENT_ID_DATASETS" not in os.environ,
+        reason="CONSISTENT_ID_DATASETS does not name the folder of recordings",
+    ),
+]
 
 TWINS = {
     "constrained": "least squares",

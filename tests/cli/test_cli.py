@@ -12,6 +12,7 @@ from consistent_id.cli import main
 RX60 = "problems/rx60"
 
 
+@pytest.mark.slow
 def test_compare_tells_the_story_of_the_rx60_and_draws_it(tmp_path, capsys):
     assert main(["compare", RX60, "--output", str(tmp_path)]) == 0
     out = capsys.readouterr().out
@@ -37,6 +38,7 @@ def test_compare_tells_the_story_of_the_rx60_and_draws_it(tmp_path, capsys):
         assert len(picture) > 20_000  # an empty set of axes is smaller
 
 
+@pytest.mark.slow
 def test_results_are_the_same_for_the_same_seed(tmp_path, capsys):
     records = []
     for name in ("a", "b"):

@@ -53,6 +53,7 @@ def test_a_robot_and_a_log_are_identified_by_one_command(arm, tmp_path, capsys):
     assert (folder / "constrained.json").exists()
 
 
+@pytest.mark.slow
 def test_a_dry_run_writes_nothing(arm, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert main(["identify", *arm, "--output", "out", "--dry-run", "--json"]) == 0
@@ -64,6 +65,7 @@ def test_a_dry_run_writes_nothing(arm, tmp_path, capsys, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_init_writes_a_problem_that_compare_works_through(
     arm, tmp_path, capsys, monkeypatch
 ):
@@ -103,6 +105,7 @@ def test_init_does_not_write_over_a_file_unless_told(arm, tmp_path, capsys):
     assert json.loads(capsys.readouterr().out)["text"] == file.read_text()
 
 
+@pytest.mark.slow
 def test_a_faulty_log_is_told_with_the_verdict(arm, tmp_path, capsys):
     rows = [row.split(",") for row in Path(arm[1]).read_text().splitlines()]
     for row in rows[1:]:
@@ -119,6 +122,7 @@ def test_what_the_problem_file_says_is_not_taken_from_the_shell(capsys):
     assert "--torque-gain is for a robot and a log" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_one_command_goes_from_a_robot_and_a_log_to_a_report(arm, tmp_path, capsys):
     file = tmp_path / "report.html"
     assert main(["identify", *arm, "--report", str(file)]) == 0
@@ -212,6 +216,7 @@ def test_colours_take_nothing_away_and_do_not_touch_other_words():
     assert shown == text
 
 
+@pytest.mark.slow
 def test_progress_is_shown_to_whoever_watches(monkeypatch, capsys):
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
     assert main(["compare", "problems/rx60", "--dry-run", "--json"]) == 0

@@ -122,6 +122,8 @@ def test_comparing_nothing_or_different_models_is_refused():
     ("vector", "words"),
     [
         ([-1.0, 0, 0, 0, 1, 0, 1, 0, 0, 1], "mass -1 kg is not positive"),
+        ([1.0, 0, 0, 0, 1, 0, 1, 0, 0, -2], "least moment of inertia, -2 kg m^2, is"),
+        ([1.0, 0, 0, 0, 0.5, 0, 0.1, 0, 0, 0.1], "0.5 kg m^2 about [1. 0. 0.] exceeds"),
         ([1.0, 0, 0, 0, 5, 0, 1, 0, 0, 1], "exceeds the sum of the other two, 2, by 3"),
         ([1.0, 0, 0, 0, 1, 0, 1, 0, 0, 1], "a body could have"),
     ],

@@ -55,6 +55,16 @@ def test_the_same_seed_gives_the_same_result_whatever_the_number_of_workers(
     assert not np.allclose(other.estimates, first.estimates)
 
 
+def test_two_replicates_are_enough_and_their_scatter_is_their_difference():
+    model, segments, _ = simulated()
+    found = bootstrap(model, segments, replicates=2, seed=3)
+    difference = abs(found.estimates[0] - found.estimates[1])
+    assert found.standard_deviation == pytest.approx(difference / np.sqrt(2.0))
+    low, high = found.interval(0.5).T
+    # Quartiles of two values lie a quarter of the way in from each.
+    assert high - low == pytest.approx(difference / 2.0)
+
+
 def test_segments_that_are_all_alike_give_no_scatter():
     model, segments, _ = simulated()
     alike = bootstrap(model, [segments[0]] * 5, prior=PRIOR, replicates=10)
@@ -75,6 +85,7 @@ def test_every_replicate_satisfies_the_constraints(distance):
         assert (x[20:] >= 0.0).all()
 
 
+@pytest.mark.slow
 def test_its_scatter_is_the_covariance_from_segments_and_that_of_white_noise():
     model, segments, sigma = simulated(2, count=80, noise=0.02)
     found = bootstrap(model, segments, prior=PRIOR, replicates=300)

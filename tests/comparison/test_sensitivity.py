@@ -127,6 +127,7 @@ def test_however_faint_the_prior_what_it_settles_follows_what_the_data_do(weight
     assert abs(gradient @ C @ gradient.T).max() <= 1e-9 * abs(G @ C @ G.T).max()
 
 
+@pytest.mark.slow
 def test_the_covariance_is_that_of_estimates_under_white_noise():
     model, truth, motion = experiment(5, joints=2, samples=100)
     truth[-2:] = -0.5  # rotors that feed: their bounds are active, whatever the noise

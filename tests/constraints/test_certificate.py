@@ -87,6 +87,14 @@ def test_base_parameters_of_a_body_are_consistent_with_a_witness(seed):
         assert InertialParameters(body).is_consistent(tolerance=1e-7)
 
 
+def test_a_value_beyond_its_bound_is_proven_impossible_by_their_distance():
+    both = ConicSet.equal(np.eye(1), np.array([2.0]), ["x = 2"]) & ConicSet.at_most(
+        np.eye(1), np.array([1.0]), ["x <= 1"]
+    )
+    # The only point is 2, whose margin to the bound is 1 - 2.
+    assert find_interior(both).bound == pytest.approx(-1.0, abs=1e-6)
+
+
 def test_a_pendulum_of_negative_inertia_is_proven_impossible():
     model, truth, _ = pendulum()
     base = base_parameters(model)

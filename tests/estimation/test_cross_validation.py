@@ -19,6 +19,7 @@ from consistent_id.regression.segments import merged, segment_regressions
 
 WEIGHTS = 10.0 ** np.arange(2, -7, -1)
 BODIES = (PhysicalConsistency(),)
+SEEDS = (0, pytest.param(1, marks=pytest.mark.slow))
 
 
 def simulated(seed, right, samples, noise, joints=3, count=12):
@@ -38,7 +39,7 @@ def simulated(seed, right, samples, noise, joints=3, count=12):
 
 
 @pytest.mark.parametrize("distance", ["pullback", "euclidean", "entropic"])
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", SEEDS)
 def test_a_wrong_nominal_robot_gets_little_weight_where_data_are_rich(seed, distance):
     model, segments, _ = simulated(seed, right=False, samples=1500, noise=0.02)
     path = cross_validated(
@@ -50,7 +51,7 @@ def test_a_wrong_nominal_robot_gets_little_weight_where_data_are_rich(seed, dist
 
 
 @pytest.mark.parametrize("distance", ["pullback", "euclidean", "entropic"])
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", SEEDS)
 def test_a_right_one_gets_much_where_data_are_scarce_and_noisy(seed, distance):
     model, segments, _ = simulated(seed, right=True, samples=60, noise=1.0)
     path = cross_validated(

@@ -51,6 +51,7 @@ def bodies(arm):
         yield ci.InertialParameters.from_central(2.0, c, 0.05 * np.eye(3))
 
 
+@pytest.mark.slow
 def test_the_chosen_cutoff_predicts_nearly_as_well_as_the_best_there_is(arm):
     chosen = []
     for noise in (3e-5, 1e-3):

@@ -118,6 +118,7 @@ def test_the_ur10es_gains_lie_between_the_published_ones():
     assert relative[1:].max() < 0.03
 
 
+@pytest.mark.slow
 @real
 def test_gains_from_one_load_weigh_the_other_of_the_ur10e(tmp_path):
     problem, loaded, unloaded = ur10e_runs((1.0,) * 6)

@@ -78,6 +78,17 @@ def test_loaded_gears_feel_the_load():
             assert np.allclose(Y[j, column], expected, rtol=0, atol=1e-11)
 
 
+def test_loaded_gears_feel_nothing_of_a_load_of_which_nothing_is_known():
+    terms = DriveTerms(coulomb="sign", load_friction=True)
+    robot = loaded_robot(TorqueModel(arm()[1].robot, terms), Link("load"))
+    states = random_states(np.random.default_rng(0), 4, 10)
+    bare, loaded = (
+        model.regressor(*states)[:, list(model.layout.drive_indices("load_friction"))]
+        for model in (robot.torque_model(loaded=carries) for carries in (False, True))
+    )
+    assert np.allclose(loaded, bare, rtol=0, atol=1e-12)
+
+
 def test_a_load_is_recovered_without_noise():
     found = identify_payload(*_loaded_first(runs(0.0)))
     assert np.allclose(found.free.vector, LOAD.vector, rtol=0, atol=1e-8)
@@ -158,6 +169,7 @@ def _loaded_first(logs):
     return model, loaded, unloaded
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(
     "CONSISTENT_ID_DATASETS" not in os.environ,
     reason="CONSISTENT_ID_DATASETS does not name the folder of recordings",

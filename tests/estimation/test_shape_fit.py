@@ -136,6 +136,7 @@ def test_the_misfits_slope_is_that_of_finite_differences(shared):
         assert slope[i] == pytest.approx(change / (2 * h), rel=1e-5, abs=1e-8)
 
 
+@pytest.mark.slow
 def test_known_shapes_are_found_and_lie_in_their_intervals():
     model, log = _experiment()
     found = fit_shapes(_guess(model), log)
@@ -171,6 +172,7 @@ def test_each_joint_may_have_shapes_of_its_own():
         assert shape.value == pytest.approx(value, rel=0.2)
 
 
+@pytest.mark.slow
 def test_intervals_hold_the_truth_as_often_as_they_say():
     drive = DriveTerms(viscous=True, coulomb="tanh", velocity_scale=0.05)
     inside = 0

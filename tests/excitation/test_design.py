@@ -72,6 +72,7 @@ def test_a_design_is_proven_and_better_than_random():
     )
 
 
+@pytest.mark.slow
 def test_the_second_stage_has_smaller_errors_within_the_bound():
     first, second = designed(arm(3), Aim(growth=1.2)).stages
     model = TorqueModel(arm(3))
@@ -83,6 +84,7 @@ def test_the_second_stage_has_smaller_errors_within_the_bound():
     assert conditions[1] <= 1.2 * 1.02 * conditions[0]
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_design_however_many_workers():
     first, again, many = (
         designed(workers=workers, starts=3, seed=3) for workers in (1, 1, 2)
@@ -95,6 +97,7 @@ def test_the_same_seed_gives_the_same_design_however_many_workers():
         assert not any("another run may differ" in note for note in design.notes)
 
 
+@pytest.mark.slow
 def test_torque_limits_bind_and_are_proven():
     robot = arm(2)
     free = designed(aim=Aim(refine=None))
@@ -116,6 +119,7 @@ def test_torque_limits_bind_and_are_proven():
         assert (worst <= 0.8 * reached).all()
 
 
+@pytest.mark.slow
 def test_the_worst_of_a_set_is_kept_where_one_robot_alone_would_not_be():
     robot = arm(2)
     light = designed(aim=Aim(refine=None))
@@ -130,6 +134,7 @@ def test_the_worst_of_a_set_is_kept_where_one_robot_alone_would_not_be():
     assert designed(aim=Aim(refine=None), limits=limits, parameters=heavy).proof.holds
 
 
+@pytest.mark.slow
 def test_paths_that_never_repeat_are_proven_too():
     form = PathForm(6.0, 3, base_frequencies=(0.1, 0.1 * 2**0.5))
     design = designed(form=form, aim=Aim(refine=None))
@@ -202,12 +207,14 @@ def test_the_table_says_what_errors_are_of():
     assert "per N m of noise" in text and "column scaling: none" in text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [(0.1, 1.0, 5.0), (5.0, 1.0, 0.1)])
 def test_a_design_for_a_noise_is_the_better_one_under_it(noise):
     model = TorqueModel(arm(3))
     base = base_parameters(model)
     aim, equal = (Aim(refine=None, noise=n) for n in (noise, None))
-    for_it, for_equal = (designed(arm(3), a).trajectory for a in (aim, equal))
+    # The better of two searches: where one ends depends on the machine's rounding.
+    for_it, for_equal = (designed(arm(3), a, starts=2).trajectory for a in (aim, equal))
 
     def condition(path, under):
         return predicted_accuracy(model, base, path, under).condition.value
@@ -224,8 +231,9 @@ def test_a_design_takes_account_of_earlier_recordings():
         model, simulate_torque(model, arm(2).nominal, motion, noise=0.1, rng=rng)
     )
     aim = Aim(objective="A", refine=None, earlier=known)
-    next_one = designed(aim=aim).trajectory
-    blind = designed(aim=Aim(objective="A", refine=None)).trajectory
+    # The best of three searches: where one ends depends on the machine's rounding.
+    next_one = designed(aim=aim, starts=3).trajectory
+    blind = designed(aim=Aim(objective="A", refine=None), starts=3).trajectory
     base = base_parameters(model)
     assert size_of_errors(next_one, aim) < size_of_errors(blind, aim)
     alone = predicted_accuracy(model, base, next_one, Aim()).standard_errors()
@@ -236,6 +244,7 @@ def test_a_design_takes_account_of_earlier_recordings():
 # Refusals ---------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_an_effort_that_cannot_be_kept_names_the_joint():
     limits = arm_limits(arm(2), effort={"joint2": 0.5})
     with pytest.raises(InfeasibleError, match="torque of joint 'joint2'"):
@@ -260,6 +269,7 @@ def test_frequencies_that_cannot_be_seen_are_refused():
         designed(aim=Aim(rate=1.0))
 
 
+@pytest.mark.slow
 def test_motion_that_cannot_tell_parameters_apart_is_refused():
     # No joint moves by more than a hundred-millionth of its range.
     ranges = {name: (0.0, 1e-8) for name in arm(2).joint_names}
@@ -309,6 +319,7 @@ print(json.dumps([design.notes, design.proof.holds, len(design.stages)]))
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("workers", [1, 2])
 def test_an_interrupt_keeps_the_best(workers, tmp_path):
     tests = Path(__file__).parents[1] / "helpers"

@@ -17,6 +17,7 @@ pytestmark = pytest.mark.skipif(
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", ["ur10e", "tiago"])
 def test_the_estimates_torque_is_in_the_file_and_mujoco_loads_it(robot, tmp_path):
     problem = load_problem(f"problems/{robot}")

@@ -50,6 +50,7 @@ def _budget(laboratory):
     return error_budget(PROBLEM, laboratory, motions, cell_rate=1000.0)
 
 
+@pytest.mark.slow
 def test_each_part_of_the_error_is_what_that_torque_does_to_least_squares():
     laboratory = laboratory_of(PROBLEM, _truth())
     motion = _circle()
@@ -76,6 +77,7 @@ def test_each_part_of_the_error_is_what_that_torque_does_to_least_squares():
         budget.error("stribeck")
 
 
+@pytest.mark.slow
 def test_noise_scatters_least_squares_as_predicted():
     quiet = laboratory_of(PROBLEM, _truth())
     noise = np.array([0.16, 0.131, 0.159])
@@ -102,6 +104,7 @@ def test_a_budget_without_friction_and_offset_is_nothing():
     assert not _budget(still).error().any()
 
 
+@pytest.mark.slow
 def test_the_account_leaves_no_more_than_noise():
     study = _study()
     rest = (
@@ -160,6 +163,7 @@ def test_limits_used_by_motions_hold_them_and_touch_them():
     assert used.acceleration == pytest.approx(abs(motion.acceleration).max(axis=0))
 
 
+@pytest.mark.slow
 def test_exciting_motions_are_as_long_and_scatter_alpha5_less():
     study = _study()
     tasks, exciting = study.tasks, study.with_friction[WITHIN_LIMITS]
@@ -173,6 +177,7 @@ def test_exciting_motions_are_as_long_and_scatter_alpha5_less():
     assert np.median(study.error_analysis.shrunk[WITHIN_LIMITS][:, ALPHA5]) > 5.0
 
 
+@pytest.mark.slow
 def test_verification_errors_are_mean_squares_of_the_paper_s_own_torque():
     study = _study()
     found, mine = study.verification, parametrisation_of(PROBLEM)
@@ -185,6 +190,7 @@ def test_verification_errors_are_mean_squares_of_the_paper_s_own_torque():
     assert found.mean_squared_errors[0, 0] == pytest.approx(expected)
 
 
+@pytest.mark.slow
 def test_a_model_with_friction_predicts_as_well_as_the_truth_and_without_it_not():
     errors = _study().verification.mean_squared_errors[:, 0]
     published, _, with_friction, constrained = errors[:4]
@@ -194,6 +200,7 @@ def test_a_model_with_friction_predicts_as_well_as_the_truth_and_without_it_not(
     assert (constrained < 1.2 * truth).all()
 
 
+@pytest.mark.slow
 def test_inertia_tables_are_the_parallel_axis_theorem_of_the_vectors():
     study = _study()
     table = study.inertia[0]
@@ -225,6 +232,7 @@ class _Page(HTMLParser):
                 self.ids.add(value)
 
 
+@pytest.mark.slow
 def test_the_page_stands_alone_and_escapes_what_the_problem_says():
     study = _study()
     said = msgspec.structs.replace(
@@ -247,6 +255,7 @@ def test_the_page_stands_alone_and_escapes_what_the_problem_says():
     assert "#123456" not in text
 
 
+@pytest.mark.slow
 def test_markdown_has_the_tables_and_no_nan():
     text = markdown_tables(_study())
     for title in (
@@ -258,6 +267,7 @@ def test_markdown_has_the_tables_and_no_nan():
     assert "nan" not in text
 
 
+@pytest.mark.slow
 def test_the_command_writes_page_tables_and_numbers(tmp_path, capsys, monkeypatch):
     done = []
 

@@ -97,6 +97,7 @@ def test_a_task_or_a_laboratory_that_is_not_there_is_refused(tmp_path):
         load_problem(tmp_path)
 
 
+@pytest.mark.slow
 def test_the_six_experiments_of_the_rx60_are_on_their_curves():
     for name in PROBLEM.table.laboratory.experiments:
         path = task_path(PROBLEM, name)
@@ -107,6 +108,7 @@ def test_the_six_experiments_of_the_rx60_are_on_their_curves():
     assert (motion.name, motion.rate) == ("circle", 1000.0)
 
 
+@pytest.mark.slow
 def test_without_friction_least_squares_finds_what_the_torque_depends_on():
     done = _reproduced(False)
     assert [e.excitation.rank for e in done.experiments] == [11, 11]
@@ -122,6 +124,7 @@ def test_without_friction_least_squares_finds_what_the_torque_depends_on():
         assert experiment.estimates[1].certificate.verdict == "certified"
 
 
+@pytest.mark.slow
 def test_friction_spoils_least_squares_as_published_and_not_a_model_that_has_it():
     done = _reproduced(True)
     published, _, *with_friction = done.tables
@@ -132,6 +135,7 @@ def test_friction_spoils_least_squares_as_published_and_not_a_model_that_has_it(
         assert published.standard_deviation.max() > 5 * table.standard_deviation.max()
 
 
+@pytest.mark.slow
 def test_known_parameters_stay_where_the_datasheet_has_them():
     for table in _reproduced(True).tables:
         fixed = [table.names.index(f"alpha{k}") for k in (4, 15, 16)]
@@ -139,6 +143,7 @@ def test_known_parameters_stay_where_the_datasheet_has_them():
         assert table.mean[fixed] == pytest.approx([0.1255, 24.775, 2.1197], abs=1e-3)
 
 
+@pytest.mark.slow
 def test_tables_hold_mean_and_sample_deviation():
     table = _reproduced(True).tables[0]
     assert table.vectors.shape == (2, 16)
@@ -148,6 +153,7 @@ def test_tables_hold_mean_and_sample_deviation():
     assert table.standard_deviation == pytest.approx(half)
 
 
+@pytest.mark.slow
 def test_tables_are_printed_as_in_the_paper():
     done = _reproduced(True)
     first = done.tables[0]
@@ -161,6 +167,7 @@ def test_tables_are_printed_as_in_the_paper():
     assert "standard deviation" in fourth.markdown()
 
 
+@pytest.mark.slow
 def test_an_experiment_is_the_same_whatever_others_are_done():
     alone = reproduce_experiments(PROBLEM, _truth(), experiments=("circle",))
     both = _reproduced(True)

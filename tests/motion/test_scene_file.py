@@ -181,6 +181,7 @@ def test_meshes_stand_where_pinocchio_has_them(path):
     _agrees(scene, path, random_poses(robot, 3, seed=0))
 
 
+@pytest.mark.slow
 @needs_robots
 def test_what_touches_as_meshes_touches_as_pieces_and_hardly_more():
     robot = load_urdf(UR10)
@@ -246,6 +247,7 @@ def test_a_ur10_stretched_out_is_free_and_folded_it_is_not():
     assert worst[2][0] == "ground"
 
 
+@pytest.mark.slow
 @needs_robots
 def test_a_panda_keeps_clear_of_a_box_until_it_is_put_in_its_way():
     robot = load_urdf(PANDA, locked=FINGERS)

@@ -110,6 +110,7 @@ def test_no_shorter_duration_is_within_the_limits():
     assert np.max(over) > 1.0
 
 
+@pytest.mark.slow
 @REPEATABLE
 @given(st.integers(0, 1000))
 def test_an_approach_comes_from_rest_and_a_departure_is_its_mirror(seed):

@@ -217,6 +217,18 @@ def test_clipped_torque_is_told_from_the_top_of_a_smooth_curve(step):
     assert (weights[:, 1] == ~mask[:, 0]).all() and weights[:, 0].all()
 
 
+@pytest.mark.parametrize(("beside", "is_limit"), [(1, True), (2, False)])
+def test_a_limit_is_met_ten_times_as_often_as_each_of_the_five_values_below(
+    beside, is_limit
+):
+    # Twelve samples at 20, one or two at each of 15 to 19, and 200 at each below.
+    rare = np.tile(np.arange(15.0, 20.0), beside)
+    tau = np.concatenate([np.tile(np.arange(15.0), 200), rare, np.full(12, 20.0)])
+    tau = tau[:, None]
+    mask = signals.saturated(log(np.arange(len(tau)) / 1000.0, tau, torque=tau))
+    assert (mask == ((tau == 20.0) & is_limit)).all()
+
+
 @pytest.mark.parametrize("step", [2e-5, 2 * np.pi / 2**17, 1.534e-5, 1e-3])
 @pytest.mark.parametrize("seed", range(3))
 def test_an_encoders_step_is_found_where_there_is_one(step, seed):

@@ -209,6 +209,7 @@ def test_motion_that_does_not_repeat_has_no_period():
         (lambda r: signals.savitzky_golay_differentiated(r, 0.2, degree=1), "degree"),
         (lambda r: signals.motion_noise(r, order=2), "order is 2"),
         (lambda r: signals.motion_noise(signals.trimmed(r, 0, 0.3)), "48 or more"),
+        (lambda r: signals.motion_noise(r.samples(slice(47))), "47 samples.*48 or mo"),
         (lambda r: signals.kalman_differentiated(r, noise_of(("x",))), "noise is that"),
         (lambda r: signals.fourier_fit(r, 5.0), "at least one period"),
         (lambda r: signals.fourier_fit(r, -1.0), "a positive number"),

@@ -330,6 +330,7 @@ def test_markup_escapes_text_and_keeps_markup():
     )
 
 
+@pytest.mark.slow
 def test_the_shell_writes_it_and_says_which_estimate_to_use(tmp_path, capsys):
     file = tmp_path / "deep" / "rx60.html"
     assert main(["report", "problems/rx60", "--output", str(file)]) == 0

@@ -1,0 +1,46 @@
+"""Profiles of a quadratic misfit, whose intervals are known."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from consistent_id.estimation.shapes.shape_profile import profile
+
+H = np.array([[2.0, 1.2], [1.2, 3.0]])
+BEST = np.array([0.3, -0.4])
+GROUP = SimpleNamespace(name="shape", members=(), unit="rad/s")
+
+
+def quadratic(u):
+    """Half the logarithm of a sum of squares, and its slope."""
+    away = np.asarray(u) - BEST
+    return SimpleNamespace(half_log=0.5 * away @ H @ away, slope=H @ away)
+
+
+def profiled(box, independent=50.0):
+    return profile(
+        quadratic, GROUP, 0, BEST, box, independent=independent, confidence=0.95
+    )
+
+
+def test_the_interval_of_a_quadratic_misfit_is_known_with_the_other_shape_free():
+    found = profiled(np.array([[-5.0, 5.0], [-5.0, 5.0]]))
+    # Of N samples it ends where N times the Schur complement's parabola is chi^2.
+    schur = H[0, 0] - H[0, 1] ** 2 / H[1, 1]
+    half = np.sqrt(3.841458820694124 / (50.0 * schur))
+    assert np.log([found.low, found.high]) == pytest.approx(
+        [BEST[0] - half, BEST[0] + half], abs=1e-5
+    )
+    assert found.determined
+    place = np.log(found.curve[:, 0]) - BEST[0]
+    assert np.log(found.curve[:, 1]) == pytest.approx(0.5 * schur * place**2, abs=1e-8)
+
+
+def test_an_interval_that_reaches_the_bounds_ends_there_and_says_so():
+    found = profiled(np.array([[0.1, 5.0], [-5.0, 5.0]]))
+    assert (found.low_found, found.high_found) == (False, True)
+    assert np.log(found.low) == pytest.approx(0.1)
+    found = profiled(np.array([[0.1, 0.5], [-5.0, 5.0]]), independent=1.0)
+    assert (found.low_found, found.high_found) == (False, False)
+    assert np.log([found.low, found.high]) == pytest.approx([0.1, 0.5])
