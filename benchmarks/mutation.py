@@ -6,8 +6,8 @@ tests of the room that the token is in and of the room next to it. A mutant that
 notices is printed with its line. Mutants that cannot be noticed, because the program
 does the same, are listed in ``mutation.toml`` with the reason.
 
-The sample is ordered by a hash of seed, file and line, so that a change elsewhere in the
-code does not draw another one.
+The sample is ordered by a hash of seed, file and line, so that a change elsewhere in
+the code does not draw another one.
 """
 
 from __future__ import annotations
@@ -32,18 +32,8 @@ ROOT = Path(__file__).parent.parent
 PACKAGE = "consistent_id"
 
 #: What is changed: folders and files of the package, all that decides a number.
-CORE = (
-    "regression",
-    "constraints",
-    "estimation",
-    "comparison",
-    "recordings/signals",
-    "robot/inertia.py",
-    "robot/log_cholesky.py",
-    "robot/model.py",
-    "robot/scaling.py",
-    "robot/solids.py",
-)
+CORE = "regression constraints estimation comparison recordings/signals".split()
+CORE += [f"robot/{n}.py" for n in "inertia log_cholesky model scaling solids".split()]
 #: Folders of tests that a room's mutants have to get past, in this order.
 TESTS = {
     "robot": ("robot", "regression"),
@@ -55,8 +45,8 @@ TESTS = {
 }
 #: Operator, how it is written, and what it becomes.
 TABLE = """Add + -, Sub - +, Mult * /, Div / *, Pow ** *, FloorDiv // *, Mod % *,
-BitAnd & |, BitOr | &, Lt < <= >, LtE <= < >=, Gt > >= <, GtE >= > <=, Eq == !=, NotEq != ==,
-And and or, Or or and"""
+BitAnd & |, BitOr | &, Lt < <= >, LtE <= < >=, Gt > >= <, GtE >= > <=, Eq == !=,
+NotEq != ==, And and or, Or or and"""
 SWAPS = {
     getattr(ast, n): (old, new) for n, old, *new in map(str.split, TABLE.split(","))
 }
