@@ -6,8 +6,8 @@ tests of the room that the token is in and of the room next to it. A mutant that
 notices is printed with its line. Mutants that cannot be noticed, because the program
 does the same, are listed in ``mutation.toml`` with the reason.
 
-The sample orders mutants by a hash of seed, file and line. A change elsewhere in the
-code does not draw another sample.
+The sample is ordered by a hash of seed, file and line, so that a change elsewhere in
+the code does not draw another one.
 """
 
 from __future__ import annotations
@@ -32,18 +32,8 @@ ROOT = Path(__file__).parent.parent
 PACKAGE = "consistent_id"
 
 #: What is changed: folders and files of the package, all that decides a number.
-CORE = (
-    "regression",
-    "constraints",
-    "estimation",
-    "comparison",
-    "recordings/signals",
-    "robot/inertia.py",
-    "robot/log_cholesky.py",
-    "robot/model.py",
-    "robot/scaling.py",
-    "robot/solids.py",
-)
+CORE = "regression constraints estimation comparison recordings/signals".split()
+CORE += [f"robot/{n}.py" for n in "inertia log_cholesky model scaling solids".split()]
 #: Folders of tests that a room's mutants have to get past, in this order.
 TESTS = {
     "robot": ("robot", "regression"),
@@ -53,27 +43,14 @@ TESTS = {
     "estimation": ("estimation", "comparison"),
     "comparison": ("comparison", "estimation"),
 }
-SWAPS: dict[type[ast.AST], tuple[str, tuple[str, ...]]] = {
-    ast.Add: ("+", ("-",)),
-    ast.Sub: ("-", ("+",)),
-    ast.Mult: ("*", ("/",)),
-    ast.Div: ("/", ("*",)),
-    ast.Pow: ("**", ("*",)),
-    ast.FloorDiv: ("//", ("*",)),
-    ast.Mod: ("%", ("*",)),
-    ast.BitAnd: ("&", ("|",)),
-    ast.BitOr: ("|", ("&",)),
-    ast.Lt: ("<", ("<=", ">")),
-    ast.LtE: ("<=", ("<", ">=")),
-    ast.Gt: (">", (">=", "<")),
-    ast.GtE: (">=", (">", "<=")),
-    ast.Eq: ("==", ("!=",)),
-    ast.NotEq: ("!=", ("==",)),
-    ast.And: ("and", ("or",)),
-    ast.Or: ("or", ("and",)),
-    ast.USub: ("-", ("",)),
-    ast.Not: ("not", ("not not",)),
+#: Operator, how it is written, and what it becomes.
+TABLE = """Add + -, Sub - +, Mult * /, Div / *, Pow ** *, FloorDiv // *, Mod % *,
+BitAnd & |, BitOr | &, Lt < <= >, LtE <= < >=, Gt > >= <, GtE >= > <=, Eq == !=,
+NotEq != ==, And and or, Or or and"""
+SWAPS = {
+    getattr(ast, n): (old, new) for n, old, *new in map(str.split, TABLE.split(","))
 }
+SWAPS |= {ast.USub: ("-", [""]), ast.Not: ("not", ["not not"])}
 #: Mutated lines that no test can notice, each with the reason.
 EQUIVALENT = tomllib.loads((ROOT / "benchmarks/mutation.toml").read_text())
 
@@ -106,7 +83,7 @@ class Mutant:
         return self.content.decode().splitlines()[self.line - 1].strip()
 
     def rank(self, seed: int) -> bytes:
-        """Place in the sample; independent of all other lines."""
+        """Return a place in the sample, independent of all other lines."""
         line = self.source.splitlines()[self.line - 1].strip()
         key = f"{seed} {self.path} {line.decode()} {self.changed}"
         return hashlib.sha256(key.encode()).digest()
@@ -123,8 +100,7 @@ def mutants_of(path: Path, rng: random.Random) -> Iterator[Mutant]:
         return starts[node.lineno - 1] + node.col_offset
 
     def end(node: ast.expr) -> int:
-        assert node.end_lineno is not None and node.end_col_offset is not None
-        return starts[node.end_lineno - 1] + node.end_col_offset
+        return starts[(node.end_lineno or 0) - 1] + (node.end_col_offset or 0)
 
     def mutant(start: int, stop: int, new: str) -> Mutant:
         line = source.count(b"\n", 0, start) + 1
@@ -240,8 +216,7 @@ def main() -> None:
     parser.add_argument("--timeout", type=float, default=600.0, help="[s] per mutant")
     parser.add_argument("--list", action="store_true", help="print mutants, run none")
     options = parser.parse_args()
-    mutants = sample(options.seed, options.count)
-    fates = []
+    mutants, fates = sample(options.seed, options.count), []
     for library in LIBRARIES:
         importlib.import_module(library)
     with tempfile.TemporaryDirectory() as place:
@@ -259,8 +234,10 @@ def main() -> None:
             else:
                 outcome = fate(folder, mutant, options.timeout)
             fates.append(outcome)
-            where = f"{mutant.path}:{mutant.line}"
-            print(f"{outcome:10} {where}: {mutant.changed}", flush=True)
+            print(
+                f"{outcome:10} {mutant.path}:{mutant.line}: {mutant.changed}",
+                flush=True,
+            )
     killed = sum(outcome in ("killed", "timeout") for outcome in fates)
     other = len(fates) - fates.count("equivalent")
     print(f"{killed} of {other} killed; {len(fates) - other} equivalent")

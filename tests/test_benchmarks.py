@@ -1,6 +1,8 @@
 """The benchmarks run, and both ways that they time give the same answer."""
 
+import ast
 import importlib.util
+import random
 import sys
 from pathlib import Path
 
@@ -133,3 +135,16 @@ def test_rivals_are_measured_within_the_limits():
     assert judge.trace[-1][1] == pytest.approx(np.exp(expected))
     with pytest.raises(rivals.TimeIsUp):
         rivals.random_search(rivals.Judge(case, 0.2), 0)
+
+
+def test_every_mutant_is_python_with_one_line_changed():
+    mutation = _benchmark("mutation")
+    file = mutation.ROOT / "consistent_id" / "regression" / "base.py"
+    mutants = list(mutation.mutants_of(file, random.Random(0)))
+    assert len(mutants) > 50
+    for mutant in mutants:
+        ast.parse(mutant.content)
+        before, after = mutant.source.splitlines(), mutant.content.splitlines()
+        pairs = zip(before, after, strict=True)
+        changed = [new.strip().decode() for old, new in pairs if old != new]
+        assert changed == [mutant.changed]
