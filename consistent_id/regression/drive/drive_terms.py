@@ -4,6 +4,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal, TypedDict, Unpack, get_args
 
+import numpy as np
+
 from consistent_id.errors import ProblemError
 from consistent_id.regression.drive.coulomb import AsymmetricCoulomb, Coulomb
 from consistent_id.regression.drive.drag import Drag
@@ -145,9 +147,10 @@ class DriveTerms:
             own = tuple(term for term in chosen if type(term) not in LAWS.values())
             chosen = (*_from_options(_options(chosen) | given), *own)
         for term in chosen:
-            require_sound(term)
-        object.__setattr__(self, "terms", chosen)
+            if type(term) not in LAWS.values():
+                require_sound(term)
         _require_distinct(chosen)
+        object.__setattr__(self, "terms", chosen)
 
     def __getattr__(self, name: str) -> Any:
         """Return the value of a keyword, such as ``"viscous"``."""
@@ -261,7 +264,7 @@ def _options(terms: Sequence[DriveTerm]) -> dict[str, Any]:
 
 
 def _require_distinct(terms: Sequence[DriveTerm]) -> None:
-    """Refuse two coefficients of one name, or two values of one shape."""
+    """Refuse equal names of coefficients, and shapes that differ or make no sense."""
     names = [name for term in terms for name in term.names]
     shapes: dict[str, float] = {}
     for name in names:
@@ -269,6 +272,8 @@ def _require_distinct(terms: Sequence[DriveTerm]) -> None:
             raise ProblemError(f"two drive terms are named {name!r}; choose one")
     for term in terms:
         for name, value in term.shapes.items():
+            if not 0.0 < value < np.inf:
+                raise ProblemError(f"{name} is {value}, expected a positive number")
             if shapes.setdefault(name, value) != value:
                 raise ProblemError(
                     f"{name} is {shapes[name]} in one drive term and {value} in "
