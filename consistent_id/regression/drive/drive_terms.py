@@ -137,18 +137,21 @@ class DriveTerms:
         terms: Sequence[DriveTerm] = (),
         **options: Unpack[DriveOptions],
     ) -> None:
-        given = {**dict(zip(DEFAULTS, values, strict=False)), **options}
-        for name in given:
-            if name not in DEFAULTS:
-                near = did_you_mean(name, DEFAULTS)
-                raise ProblemError(f"no drive term {name!r}; {near}")
-        chosen = tuple(terms)
-        if given:
-            own = tuple(term for term in chosen if type(term) not in LAWS.values())
-            chosen = (*_from_options(_options(chosen) | given), *own)
+        given = _given(values, options)
+        chosen, own = tuple(terms), []
         for term in chosen:
             if type(term) not in LAWS.values():
                 require_sound(term)
+                own.append(term)
+        known = [term for term in chosen if type(term) in LAWS.values()]
+        now = _options(known)
+        if set(_from_options(now)) != set(known) and given:
+            raise ProblemError(
+                f"keywords ({', '.join(given)}) cannot change {known}, which keywords "
+                "cannot choose; give all of them in terms"
+            )
+        if given:
+            chosen = (*_from_options(now | given), *own)
         _require_distinct(chosen)
         object.__setattr__(self, "terms", chosen)
 
@@ -216,6 +219,21 @@ class DriveTerms:
         return DriveTerms(terms=[term.smoothed(velocity) for term in self.terms])
 
 
+def _given(values: Sequence[Any], options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the keywords given, by place or by name."""
+    by_place = dict(zip(DEFAULTS, values, strict=False))
+    if len(by_place) < len(values) or by_place.keys() & options.keys():
+        raise ProblemError(
+            f"{len(values)} drive options by place, and {', '.join(options) or 'none'} "
+            f"by name; expected each of {', '.join(DEFAULTS)} once at most"
+        )
+    for name in options:
+        if name not in DEFAULTS:
+            near = did_you_mean(name, DEFAULTS)
+            raise ProblemError(f"no drive term {name!r}; {near}")
+    return {**by_place, **options}
+
+
 def _from_options(options: Mapping[str, Any]) -> tuple[DriveTerm, ...]:
     """Return the terms that the keywords choose."""
     _require_direction(options["coulomb"], options["velocity_scale"])
@@ -258,8 +276,9 @@ def _options(terms: Sequence[DriveTerm]) -> dict[str, Any]:
         for term in (term for term in terms if type(term) is law):
             options |= {name: True, **term.shapes}
             if "velocity_scale" in law.shape_parameters:
-                scale = term.shapes.get("velocity_scale")
-                options |= {"coulomb": "sign" if scale is None else "tanh"}
+                options["coulomb"] = "sign"
+    if options["velocity_scale"] is not None:
+        options["coulomb"] = "tanh"
     return options
 
 
