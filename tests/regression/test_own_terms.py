@@ -34,6 +34,11 @@ from consistent_id import (
     with_shapes,
 )
 from consistent_id.motion.proofs.torque_bounds import torque_bounds
+from consistent_id.regression.drive.coulomb import AsymmetricCoulomb, Coulomb
+from consistent_id.regression.drive.load_friction import LoadFriction
+from consistent_id.regression.drive.offset import Offset
+from consistent_id.regression.drive.stribeck import Stribeck
+from consistent_id.regression.drive.viscous import Viscous
 
 ARM = from_modified_dh("arm", [DHRow(0, 0), DHRow(-np.pi / 2, 0.3)])
 MASSES = np.array([[1.0, 0.1, 0, 0, 0.1, 0, 0.1, 0, 0, 0.1]] * 2)
@@ -280,6 +285,33 @@ def test_keywords_change_the_terms_they_know_and_keep_the_others():
         DriveTerms(viscuous=True)
     with pytest.raises(AttributeError, match="viscuous"):
         _ = drive.viscuous
+
+
+def test_known_laws_may_be_given_as_terms_too():
+    assert DriveTerms(terms=[Viscous(), Coulomb(0.1)]) == DriveTerms(
+        viscous=True, coulomb="tanh", velocity_scale=0.1
+    )
+    assert DriveTerms(terms=[Offset()], spring=True).names == ("offset", "spring")
+    alone = DriveTerms(terms=[Stribeck(0.1), Viscous()])  # as no keywords choose
+    assert alone.names == ("stribeck", "viscous")
+    assert repr(alone).startswith("DriveTerms(terms=(Stribeck(")
+    mixed = DriveTerms(terms=[Coulomb(0.3), LoadFriction()])
+    assert "LoadFriction(velocity_scale=None)" in repr(mixed)
+    for terms in (alone.terms, mixed.terms):
+        with pytest.raises(ProblemError, match="give all of them in terms"):
+            DriveTerms(terms=terms, offset=True)
+    with pytest.raises(ProblemError, match="standstill"):
+        DriveTerms(terms=[AsymmetricCoulomb(), Offset()])
+    with pytest.raises(ProblemError, match=r"velocity_scale is 0\.3 in one"):
+        DriveTerms(terms=[Coulomb(0.3), LoadFriction(0.2)])
+
+
+@pytest.mark.parametrize(
+    ("values", "options"), [((True,), {"viscous": False}), ((False,) * 12, {})]
+)
+def test_options_given_twice_or_without_a_place_are_refused(values, options):
+    with pytest.raises(ProblemError, match="once at most"):
+        DriveTerms(*values, **options)
 
 
 def test_what_the_keywords_choose_is_written_as_before():

@@ -4,6 +4,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal, TypedDict, Unpack, get_args
 
+import numpy as np
+
 from consistent_id.errors import ProblemError
 from consistent_id.regression.drive.coulomb import AsymmetricCoulomb, Coulomb
 from consistent_id.regression.drive.drag import Drag
@@ -135,19 +137,23 @@ class DriveTerms:
         terms: Sequence[DriveTerm] = (),
         **options: Unpack[DriveOptions],
     ) -> None:
-        given = {**dict(zip(DEFAULTS, values, strict=False)), **options}
-        for name in given:
-            if name not in DEFAULTS:
-                near = did_you_mean(name, DEFAULTS)
-                raise ProblemError(f"no drive term {name!r}; {near}")
-        chosen = tuple(terms)
-        if given:
-            own = tuple(term for term in chosen if type(term) not in LAWS.values())
-            chosen = (*_from_options(_options(chosen) | given), *own)
+        given = _given(values, options)
+        chosen, own = tuple(terms), []
         for term in chosen:
-            require_sound(term)
-        object.__setattr__(self, "terms", chosen)
+            if type(term) not in LAWS.values():
+                require_sound(term)
+                own.append(term)
+        known = [term for term in chosen if type(term) in LAWS.values()]
+        now = _options(known)
+        if set(_from_options(now)) != set(known) and given:
+            raise ProblemError(
+                f"keywords ({', '.join(given)}) cannot change {known}, which keywords "
+                "cannot choose; give all of them in terms"
+            )
+        if given:
+            chosen = (*_from_options(now | given), *own)
         _require_distinct(chosen)
+        object.__setattr__(self, "terms", chosen)
 
     def __getattr__(self, name: str) -> Any:
         """Return the value of a keyword, such as ``"viscous"``."""
@@ -213,6 +219,21 @@ class DriveTerms:
         return DriveTerms(terms=[term.smoothed(velocity) for term in self.terms])
 
 
+def _given(values: Sequence[Any], options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the keywords given, by place or by name."""
+    by_place = dict(zip(DEFAULTS, values, strict=False))
+    if len(by_place) < len(values) or by_place.keys() & options.keys():
+        raise ProblemError(
+            f"{len(values)} drive options by place, and {', '.join(options) or 'none'} "
+            f"by name; expected each of {', '.join(DEFAULTS)} once at most"
+        )
+    for name in options:
+        if name not in DEFAULTS:
+            near = did_you_mean(name, DEFAULTS)
+            raise ProblemError(f"no drive term {name!r}; {near}")
+    return {**by_place, **options}
+
+
 def _from_options(options: Mapping[str, Any]) -> tuple[DriveTerm, ...]:
     """Return the terms that the keywords choose."""
     _require_direction(options["coulomb"], options["velocity_scale"])
@@ -255,13 +276,14 @@ def _options(terms: Sequence[DriveTerm]) -> dict[str, Any]:
         for term in (term for term in terms if type(term) is law):
             options |= {name: True, **term.shapes}
             if "velocity_scale" in law.shape_parameters:
-                scale = term.shapes.get("velocity_scale")
-                options |= {"coulomb": "sign" if scale is None else "tanh"}
+                options["coulomb"] = "sign"
+    if options["velocity_scale"] is not None:
+        options["coulomb"] = "tanh"
     return options
 
 
 def _require_distinct(terms: Sequence[DriveTerm]) -> None:
-    """Refuse two coefficients of one name, or two values of one shape."""
+    """Refuse equal names of coefficients, and shapes that differ or make no sense."""
     names = [name for term in terms for name in term.names]
     shapes: dict[str, float] = {}
     for name in names:
@@ -269,6 +291,8 @@ def _require_distinct(terms: Sequence[DriveTerm]) -> None:
             raise ProblemError(f"two drive terms are named {name!r}; choose one")
     for term in terms:
         for name, value in term.shapes.items():
+            if not 0.0 < value < np.inf:
+                raise ProblemError(f"{name} is {value}, expected a positive number")
             if shapes.setdefault(name, value) != value:
                 raise ProblemError(
                     f"{name} is {shapes[name]} in one drive term and {value} in "

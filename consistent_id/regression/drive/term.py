@@ -185,8 +185,8 @@ def require_sound(term: Any) -> None:
     Raises
     ------
     ProblemError
-        If it is not a drive term, lacks names or units, has other than finite columns,
-        or a shape parameter that is not positive.
+        If it is not a drive term, lacks names or units, or has columns that are not
+        finite.
     """
     if not isinstance(term, DriveTerm):
         raise ProblemError(
@@ -202,9 +202,6 @@ def require_sound(term: Any) -> None:
             f"{kind}.unit is {term.unit!r}, expected two units: at a turning and at a "
             "sliding joint"
         )
-    for name, value in term.shapes.items():
-        if not 0.0 < value < np.inf:
-            raise ProblemError(f"{name} is {value}, expected a positive number")
     with np.errstate(all="ignore"):
         columns = term_columns(term, JointSamples(*_SAMPLES))
     for name, column in zip(term.names, columns, strict=True):
