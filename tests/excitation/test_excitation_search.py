@@ -83,13 +83,13 @@ def test_the_same_seed_finds_the_same_path():
 
 def test_a_later_stage_improves_its_objective_and_keeps_the_bound():
     problem = problem_of(joints=3)
-    first = searched(problem, "condition", 0)
+    first = searched(problem, "condition", 1)
     bound = first.score + np.log(1.2)
-    second = searched(problem, "D", 0, start=first.variables, spread_bound=bound)
+    second = searched(problem, "D", 1, start=first.variables, spread_bound=bound)
     assert second.score < problem.score("D", first.variables) - 1e-3
     assert problem.score("condition", second.variables) <= bound + 1e-6
     # From there it goes on once the bound is gone: the bound was in the way.
-    free = searched(problem, "D", 0, start=second.variables)
+    free = searched(problem, "D", 1, start=second.variables)
     assert free.score < second.score
     assert problem.score("condition", free.variables) > bound
 
@@ -185,3 +185,24 @@ def test_problems_of_two_seeds_share_no_random_path():
     for k in range(3):
         for j in range(3):
             assert not np.allclose(one.random(k), other.random(j))
+
+
+def test_curvature_along_a_step_is_that_of_the_gradients_change():
+    from consistent_id.excitation.callbacks import updated_curvature
+
+    rng = np.random.default_rng(0)
+    A = rng.normal(size=(4, 4))
+    H = A @ A.T + np.eye(4)  # of a quadratic function
+    B = None
+    for step in rng.normal(size=(6, 4)):
+        B = updated_curvature(B, step, H @ step)
+        assert np.linalg.eigvalsh(B).min() > 0.0
+        assert np.allclose(B @ step, H @ step, rtol=1e-9)  # the secant condition
+
+
+def test_a_step_of_the_size_of_rounding_leaves_the_curvature_as_it_is():
+    from consistent_id.excitation.callbacks import updated_curvature
+
+    flat = np.diag([0.0, 1.0])
+    found = updated_curvature(flat, np.array([1e-17, 0.0]), np.zeros(2))
+    assert np.array_equal(found, flat)
