@@ -154,7 +154,7 @@ class QuasiNewton(ca.Callback):
             weights = multipliers[self._linear :] / (factor[0] or 1.0)
             was, now = self._slopes, slopes
             change = now[0] - was[0] + (now[1] - was[1]).T @ weights
-            self._matrix = _updated(self._matrix, x - self._point, change)
+            self._matrix = updated_curvature(self._matrix, x - self._point, change)
         self._point, self._slopes = x, slopes
         matrix = np.eye(self._inputs) if self._matrix is None else self._matrix
         return [ca.DM(self._pattern, factor[0] * matrix[self._nonzeros])]
@@ -166,7 +166,8 @@ class QuasiNewton(ca.Callback):
         return gradient, np.asarray(self._rows(x)[1])
 
 
-def _updated(matrix: Array | None, step: Vector, change: Vector) -> Array:
+def updated_curvature(matrix: Array | None, step: Vector, change: Vector) -> Array:
+    """Return the approximation after a step and the change of the gradient along it."""
     if matrix is None:
         size = float(abs(change @ step) / (step @ step))
         matrix = max(size, 1e-8) * np.eye(len(step))
@@ -175,6 +176,8 @@ def _updated(matrix: Array | None, step: Vector, change: Vector) -> Array:
     if sr < 0.2 * sBs:
         mix = 0.8 * sBs / (sBs - sr)
         change = mix * change + (1.0 - mix) * Bs
+    if not step @ change > 0.0:
+        return matrix  # a step of the size of rounding shows no curvature
     growth = np.outer(change, change) / (step @ change)
     return np.asarray(matrix + growth - np.outer(Bs, Bs) / sBs)
 

@@ -225,17 +225,22 @@ def test_a_design_for_a_noise_is_the_better_one_under_it(noise):
 
 def test_a_design_takes_account_of_earlier_recordings():
     model, rng = TorqueModel(arm(2)), np.random.default_rng(0)
-    first = designed(aim=Aim(objective="D", refine=None)).trajectory
-    motion = first.recording(100.0)
+    # One joint has moved, for long: what it identifies needs no more motion.
+    sine, cosine = [[0.6, 0.0], [0.3, 0.0]], [[0.15, 0.0], [0.3, 0.0]]
+    first = FourierTrajectory(
+        arm(2).joint_names, [0.2, 0.4], [0, 0], sine, cosine, duration=5.0
+    )
     known = build_regression(
-        model, simulate_torque(model, arm(2).nominal, motion, noise=0.1, rng=rng)
+        model,
+        simulate_torque(
+            model, arm(2).nominal, first.recording(2000.0), noise=0.1, rng=rng
+        ),
     )
     aim = Aim(objective="A", refine=None, earlier=known)
-    # The best of three searches: where one ends depends on the machine's rounding.
-    next_one = designed(aim=aim, starts=3).trajectory
-    blind = designed(aim=Aim(objective="A", refine=None), starts=3).trajectory
+    next_one = designed(aim=aim, starts=2).trajectory
+    blind = designed(aim=Aim(objective="A", refine=None), starts=2).trajectory
     base = base_parameters(model)
-    assert size_of_errors(next_one, aim) < size_of_errors(blind, aim)
+    assert size_of_errors(next_one, aim) < 0.95 * size_of_errors(blind, aim)
     alone = predicted_accuracy(model, base, next_one, Aim()).standard_errors()
     together = predicted_accuracy(model, base, next_one, aim).standard_errors()
     assert (together < alone).all()

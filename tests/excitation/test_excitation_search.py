@@ -195,3 +195,24 @@ def test_problems_of_two_seeds_share_no_random_path():
     for k in range(3):
         for j in range(3):
             assert not np.allclose(one.random(k), other.random(j))
+
+
+def test_curvature_along_a_step_is_that_of_the_gradients_change():
+    from consistent_id.excitation.callbacks import updated_curvature
+
+    rng = np.random.default_rng(0)
+    A = rng.normal(size=(4, 4))
+    H = A @ A.T + np.eye(4)  # of a quadratic function
+    B = None
+    for step in rng.normal(size=(6, 4)):
+        B = updated_curvature(B, step, H @ step)
+        assert np.linalg.eigvalsh(B).min() > 0.0
+        assert np.allclose(B @ step, H @ step, rtol=1e-9)  # the secant condition
+
+
+def test_a_step_of_the_size_of_rounding_leaves_the_curvature_as_it_is():
+    from consistent_id.excitation.callbacks import updated_curvature
+
+    flat = np.diag([0.0, 1.0])
+    found = updated_curvature(flat, np.array([1e-17, 0.0]), np.zeros(2))
+    assert np.array_equal(found, flat)
