@@ -148,5 +148,5 @@ def test_what_is_missing_is_said_with_how_to_install_it(found, library, monkeypa
     log, *_ = found
     monkeypatch.setitem(sys.modules, library, None)
     convert = {"pandas": log.to_frame, "xarray": log.to_xarray}[library]
-    with pytest.raises(ProblemError, match=rf"{library}; pip install .*\[frames\]"):
+    with pytest.raises(ProblemError, match=rf"{library}; install it .*pip install .*\[frames\]"):
         convert()
