@@ -26,7 +26,7 @@ from consistent_id.constraints.link_condition import link_conditions
 from consistent_id.estimation.best_fit import best_fit
 from consistent_id.estimation.settled import settle
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 from robots import random_body, random_robot
 
 SAMPLES = (60, 200, 2000)
