@@ -19,7 +19,6 @@ import consistent_id as ci
 from consistent_id.constraints import Constraint, lowered
 from consistent_id.constraints.cones.least_norm import LeastNorm
 from consistent_id.constraints.cones.programmes import Multipliers
-from consistent_id.constraints.cones.second_opinion import FORMULATIONS, solve_anew
 from consistent_id.constraints.cones.sets import ConicSet
 from consistent_id.constraints.distances import nominal_distance
 from consistent_id.constraints.link_condition import link_conditions
@@ -28,6 +27,7 @@ from consistent_id.estimation.settled import settle
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 from robots import random_body, random_robot
+from second_solver import FORMULATIONS, solve_anew
 
 SAMPLES = (60, 200, 2000)
 FAR_AWAY = ", but is farther away than the proof reaches"

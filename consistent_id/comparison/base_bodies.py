@@ -15,8 +15,8 @@ from consistent_id.constraints import Constraint, PhysicalConsistency, lowered
 from consistent_id.constraints.cones.certificate import Verdict, solve_certified
 from consistent_id.constraints.cones.feasibility import Interior, find_interior
 from consistent_id.constraints.cones.least_norm import LeastNorm, solve_least_norm
-from consistent_id.constraints.cones.sets import ConicSet, SemidefiniteBlock
-from consistent_id.constraints.distances import nominal_distance
+from consistent_id.constraints.cones.sets import ConicSet, SemidefiniteBlock, block_rows
+from consistent_id.constraints.distances import nominal_point
 from consistent_id.errors import ProblemError, SolverError
 from consistent_id.regression.base import BaseParameters, random_regressor
 from consistent_id.regression.regressor import TorqueModel
@@ -173,7 +173,7 @@ def _nearest(
     problem = LeastNorm(
         R @ (base.projection * unit) / size, R @ base_values / size, possible
     )
-    centre = nominal_distance(model, "pullback", unit).nominal
+    centre = nominal_point(model, unit)
     try:
         # Half a thousandth of the torque, squared, is what a gap is measured against.
         solution, optimality = solve_certified(problem, centre, reference=_SMALL)
@@ -187,10 +187,7 @@ def _witnessed(domain: ConicSet, u: Vector) -> Interior | None:
     """Return a point as the answer if it satisfies everything, up to rounding."""
     if _relative_miss(domain, u) > _UNDECIDED or domain.violation(u) > _UNDECIDED:
         return None
-    depth = min(
-        (float(np.linalg.eigvalsh(block.scaled(u))[0]) for block in domain.blocks),
-        default=1.0,
-    )
+    depth = float(block_rows(domain).margins(u).min(initial=1.0))
     return Interior(depth, np.inf, u, (), ())
 
 

@@ -16,7 +16,6 @@ from consistent_id._support.threads import single_threaded
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.cones.certificate import Verdict, solve_certified
 from consistent_id.constraints.cones.least_norm import LeastNorm
-from consistent_id.constraints.distances import nominal_distance
 from consistent_id.errors import SolverError
 from consistent_id.estimation.best_fit import BestFit, best_fit
 from consistent_id.estimation.scaled_fit import REFERENCE
@@ -81,7 +80,6 @@ def shadow_prices(
     unit = scaled.size / np.sqrt(sum(regression.counts))
     rms = unit * np.sqrt(_total(best, best.solution.u))
     prices = unit * _prices(best)
-    centre = nominal_distance(model, "pullback", scaled.unit).nominal
     found = []
     for member, price in enumerate(prices):
         if abs(price) <= _FREE * max(rms, unit):
@@ -90,7 +88,9 @@ def shadow_prices(
         cost = np.nan
         verdict: Verdict = "uncertified"
         try:
-            solution, optimality = solve_certified(problem, centre, reference=REFERENCE)
+            solution, optimality = solve_certified(
+                problem, scaled.centre, reference=REFERENCE
+            )
         except SolverError:
             pass  # the cost stays unknown, and says so
         else:

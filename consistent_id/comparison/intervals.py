@@ -25,7 +25,6 @@ from consistent_id.constraints.cones.programmes import (
     set_rows,
     solve_cones,
 )
-from consistent_id.constraints.distances import nominal_distance
 from consistent_id.constraints.priors import noise_slack
 from consistent_id.errors import ProblemError, SolverError
 from consistent_id.estimation.best_fit import BestFit, best_fit
@@ -106,7 +105,7 @@ def consistent_intervals(
         raise ProblemError(f"slack is {slack}, expected a positive number")
     best = best_fit(model, regression, constraints, base=base)
     unit = best.scaled.unit
-    centre = nominal_distance(model, "pullback", unit).nominal
+    centre = best.scaled.centre
     ball = Ball(centre, _RADIUS * (1.0 + float(np.linalg.norm(centre))))
     programme = _programme(best, slack, ball)
     low, high = _box(model, best)

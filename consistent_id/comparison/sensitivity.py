@@ -20,8 +20,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
-from consistent_id.constraints.cones.certificate import null_space
-from consistent_id.constraints.cones.programmes import svec
+from consistent_id.constraints.cones.certificate import row_spaces
+from consistent_id.constraints.cones.matrices import svec
 from consistent_id.constraints.cones.sets import SemidefiniteBlock
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.scaled_fit import base_factor
@@ -121,7 +121,7 @@ def _response_root(settled: Settled) -> Matrix:
         kept, bent = _surface(block, Z, u)
         held.append(kept)
         rows.append(bent)
-    T = null_space(np.vstack(held))
+    T = row_spaces(np.vstack(held)).steps
     _, R = np.linalg.qr(np.vstack(rows) @ T)
     return np.asarray(np.linalg.solve(R.T, T.T).T)
 

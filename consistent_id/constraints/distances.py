@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector
-from consistent_id.constraints.cones.programmes import svec
+from consistent_id.constraints.cones.matrices import svec
 from consistent_id.constraints.priors import Distance
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.inertia import PSEUDO_INERTIA_BASIS, pseudo_inertia
@@ -34,16 +34,11 @@ class Rows(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class QuadraticDistance:
-    """``||G u - g||``, the same rows everywhere."""
+    """``||G u - g||``, the same rows everywhere; zero at the nominal robot."""
 
     G: Matrix
     g: Vector
-    exact = True
-
-    @property
-    def nominal(self) -> Vector:
-        """The nominal robot."""
-        return np.asarray(np.linalg.lstsq(self.G, self.g, rcond=None)[0])
+    nominal: Vector
 
     def squared(self, u: Vector) -> float:
         """Return the squared distance of a point."""
@@ -100,7 +95,6 @@ class EntropicDistance:
 
     whitened: Array
     nominal: Vector
-    exact = False
 
     def squared(self, u: Vector) -> float:
         """Return the squared distance; infinite where a link is no body."""
@@ -171,9 +165,7 @@ def nominal_distance(
                 for body, size in zip(bodies, links, strict=True)
             ]
         )
-        drive = np.zeros(len(unit) - inertial)
-        nominal = np.append(bodies.ravel() / unit[:inertial], drive)
-        return EntropicDistance(whitened, nominal)
+        return EntropicDistance(whitened, nominal_point(model, unit))
     G = np.diag(1.0 / unit)
     if distance == "pullback":
         for k, body in enumerate(bodies):
@@ -182,7 +174,13 @@ def nominal_distance(
     else:
         G[:inertial, :inertial] = np.diag(1.0 / link_scales(model.robot).units)
     g = G[:, :inertial] @ bodies.ravel()
-    return QuadraticDistance(G * unit, g)
+    return QuadraticDistance(G * unit, g, nominal_point(model, unit))
+
+
+def nominal_point(model: TorqueModel, unit: Vector) -> Vector:
+    """Return the nominal robot, without friction or drives, as ``u = x / unit``."""
+    bodies = reference_bodies(model.robot).ravel()
+    return np.append(bodies, np.zeros(len(unit) - len(bodies))) / unit
 
 
 def pullback_distance(x: Vector, reference: Array) -> float:

@@ -19,7 +19,6 @@ from consistent_id.constraints import (
     FixedMasses,
     NonNegativeDrive,
     PhysicalConsistency,
-    lowered,
 )
 from consistent_id.constraints.cones.certificate import (
     FEASIBILITY_TOLERANCE,
@@ -108,7 +107,7 @@ def constrained_least_squares(
         base_covariance=None,
         origins=parameter_origins(
             solve_linear(R[:, columns], R[:, -1]).row_space @ base.projection,
-            lowered(constraints, model).A_eq,
+            settled.best.scaled.constraints.A_eq,
             elsewhere="prior",
         ),
         undetermined=(),
@@ -135,9 +134,9 @@ def _certificate(
 ) -> Certificate:
     poses = random_poses(model, POSES, _SEED)
     least = least_mass_eigenvalue(model, settled.parameters, poses)
-    violation = lowered(constraints, model).violation(settled.parameters)
+    possible = settled.best.scaled.constraints
     figures = {
-        "violation in original units": violation,
+        "violation in original units": possible.violation(settled.parameters),
         **_gaps(settled),
         f"least eigenvalue of M(q) over {POSES} poses": least,
         **_by_joint_and_link(regression, links, settled),

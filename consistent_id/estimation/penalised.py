@@ -16,7 +16,7 @@ from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.constraints.cones.certificate import (
     Optimality,
     certify,
-    null_space,
+    equalities,
     unexplained,
 )
 from consistent_id.constraints.cones.least_norm import (
@@ -241,7 +241,7 @@ def _certified(
         )
 
     rest, _ = unexplained(problem, u, solution.multipliers)
-    E = null_space(fit.domain.A_eq)
+    E = equalities(fit.domain).steps
     steep = np.linalg.lstsq((rows.G @ E).T, E.T @ rest, rcond=0.0)[0]
     if np.linalg.norm(steep) > weight / 2:
         return judged(fit.M)

@@ -25,7 +25,6 @@ from consistent_id.constraints.cones.certificate import (
 )
 from consistent_id.constraints.cones.least_norm import ConeSolution, LeastNorm
 from consistent_id.constraints.cones.programmes import Multipliers
-from consistent_id.constraints.distances import nominal_distance
 from consistent_id.estimation.body_variables import BodyVariables
 from consistent_id.estimation.constrained import DEFAULT_CONSTRAINTS
 from consistent_id.estimation.constraint_variables import body_variables
@@ -134,7 +133,7 @@ def _proof(
 ) -> Optimality:
     """Certify a point as the cone programme's is, with multipliers of its own."""
     problem = scaled.problem
-    centre = nominal_distance(model, "pullback", scaled.unit).nominal
+    centre = scaled.centre
     solution = ConeSolution(u, _multipliers(problem, variables, u), "smooth", 0.0, 0.0)
     return certify(problem, solution, centre, reference=REFERENCE)
 

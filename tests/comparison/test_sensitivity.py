@@ -24,7 +24,7 @@ from consistent_id.comparison.sensitivity import (
     white_scores,
 )
 from consistent_id.constraints.cones.least_norm import LeastNorm, solve_least_norm
-from consistent_id.constraints.cones.programmes import smat, svec
+from consistent_id.constraints.cones.matrices import smat, svec
 from consistent_id.constraints.cones.sets import ConicSet, SemidefiniteBlock
 from consistent_id.constraints.distances import QuadraticDistance
 from consistent_id.constraints.priors import Penalty
@@ -66,7 +66,7 @@ def test_the_nearest_semidefinite_matrix_follows_by_its_known_derivative(eigenva
     solution = solve_least_norm(LeastNorm(np.eye(10), svec(A), domain))
     settled = SimpleNamespace(
         best=SimpleNamespace(scaled=SimpleNamespace(M=np.eye(10), domain=domain)),
-        distance=QuadraticDistance(np.eye(10), np.zeros(10)),
+        distance=QuadraticDistance(np.eye(10), np.zeros(10), np.zeros(10)),
         fit=SimpleNamespace(solution=solution, weight=0.0),
     )
     B = _response_root(settled)

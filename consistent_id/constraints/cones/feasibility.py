@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
+from consistent_id.constraints.cones.matrices import stacked
 from consistent_id.constraints.cones.programmes import (
     ConePoint,
     ConeRows,
@@ -20,7 +21,7 @@ from consistent_id.constraints.cones.programmes import (
     set_rows,
     solve_cones,
 )
-from consistent_id.constraints.cones.sets import ConicSet
+from consistent_id.constraints.cones.sets import ConicSet, block_rows
 from consistent_id.errors import SolverError
 
 _REACH = 1e3  # radius of the ball of proofs, at the least
@@ -102,12 +103,12 @@ def _deepest(domain: ConicSet, size: float, small: float) -> Interior:
     cost, capped = np.zeros(2 + width), np.zeros((1, 2 + width))
     cost[:2], capped[0, 0] = (-1.0, small), 1.0
     rows = [
-        *set_rows(domain, depth=True, others=2),
+        *set_rows(domain, margin=True, others=2),
         ConeRows("nonnegative", capped, np.ones(1)),
         ConeRows("second order", norm, np.zeros(1 + width)),
     ]
     solved = _solved(cost, rows)
-    duals = set_multipliers(domain, solved.duals[:-2])
+    duals = set_multipliers(domain, solved.duals[:3])
     Z, y = duals.blocks, duals.at_most
     point, domain = size * solved.x[2:], original
     bound, taken = _bound(domain, point, Z, y)
@@ -160,7 +161,7 @@ def _contradiction(domain: ConicSet) -> tuple[Interior | None, float]:
 
 
 def _depth(domain: ConicSet, u: Vector) -> float:
-    depths = [float(np.linalg.eigvalsh(block.scaled(u))[0]) for block in domain.blocks]
+    depths = block_rows(domain).margins(u).tolist()
     if len(domain.b_in):
         depths.append(float((domain.b_in - domain.A_in @ u).min()))
     return min(depths, default=1.0)
@@ -180,9 +181,9 @@ def _bound(
         return 1.0, taken
     value = float(y @ (domain.b_in - domain.A_in @ u)) if len(y) else 0.0
     slope = -domain.A_in.T @ y if len(y) else np.zeros(len(u))
-    for block, z in zip(domain.blocks, Z, strict=True):
-        value += float(np.sum(z * block.value(u)))
-        slope = slope + np.tensordot(block.coefficients, z, axes=2)
+    blocks, z = block_rows(domain), stacked(Z)
+    value += float(z @ (blocks.A @ u + blocks.b))
+    slope = slope + blocks.A.T @ z
     if len(domain.b_eq):
         solved = np.linalg.lstsq(domain.A_eq.T, slope, rcond=None)
         taken = np.asarray(solved[0], dtype=np.float64)
