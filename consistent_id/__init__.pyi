@@ -51,6 +51,7 @@ from consistent_id.estimation.cross_validation import (
     cross_validated,
 )
 from consistent_id.estimation.cutoff import CutoffChoice, best_cutoff
+from consistent_id.estimation.cvxpy_problem import CvxpyProblem, to_cvxpy
 from consistent_id.estimation.estimate import Certificate, Estimate
 from consistent_id.estimation.gains import DriveGains, identify_gains
 from consistent_id.estimation.least_squares import (
@@ -224,6 +225,7 @@ __all__ = [
     "Contradiction",
     "CrossCheck",
     "CutoffChoice",
+    "CvxpyProblem",
     "Cylinder",
     "DHRow",
     "Datasheet",
@@ -391,6 +393,7 @@ __all__ = [
     "standstill",
     "to_c",
     "to_casadi",
+    "to_cvxpy",
     "to_json",
     "to_mjcf",
     "to_numpy",

@@ -15,7 +15,12 @@ from typing import Any, Literal
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
-from consistent_id.constraints.cones.matrices import matrices, positive_part, stacked
+from consistent_id.constraints.cones.matrices import (
+    least_eigenvalues,
+    matrices,
+    positive_part,
+    stacked,
+)
 from consistent_id.constraints.cones.sets import ConicSet, block_rows
 from consistent_id.errors import SolverError
 
@@ -35,6 +40,16 @@ class ConeRows:
     A: Matrix
     b: Vector
     orders: tuple[int, ...] = ()
+
+    def violation(self, x: Vector) -> float:
+        """Return how far the rows are from their cone at a point, zero or more."""
+        rest = self.b - self.A @ x
+        if self.kind == "semidefinite":
+            rest = least_eigenvalues(rest, self.orders)
+        elif self.kind == "second order":
+            rest = np.array([rest[0] - np.linalg.norm(rest[1:])])
+        outside = abs(rest) if self.kind == "zero" else -rest
+        return float(outside.max(initial=0.0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
