@@ -55,7 +55,6 @@ from consistent_id.estimation.cvxpy_problem import CvxpyProblem, to_cvxpy
 from consistent_id.estimation.estimate import Certificate, Estimate
 from consistent_id.estimation.gains import DriveGains, identify_gains
 from consistent_id.estimation.least_squares import (
-    joint_noise,
     least_squares,
     weighted_least_squares,
 )
@@ -160,6 +159,7 @@ from consistent_id.regression.base import (
     condition_number,
 )
 from consistent_id.regression.friction import DriveTerms, GearCoupling
+from consistent_id.regression.noise import joint_noise
 from consistent_id.regression.regression import Regression, build_regression
 from consistent_id.regression.regressor import (
     TorqueModel,

@@ -21,12 +21,12 @@ from consistent_id.constraints.priors import Prior
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.constrained import DEFAULT_CONSTRAINTS
 from consistent_id.estimation.constrained_fit import ConstrainedFit, constrained_fit
-from consistent_id.estimation.least_squares import solve_linear
 from consistent_id.regression.base import (
     BaseParameters,
     base_parameters,
     parameter_origins,
 )
+from consistent_id.regression.linear import solve_linear
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.segments import merged

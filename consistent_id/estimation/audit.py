@@ -8,14 +8,15 @@ from consistent_id._support.arrays import Vector
 from consistent_id.constraints import Constraint, PhysicalConsistency
 from consistent_id.constraints.link_condition import link_conditions
 from consistent_id.estimation.estimate import Certificate, Estimate
-from consistent_id.estimation.least_squares import residual_sigma, solve_linear
 from consistent_id.estimation.scaled_fit import ScaledFit
 from consistent_id.regression.base import BaseParameters, parameter_origins
+from consistent_id.regression.linear import solve_linear
 from consistent_id.regression.mass_matrix import (
     POSES,
     least_mass_eigenvalue,
     random_poses,
 )
+from consistent_id.regression.noise import residual_sigma
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
 

@@ -13,7 +13,7 @@ from consistent_id.constraints.cones.certificate import (
     Optimality,
     solve_certified,
 )
-from consistent_id.constraints.cones.conflict import irreducible_conflict
+from consistent_id.constraints.cones.feasibility import irreducible_conflict
 from consistent_id.constraints.cones.least_norm import ConeSolution, LeastNorm
 from consistent_id.errors import InfeasibleError, SolverError
 from consistent_id.estimation.scaled_fit import REFERENCE, ScaledFit, scaled_fit

@@ -11,7 +11,7 @@ from consistent_id.constraints.cones.certificate import (
     FEASIBILITY_TOLERANCE,
     solve_certified,
 )
-from consistent_id.constraints.cones.conflict import irreducible_conflict
+from consistent_id.constraints.cones.feasibility import irreducible_conflict
 from consistent_id.constraints.cones.least_norm import LeastNorm
 from consistent_id.errors import SolverError
 from consistent_id.estimation.scaled_fit import REFERENCE, ScaledFit, scaled_fit

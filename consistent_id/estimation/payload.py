@@ -24,15 +24,17 @@ from consistent_id.estimation.constrained import (
     constrained_least_squares,
 )
 from consistent_id.estimation.estimate import Estimate
-from consistent_id.estimation.least_squares import joint_noise, least_squares
-from consistent_id.estimation.load.loaded_constraints import OfBareRobot, OfLoad
+from consistent_id.estimation.least_squares import least_squares
 from consistent_id.estimation.load.loaded_robot import (
     LoadedRobot,
+    OfBareRobot,
+    OfLoad,
     likely_body,
     loaded_robot,
 )
 from consistent_id.recordings.recording import Recording, several
 from consistent_id.regression.correlation import correlation_length
+from consistent_id.regression.noise import joint_noise
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.inertia import INERTIAL_NAMES, InertialParameters

@@ -29,7 +29,6 @@ from consistent_id.estimation.body_variables import BodyVariables
 from consistent_id.estimation.constrained import DEFAULT_CONSTRAINTS
 from consistent_id.estimation.constraint_variables import body_variables
 from consistent_id.estimation.estimate import Certificate, Estimate
-from consistent_id.estimation.least_squares import residual_sigma, solve_linear
 from consistent_id.estimation.scaled_fit import REFERENCE, ScaledFit, scaled_fit
 from consistent_id.estimation.smooth_fit import SmoothFit, smooth_fit
 from consistent_id.regression.base import (
@@ -38,6 +37,8 @@ from consistent_id.regression.base import (
     linear_combination,
     parameter_origins,
 )
+from consistent_id.regression.linear import solve_linear
+from consistent_id.regression.noise import residual_sigma
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.inertia import PSEUDO_INERTIA_BASIS, pseudo_inertia

@@ -11,7 +11,6 @@ import numpy as np
 from consistent_id._support.files import require_writable, write_atomically
 from consistent_id._support.tables import Table
 from consistent_id.errors import InfeasibleError, ProblemError
-from consistent_id.estimation.least_squares import joint_noise
 from consistent_id.excitation.aims import Aim
 from consistent_id.excitation.asked import Asked, asked_of
 from consistent_id.excitation.asked_tables import asked_tables
@@ -30,6 +29,7 @@ from consistent_id.motion.move import Move
 from consistent_id.motion.move_along import move_along
 from consistent_id.problems.problem import Problem
 from consistent_id.recordings.trajectory import FourierTrajectory
+from consistent_id.regression.noise import joint_noise
 from consistent_id.regression.regression import build_regression
 from consistent_id.report.figures import save_figure
 from consistent_id.robot.parameters import did_you_mean

@@ -22,7 +22,7 @@ from consistent_id import (
     shadow_prices,
 )
 from consistent_id.constraints import lowered
-from consistent_id.constraints.cones.conflict import irreducible_conflict
+from consistent_id.constraints.cones.feasibility import irreducible_conflict
 from consistent_id.constraints.cones.sets import ConicSet
 from consistent_id.estimation.best_fit import best_fit
 

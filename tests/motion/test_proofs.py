@@ -19,8 +19,10 @@ from consistent_id import (
 )
 from consistent_id.constraints import lowered
 from consistent_id.constraints.cones.certificate import certify, solve_certified
-from consistent_id.constraints.cones.conflict import irreducible_conflict
-from consistent_id.constraints.cones.feasibility import find_interior
+from consistent_id.constraints.cones.feasibility import (
+    find_interior,
+    irreducible_conflict,
+)
 from consistent_id.constraints.cones.least_norm import ConeSolution, LeastNorm
 from consistent_id.constraints.cones.programmes import Multipliers
 from consistent_id.constraints.cones.sets import ConicSet

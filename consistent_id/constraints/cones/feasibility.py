@@ -1,4 +1,4 @@
-"""Interior points of convex sets, and proofs that there are none.
+"""Interior points of convex sets, proofs that there are none, and what is to blame.
 
 ``maximise t  subject to  F_k(u) >= t 1,  A_in u <= b_in - t,  A_eq u = b_eq,  t <= 1``
 
@@ -90,6 +90,40 @@ def find_interior(domain: ConicSet) -> Interior:
     if found is None:
         raise SolverError("no point was found, nor a proof that there is none")
     return found
+
+
+def irreducible_conflict(domain: ConicSet) -> tuple[int, ...]:
+    """Return members that contradict each other, none of them superfluous.
+
+    Members are left out one after another for as long as what remains is proven empty
+    [Chinneck2008]_.  Of those that are left, each is needed for the contradiction, and
+    leaving out any one of them resolves it.
+
+    Parameters
+    ----------
+    domain : ConicSet
+        Normalised.
+
+    Returns
+    -------
+    tuple of int
+        Counted as in `ConicSet.labels`; empty if no contradiction is proven.
+    """
+    if not _proven_empty(domain):
+        return ()
+    kept = list(range(len(domain.labels)))
+    for member in reversed(range(len(domain.labels))):
+        fewer = [m for m in kept if m != member]
+        if _proven_empty(domain.only(fewer)):
+            kept = fewer
+    return tuple(kept)
+
+
+def _proven_empty(domain: ConicSet) -> bool:
+    try:
+        return find_interior(domain).proves_empty
+    except SolverError:
+        return False
 
 
 def _deepest(domain: ConicSet, size: float, small: float) -> Interior:

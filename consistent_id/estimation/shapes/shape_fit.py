@@ -10,12 +10,12 @@ import numpy as np
 from consistent_id._support.arrays import Array, Vector
 from consistent_id._support.threads import single_threaded
 from consistent_id.errors import ProblemError
-from consistent_id.estimation.least_squares import joint_noise
 from consistent_id.estimation.shapes.shape_misfit import ShapeGroup, ShapeMisfit
 from consistent_id.estimation.shapes.shape_profile import ShapeProfile, profile
 from consistent_id.recordings.recording import Recording, several
 from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.correlation import correlation_length
+from consistent_id.regression.noise import joint_noise
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.shaped_regression import shaped_regression
 from consistent_id.regression.shapes import SHAPE_NAMES, shapes_of
