@@ -182,3 +182,22 @@ def test_equal_segments_do_not_scatter_and_one_is_too_few():
     assert scores == pytest.approx(0.0, abs=1e-12)
     with pytest.raises(ProblemError, match="1 segments"):
         segment_scores(p.fitted, [p.regression], p.base)
+
+
+def test_scores_of_segments_are_their_gradients_about_the_mean_with_a_degree_lost():
+    p = prepared(9, 0.1, Penalty(0.1), joints=2)
+    segments = [
+        segment.weighted(p.sigma)
+        for segment in segment_regressions(p.model, p.log, count=3)
+    ]
+    scaled, x = p.fitted.best.scaled, p.fitted.parameters
+    gradients = []
+    for segment in segments:
+        R = segment.stacked()
+        slope = R[:, :-1].T @ (R[:, :-1] @ x - R[:, -1])
+        gradients.append(slope * scaled.unit / scaled.size**2)
+    scores = segment_scores(p.fitted, segments, p.base)
+    # The covariance of a sum of three draws, from their own unbiased variance.
+    expected = 3.0 * np.cov(np.transpose(gradients), ddof=1)
+    size = abs(expected).max()
+    assert np.allclose(scores.T @ scores, expected, rtol=0, atol=1e-8 * size)
