@@ -1,7 +1,7 @@
 # The public names and where they live.  Type checkers and editors read this file, and
 # so does `_face`, which imports a name's module when the name is first asked for.
 
-from consistent_id.comparison.base_bodies import base_feasibility
+from consistent_id.comparison.base_feasibility import base_feasibility
 from consistent_id.comparison.comparison import Comparison, compare
 from consistent_id.comparison.constraint_prices import ShadowPrice, shadow_prices
 from consistent_id.comparison.fit_costs import constraint_costs

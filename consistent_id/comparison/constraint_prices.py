@@ -1,4 +1,4 @@
-"""What each single constraint costs in torque: multipliers, and the fit without it.
+"""Shadow prices: what each constraint costs in torque, and the fit without it.
 
 With ``E`` the misfit's norm over ``N`` rows and ``l`` the multiplier of ``a.x <= b``
 for ``1/2 E^2``, the root-mean-square residual ``E / sqrt(N)`` changes by
@@ -38,7 +38,7 @@ class ShadowPrice:
     label : str
     price : float, [N m or N], or in units of the joints' `sigma`
         Change of the root-mean-square residual if an equality's value, or what an
-        inequality or a body asks for, rose by `STEP` of what is typical.
+        inequality or a block asks for, rose by `STEP` of what is typical.
     cost : float, same unit
         What the residual falls by when the constraint is left out altogether.
     verdict : {"certified", "uncertified"}
@@ -59,7 +59,7 @@ def shadow_prices(
     *,
     base: BaseParameters | None = None,
 ) -> tuple[ShadowPrice, ...]:
-    """Return the constraints that cost anything, the dearest first.
+    """Return the shadow prices that are not zero, the largest cost first.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Which values a parameter can take among all bodies that fit nearly best.
+"""Which values a parameter can take among all consistent robots that fit nearly best.
 
 ``minimise, and maximise, x_i  subject to  the constraints and
 ||R x - z|| <= (1 + slack) least``
@@ -123,10 +123,10 @@ def consistent_intervals(
 
 
 def _box(model: TorqueModel, best: BestFit) -> tuple[Vector, Vector]:
-    """Return what single rows say of parameters, and what every body has.
+    """Return the bounds by rows on single parameters, and those of consistent links.
 
-    Mass and moments of inertia of a body are not negative: where they can vanish, the
-    programmes alone would not find their least value.
+    Mass and moments of inertia of a consistent link are not negative: where they can
+    vanish, the programmes alone would not find their least value.
     """
     low, high = best.scaled.domain.box
     bodies = {block.label for block in best.scaled.domain.blocks}

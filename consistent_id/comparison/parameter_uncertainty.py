@@ -1,4 +1,4 @@
-"""How sure each parameter of the constrained estimate is, and what it rests on.
+"""How sure each parameter of the constrained estimate is, and what determines it.
 
 Three answers side by side: the standard error from the scatter between segments,
 projected on the active constraints; the bootstrap's interval; and the values that any
@@ -36,7 +36,7 @@ KNOWN = 0.5
 """Width of the consistent interval, in typical sizes, up to which data determine it."""
 
 PINNED = 0.1
-"""Width up to which constraints and data together pin what the data leave open."""
+"""Width up to which constraints and data together determine a parameter."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -216,7 +216,7 @@ def _verdicts(
     """Correct what linear algebra says by how wide the intervals are.
 
     Rank knows neither noise nor inequalities: what it calls determined may be anything
-    within reason, and what it leaves open may be pinned by the edge of the possible.
+    within reason, and the consistency cone's boundary may determine the rest.
     """
     verdicts = []
     for width, size, origin in zip(intervals.width, unit, origins, strict=True):

@@ -1,4 +1,4 @@
-"""What is known of a body before any measurement, one small value per idea.
+"""What is known of a robot before any measurement, one small value per idea.
 
 Each lowers itself to a `ConicSet` over the parameters of a torque model; any number of
 them combine.

@@ -4,7 +4,7 @@ Per link, with the whitened pseudo-inertia ``S = J0^-1/2 J J0^-1/2``:
 
 - pullback: ``||S - 1||_F^2``, scale-free, frame-free, the second order of the next;
 - entropic: ``2 (tr S - log det S - 4)``, the log-det divergence [Lee2020]_, which keeps
-  every link away from the edge of what a body can be;
+  every link away from the boundary of the consistency cone;
 - Euclidean: the squares of parameters divided by typical masses and lengths.
 
 Friction and drive terms add their squares, divided by typical sizes.
@@ -22,7 +22,7 @@ from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.inertia import PSEUDO_INERTIA_BASIS, pseudo_inertia
 from consistent_id.robot.scaling import link_scales, reference_bodies
 
-_THINNEST = 1e-13  # eigenvalues below which a body has no thickness but rounding
+_THINNEST = 1e-13  # relative eigenvalues below which a link is flat but for rounding
 
 
 class Rows(NamedTuple):
@@ -68,7 +68,7 @@ class Along:
     moves: Vector
 
     def slope(self, t: float) -> float:
-        """Return the derivative of the squared distance, up to where a body ends."""
+        """Return the derivative of the squared distance, inside the cone."""
         bodies = self.trace - float(np.sum(self.rates / (1.0 + t * self.rates)))
         drive = float(self.moves @ (self.drive + t * self.moves))
         return 2.0 * (bodies + drive)
@@ -97,7 +97,7 @@ class EntropicDistance:
     nominal: Vector
 
     def squared(self, u: Vector) -> float:
-        """Return the squared distance; infinite where a link is no body."""
+        """Return the squared distance; infinite where a link is not consistent."""
         S = self._bodies(u)
         values = np.linalg.eigvalsh(S)
         if values.min() <= _THINNEST * max(values.max(), 1.0):

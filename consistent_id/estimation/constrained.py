@@ -4,8 +4,8 @@ In the standard parameters from the start, because that is where consistency liv
 
 1. the least weighted misfit ``||R x - z||`` over the constraints;
 2. among all constrained ``x`` whose misfit is within a slack of it, the one nearest to
-   the nominal robot, so that what the data leave open is fitted by the prior and not
-   by the solver's whim.
+   the nominal robot.  What the data do not determine, the prior does, and not the
+   solver by chance.
 
 Both are cone programmes on the compressed regression; both optima are certified.
 """

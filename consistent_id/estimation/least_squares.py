@@ -1,8 +1,8 @@
 """Least squares on base parameters: the paper's eq. (6), without forming Y^T Y.
 
-With ``Y = Q R``, ``(Y^T Y)^-1 Y^T tau = R^-1 Q^T tau`` for full rank.  Where the data
-leave combinations open, that inverse does not exist; the answer is then the smallest
-base vector among all that fit best, and says so.
+With ``Y = Q R``, ``(Y^T Y)^-1 Y^T tau = R^-1 Q^T tau`` for full rank.  Where
+combinations are not identifiable from the data, that inverse does not exist.  The
+answer is then the smallest base vector among all that fit best, and says so.
 """
 
 from dataclasses import replace

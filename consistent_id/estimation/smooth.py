@@ -1,8 +1,9 @@
-"""The best fit among bodies once more, by a smooth search without a cone programme.
+"""The best consistent fit once more, by a smooth search without a cone programme.
 
-Links are bodies by construction [Rucker2022]_: what is estimated are log-Cholesky
-variables.  The search shares no solver, cone or base parameter with the semidefinite
-programme, so that each checks the other; nor does it need a model to be linear.
+Links are physically consistent by construction [Rucker2022]_: what is estimated are
+log-Cholesky variables.  The search shares no solver, cone or base parameter with the
+semidefinite programme, so that each checks the other; nor does it need a model to be
+linear.
 
 The point found is judged by the same certificate.  Its multipliers are read off the
 gradient: where ``<Z_k, J_k(x)>`` has the gradient's entries of link ``k``, optimality
@@ -75,7 +76,7 @@ def smooth_least_squares(
     -------
     Estimate
         Certified if no other parameters fit better, which is proven afterwards; what
-        the data leave open is near the start, but not the nearest: see
+        is not identifiable is near the start, but not the nearest: see
         `constrained_least_squares` for that.
 
     Raises
@@ -117,7 +118,7 @@ def smooth_least_squares(
         ),
         sigma=residual_sigma(regression, x, len(base)),
         certificate=_certificate(fit, _proof(model, scaled, variables, fit.u)),
-        notes=("what the data leave open is near the start of the search",),
+        notes=("what the data do not determine is near the start of the search",),
         seconds=perf_counter() - started,
     )
 

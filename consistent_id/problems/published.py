@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector
-from consistent_id.comparison.base_bodies import BaseFeasibility, base_feasibility
+from consistent_id.comparison.base_feasibility import BaseFeasibility, base_feasibility
 from consistent_id.constraints import (
     Constraint,
     FixedCentresOfMass,

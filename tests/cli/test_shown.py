@@ -67,7 +67,7 @@ def test_an_estimate_says_its_verdict_first(found):
     assert str(bodily).startswith("constrained: certified\n")
     assert read(bodily._repr_html_())[0] == "constrained: certified"
     assert "standard error" in str(plain)
-    assert "rests on" in str(bodily)
+    assert "determined by" in str(bodily)
 
 
 def test_a_comparison_says_verdicts_and_held_out_errors(found):

@@ -18,7 +18,7 @@ from consistent_id import (
     simulate_torque,
 )
 from consistent_id._support.tables import Table
-from consistent_id.comparison.base_bodies import in_words
+from consistent_id.comparison.base_feasibility import in_words
 from consistent_id.comparison.comparison import torque_error
 from consistent_id.report.summary import comparison_tables
 
@@ -96,7 +96,7 @@ def test_comparing_nothing_or_different_models_is_refused():
     [
         ([-1.0, 0, 0, 0, 1, 0, 1, 0, 0, 1], "mass -1 kg is not positive"),
         ([1.0, 0, 0, 0, 5, 0, 1, 0, 0, 1], "exceeds the sum of the other two, 2, by 3"),
-        ([1.0, 0, 0, 0, 1, 0, 1, 0, 0, 1], "a body could have"),
+        ([1.0, 0, 0, 0, 1, 0, 1, 0, 0, 1], "physically consistent"),
     ],
 )
 def test_violations_are_said_in_words(vector, words):

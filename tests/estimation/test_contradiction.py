@@ -51,7 +51,7 @@ def test_members_are_counted_through_equalities_rows_and_blocks():
     assert domain.labels == (
         "link1.m = 2 kg",
         "joint1.viscous >= 0",
-        "link 'link1' as a body",
+        "physical consistency of link 'link1'",
     )
     assert domain.only([2]).labels == domain.labels[2:]
     assert domain.without(0).labels == domain.labels[1:]

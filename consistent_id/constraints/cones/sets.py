@@ -47,9 +47,10 @@ class SemidefiniteBlock:
 
     @property
     def description(self) -> str:
-        """The label, in full: that of a body is no more than its link's name."""
-        body = ":" not in self.label
-        return f"link {self.label!r} as a body" if body else self.label
+        """The label in full; that of physical consistency is the link's name alone."""
+        if ":" in self.label:
+            return self.label
+        return f"physical consistency of link {self.label!r}"
 
     def value(self, x: Vector) -> Matrix:
         """Return ``F(x)``, in original units."""

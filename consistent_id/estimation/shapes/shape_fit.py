@@ -25,7 +25,7 @@ SHAPE_BOUNDS: Mapping[str, tuple[float, float]] = {
     "stribeck_velocity": (1e-3, 2.0),
     "stribeck_exponent": (0.3, 4.0),
 }
-"""Where shapes are looked for, unless told otherwise."""
+"""Where shapes are looked for by default."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,7 +45,7 @@ class ShapeFit:
     misfits : tuple of float
         What each start reached, relative to the best: 1 for those that found it.
     correlation : float
-        Samples that tell as much as one independent one would; see
+        Samples that carry the information of one independent sample; see
         `correlation_length`.
     evaluations : int
         Shapes tried by the searches, without the profiles.
