@@ -19,15 +19,15 @@ import consistent_id as ci
 from consistent_id.constraints import Constraint, lowered
 from consistent_id.constraints.cones.least_norm import LeastNorm
 from consistent_id.constraints.cones.programmes import Multipliers
-from consistent_id.constraints.cones.second_opinion import FORMULATIONS, solve_anew
 from consistent_id.constraints.cones.sets import ConicSet
 from consistent_id.constraints.distances import nominal_distance
 from consistent_id.constraints.link_condition import link_conditions
 from consistent_id.estimation.best_fit import best_fit
-from consistent_id.estimation.settled import settle
+from consistent_id.estimation.constrained_fit import constrained_fit
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 from robots import random_body, random_robot
+from second_solver import FORMULATIONS, solve_anew
 
 SAMPLES = (60, 200, 2000)
 FAR_AWAY = ", but is farther away than the proof reaches"
@@ -193,9 +193,9 @@ def final_mistakes(
     problem: Case, regression: ci.Regression, base: ci.BaseParameters
 ) -> list[str]:
     """Return what contradicts the second stage: nearest to nominal for its misfit."""
-    settled = settle(problem.model, regression, problem.constraints, None, base)
-    scaled, fit = settled.best.scaled, settled.fit
-    rows, root = settled.distance.local(fit.solution.u), np.sqrt(fit.weight)
+    fitted = constrained_fit(problem.model, regression, problem.constraints, None, base)
+    scaled, fit = fitted.best.scaled, fitted.final
+    rows, root = fitted.distance.local(fit.solution.u), np.sqrt(fit.weight)
     stacked = LeastNorm(
         np.vstack([scaled.M, root * rows.G]),
         np.append(scaled.z, root * rows.g),

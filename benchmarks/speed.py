@@ -21,8 +21,6 @@ from threadpoolctl import threadpool_limits
 import consistent_id as ci
 from consistent_id.constraints.cones import certificate
 from consistent_id.constraints.cones.least_norm import solve_least_norm
-from consistent_id.constraints.cones.second_opinion import solve_anew
-from consistent_id.constraints.distances import nominal_distance
 from consistent_id.estimation import best_fit
 from consistent_id.estimation.constrained import DEFAULT_CONSTRAINTS
 from consistent_id.estimation.scaled_fit import REFERENCE
@@ -185,7 +183,7 @@ def solve_table(repeats: int, samples: int = 20_000, replicates: int = 200) -> s
     regression = merged(segments)
     base = ci.base_parameters(model)
     scaled = best_fit.best_fit(model, regression, DEFAULT_CONSTRAINTS, base=base).scaled
-    centre = nominal_distance(model, "pullback", scaled.unit).nominal
+    centre = scaled.centre
 
     def again() -> None:
         certificate.solve_certified(scaled.problem, centre, reference=REFERENCE)
@@ -196,7 +194,7 @@ def solve_table(repeats: int, samples: int = 20_000, replicates: int = 200) -> s
             20.0,
         ),
         "the same through CVXPY": (
-            lambda: solve_anew(scaled.problem, "quadratic in Clarabel"),
+            lambda: ci.to_cvxpy(model, regression, base=base).solve(),
             None,
         ),
         "re-solve with its certificate": (again, 20.0),

@@ -1,7 +1,7 @@
 # The public names and where they live.  Type checkers and editors read this file, and
 # so does `_face`, which imports a name's module when the name is first asked for.
 
-from consistent_id.comparison.base_bodies import base_feasibility
+from consistent_id.comparison.base_feasibility import base_feasibility
 from consistent_id.comparison.comparison import Comparison, compare
 from consistent_id.comparison.constraint_prices import ShadowPrice, shadow_prices
 from consistent_id.comparison.fit_costs import constraint_costs
@@ -51,10 +51,10 @@ from consistent_id.estimation.cross_validation import (
     cross_validated,
 )
 from consistent_id.estimation.cutoff import CutoffChoice, best_cutoff
+from consistent_id.estimation.cvxpy_problem import CvxpyProblem, to_cvxpy
 from consistent_id.estimation.estimate import Certificate, Estimate
 from consistent_id.estimation.gains import DriveGains, identify_gains
 from consistent_id.estimation.least_squares import (
-    joint_noise,
     least_squares,
     weighted_least_squares,
 )
@@ -158,6 +158,7 @@ from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.drive.gear_coupling import GearCoupling
 from consistent_id.regression.drive.term import DriveTerm, JointSamples, ShapeParameter
 from consistent_id.regression.friction_shapes import shapes_of, with_shapes
+from consistent_id.regression.noise import joint_noise
 from consistent_id.regression.regression import Regression, build_regression
 from consistent_id.regression.regressor import (
     TorqueModel,
@@ -223,6 +224,7 @@ __all__ = [
     "Contradiction",
     "CrossCheck",
     "CutoffChoice",
+    "CvxpyProblem",
     "Cylinder",
     "DHRow",
     "Datasheet",
@@ -394,6 +396,7 @@ __all__ = [
     "standstill",
     "to_c",
     "to_casadi",
+    "to_cvxpy",
     "to_json",
     "to_mjcf",
     "to_numpy",

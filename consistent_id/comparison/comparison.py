@@ -8,7 +8,7 @@ import numpy as np
 from consistent_id._support.arrays import Vector
 from consistent_id._support.tables import Table
 from consistent_id._support.threads import single_threaded
-from consistent_id.comparison.base_bodies import BaseFeasibility, base_feasibility
+from consistent_id.comparison.base_feasibility import BaseFeasibility, base_feasibility
 from consistent_id.constraints.cones.certificate import Verdict
 from consistent_id.constraints.distances import pullback_distance
 from consistent_id.constraints.link_condition import LinkCondition, link_conditions
@@ -60,9 +60,9 @@ class EstimateReport:
     training : tuple of TorqueError
     validation : tuple of TorqueError
     links : tuple of LinkCondition
-        How far each link of the standard parameters, as they stand, is a body.
+        Physical consistency of each link of the standard parameters, as they stand.
     base_feasibility : BaseFeasibility
-        Whether any body has the estimate's base parameters.
+        Whether any consistent robot has the estimate's base parameters.
     least_mass_eigenvalue : float, [kg m^2 or kg]
         Smallest eigenvalue of the mass matrix over `POSES` random poses.
     distance_to_nominal : ndarray, shape (links,)
@@ -79,7 +79,7 @@ class EstimateReport:
 
     @property
     def consistent_links(self) -> tuple[bool, ...]:
-        """Whether each link is a body."""
+        """Whether each link is physically consistent."""
         return tuple(link.consistent for link in self.links)
 
     @property
@@ -138,7 +138,7 @@ def verdict_table(comparison: Comparison) -> Table:
         (
             "estimate",
             "verdict",
-            "links that are bodies",
+            "physically consistent links",
             *(f"torque error on {name}" for name in held_out),
         ),
         tuple(

@@ -1,4 +1,4 @@
-"""What each single constraint costs in torque: multipliers, and the fit without it.
+"""Shadow prices: what each constraint costs in torque, and the fit without it.
 
 With ``E`` the misfit's norm over ``N`` rows and ``l`` the multiplier of ``a.x <= b``
 for ``1/2 E^2``, the root-mean-square residual ``E / sqrt(N)`` changes by
@@ -16,7 +16,6 @@ from consistent_id._support.threads import single_threaded
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.cones.certificate import Verdict, solve_certified
 from consistent_id.constraints.cones.least_norm import LeastNorm
-from consistent_id.constraints.distances import nominal_distance
 from consistent_id.errors import SolverError
 from consistent_id.estimation.best_fit import BestFit, best_fit
 from consistent_id.estimation.scaled_fit import REFERENCE
@@ -39,7 +38,7 @@ class ShadowPrice:
     label : str
     price : float, [N m or N], or in units of the joints' `sigma`
         Change of the root-mean-square residual if an equality's value, or what an
-        inequality or a body asks for, rose by `STEP` of what is typical.
+        inequality or a block asks for, rose by `STEP` of what is typical.
     cost : float, same unit
         What the residual falls by when the constraint is left out altogether.
     verdict : {"certified", "uncertified"}
@@ -60,7 +59,7 @@ def shadow_prices(
     *,
     base: BaseParameters | None = None,
 ) -> tuple[ShadowPrice, ...]:
-    """Return the constraints that cost anything, the dearest first.
+    """Return the shadow prices that are not zero, the largest cost first.
 
     Parameters
     ----------
@@ -81,7 +80,6 @@ def shadow_prices(
     unit = scaled.size / np.sqrt(sum(regression.counts))
     rms = unit * np.sqrt(_total(best, best.solution.u))
     prices = unit * _prices(best)
-    centre = nominal_distance(model, "pullback", scaled.unit).nominal
     found = []
     for member, price in enumerate(prices):
         if abs(price) <= _FREE * max(rms, unit):
@@ -90,7 +88,9 @@ def shadow_prices(
         cost = np.nan
         verdict: Verdict = "uncertified"
         try:
-            solution, optimality = solve_certified(problem, centre, reference=REFERENCE)
+            solution, optimality = solve_certified(
+                problem, scaled.centre, reference=REFERENCE
+            )
         except SolverError:
             pass  # the cost stays unknown, and says so
         else:

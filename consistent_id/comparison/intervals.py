@@ -1,4 +1,4 @@
-"""Which values a parameter can take among all bodies that fit nearly best.
+"""Which values a parameter can take among all consistent robots that fit nearly best.
 
 ``minimise, and maximise, x_i  subject to  the constraints and
 ||R x - z|| <= (1 + slack) least``
@@ -25,7 +25,6 @@ from consistent_id.constraints.cones.programmes import (
     set_rows,
     solve_cones,
 )
-from consistent_id.constraints.distances import nominal_distance
 from consistent_id.constraints.priors import noise_slack
 from consistent_id.errors import ProblemError, SolverError
 from consistent_id.estimation.best_fit import BestFit, best_fit
@@ -104,7 +103,7 @@ def consistent_intervals(
         raise ProblemError(f"slack is {slack}, expected a positive number")
     best = best_fit(model, regression, constraints, base=base)
     unit = best.scaled.unit
-    centre = nominal_distance(model, "pullback", unit).nominal
+    centre = best.scaled.centre
     ball = Ball(centre, _RADIUS * (1.0 + float(np.linalg.norm(centre))))
     programme = _programme(best, slack, ball)
     low, high = _box(model, best)
@@ -122,10 +121,10 @@ def consistent_intervals(
 
 
 def _box(model: TorqueModel, best: BestFit) -> tuple[Vector, Vector]:
-    """Return what single rows say of parameters, and what every body has.
+    """Return the bounds by rows on single parameters, and those of consistent links.
 
-    Mass and moments of inertia of a body are not negative: where they can vanish, the
-    programmes alone would not find their least value.
+    Mass and moments of inertia of a consistent link are not negative: where they can
+    vanish, the programmes alone would not find their least value.
     """
     low, high = best.scaled.domain.box
     bodies = {block.label for block in best.scaled.domain.blocks}

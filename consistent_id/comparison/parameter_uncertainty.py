@@ -1,4 +1,4 @@
-"""How sure each parameter of the constrained estimate is, and what it rests on.
+"""How sure each parameter of the constrained estimate is, and what determines it.
 
 Three answers side by side: the standard error from the scatter between segments,
 projected on the active constraints; the bootstrap's interval; and the values that any
@@ -20,13 +20,13 @@ from consistent_id.constraints import Constraint, lowered
 from consistent_id.constraints.priors import Prior
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.constrained import DEFAULT_CONSTRAINTS
-from consistent_id.estimation.least_squares import solve_linear
-from consistent_id.estimation.settled import Settled, settle
+from consistent_id.estimation.constrained_fit import ConstrainedFit, constrained_fit
 from consistent_id.regression.base import (
     BaseParameters,
     base_parameters,
     parameter_origins,
 )
+from consistent_id.regression.linear import solve_linear
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.segments import merged
@@ -36,7 +36,7 @@ KNOWN = 0.5
 """Width of the consistent interval, in typical sizes, up to which data determine it."""
 
 PINNED = 0.1
-"""Width up to which constraints and data together pin what the data leave open."""
+"""Width up to which constraints and data together determine a parameter."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,8 +137,8 @@ def uncertainty(
     """
     base = base_parameters(model) if base is None else base
     whole = merged(segments)
-    settled = settle(model, whole, constraints, prior, base)
-    scatter = covariance(settled, segment_scores(settled, segments, base))
+    fitted = constrained_fit(model, whole, constraints, prior, base)
+    scatter = covariance(fitted, segment_scores(fitted, segments, base))
     errors = np.sqrt(np.maximum(np.diag(scatter), 0.0))
     resampled = bootstrap(
         model,
@@ -155,7 +155,7 @@ def uncertainty(
     )
     verdicts = _verdicts(
         intervals,
-        _typical_sizes(model, whole, settled, intervals.bounds[:, 1]),
+        _typical_sizes(model, whole, fitted, intervals.bounds[:, 1]),
         _linear_origins(model, whole, constraints, base),
     )
     layout = model.layout
@@ -165,7 +165,7 @@ def uncertainty(
             for name, unit, x, e, b, c, v in zip(
                 layout.names,
                 layout.units,
-                settled.parameters,
+                fitted.parameters,
                 errors,
                 resampled.interval().tolist(),
                 intervals.bounds.tolist(),
@@ -179,7 +179,7 @@ def uncertainty(
 
 
 def _typical_sizes(
-    model: TorqueModel, regression: Regression, settled: Settled, most: Vector
+    model: TorqueModel, regression: Regression, fitted: ConstrainedFit, most: Vector
 ) -> Vector:
     """Return what widths are compared with.
 
@@ -187,14 +187,14 @@ def _typical_sizes(
     of drive terms the value that would explain all torque of their own joints, or the
     largest possible where they cannot be negative.
     """
-    unit, n = settled.best.scaled.unit.copy(), model.layout.inertial_size
-    unit[:n] = np.maximum(unit[:n], abs(settled.parameters[:n]))
+    unit, n = fitted.best.scaled.unit.copy(), model.layout.inertial_size
+    unit[:n] = np.maximum(unit[:n], abs(fitted.parameters[:n]))
     for i in range(n, len(unit)):
         own = [F for F in regression.factors if F[:, i].any()]
         if own:
             torque = np.sqrt(sum(float(np.sum(F[:, -1] ** 2)) for F in own))
             unit[i] = torque / np.sqrt(sum(float(np.sum(F[:, i] ** 2)) for F in own))
-    low, _ = settled.best.scaled.domain.box
+    low, _ = fitted.best.scaled.domain.box
     signed = (low == 0.0) & (np.arange(len(unit)) >= n)
     return np.where(signed, np.minimum(unit, most), unit)
 
@@ -216,7 +216,7 @@ def _verdicts(
     """Correct what linear algebra says by how wide the intervals are.
 
     Rank knows neither noise nor inequalities: what it calls determined may be anything
-    within reason, and what it leaves open may be pinned by the edge of the possible.
+    within reason, and the consistency cone's boundary may determine the rest.
     """
     verdicts = []
     for width, size, origin in zip(intervals.width, unit, origins, strict=True):

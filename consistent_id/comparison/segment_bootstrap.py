@@ -19,9 +19,9 @@ from consistent_id.constraints import Constraint
 from consistent_id.constraints.priors import Prior
 from consistent_id.errors import ConsistentIdError, ProblemError, SolverError
 from consistent_id.estimation.constrained import DEFAULT_CONSTRAINTS
+from consistent_id.estimation.constrained_fit import constrained_fit
 from consistent_id.estimation.penalised import penalised_fit
 from consistent_id.estimation.scaled_fit import base_factor
-from consistent_id.estimation.settled import settle
 from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.regression import Regression, triangle
 from consistent_id.regression.regressor import TorqueModel
@@ -121,16 +121,16 @@ def bootstrap(
             f"{len(segments)} segments and {replicates} replicates, expected 2 or more"
         )
     base = base_parameters(model) if base is None else base
-    settled = settle(model, merged(segments), constraints, prior, base)
+    fitted = constrained_fit(model, merged(segments), constraints, prior, base)
     factors = [base_factor(segment, base) for segment in segments]
-    scaled, weight = settled.best.scaled, settled.fit.weight
+    scaled, weight = fitted.best.scaled, fitted.final.weight
 
     def estimate(times: Array) -> _Replicate | None:
         rows = [np.sqrt(n) * F for n, F in zip(times, factors, strict=True) if n]
         fit = scaled.with_factor(triangle(np.asfortranarray(np.vstack(rows))))
         try:
             found = penalised_fit(
-                fit, settled.distance, weight, start=settled.fit.solution.u
+                fit, fitted.distance, weight, start=fitted.final.solution.u
             )
         except ConsistentIdError:
             return None

@@ -20,24 +20,24 @@ from collections.abc import Sequence
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
-from consistent_id.constraints.cones.certificate import null_space
-from consistent_id.constraints.cones.programmes import svec
+from consistent_id.constraints.cones.certificate import row_spaces
+from consistent_id.constraints.cones.matrices import svec
 from consistent_id.constraints.cones.sets import SemidefiniteBlock
 from consistent_id.errors import ProblemError
+from consistent_id.estimation.constrained_fit import ConstrainedFit
 from consistent_id.estimation.scaled_fit import base_factor
-from consistent_id.estimation.settled import Settled
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.regression import Regression
 
 _ACTIVE = 1e-6  # slack, or eigenvalue, of typical parameters that counts as none
 
 
-def covariance(settled: Settled, scores: Matrix) -> Matrix:
+def covariance(fitted: ConstrainedFit, scores: Matrix) -> Matrix:
     """Return the covariance of a constrained estimate's parameters.
 
     Parameters
     ----------
-    settled : Settled
+    fitted : ConstrainedFit
     scores : ndarray, shape (rows, parameters)
         Factor ``g`` of the scores' covariance ``g^T g``; see `white_scores` and
         `segment_scores`.
@@ -48,19 +48,19 @@ def covariance(settled: Settled, scores: Matrix) -> Matrix:
         In original units.  Of what the prior settles it is the estimate's scatter,
         not its error: a firm belief hardly moves.
     """
-    root = _response_root(settled)
-    moves = (root @ (root.T @ scores.T)) * settled.best.scaled.unit[:, None]
+    root = _response_root(fitted)
+    moves = (root @ (root.T @ scores.T)) * fitted.best.scaled.unit[:, None]
     return np.asarray(moves @ moves.T)
 
 
 def white_scores(
-    settled: Settled, regression: Regression, base: BaseParameters, sigma: Vector
+    fitted: ConstrainedFit, regression: Regression, base: BaseParameters, sigma: Vector
 ) -> Matrix:
     """Return a factor of the scores' covariance for white noise of each joint.
 
     Parameters
     ----------
-    settled : Settled
+    fitted : ConstrainedFit
     regression : Regression
     base : BaseParameters
     sigma : ndarray, shape (joints,), [N m or N]
@@ -70,7 +70,7 @@ def white_scores(
     -------
     ndarray, shape (rows, parameters)
     """
-    scaled, columns = settled.best.scaled, list(base.independent)
+    scaled, columns = fitted.best.scaled, list(base.independent)
     rows = [
         factor[:, columns] * (noise / weight**2 / scaled.size**2)
         for factor, weight, noise in zip(
@@ -81,7 +81,7 @@ def white_scores(
 
 
 def segment_scores(
-    settled: Settled, segments: Sequence[Regression], base: BaseParameters
+    fitted: ConstrainedFit, segments: Sequence[Regression], base: BaseParameters
 ) -> Matrix:
     """Return a factor of the scores' covariance, from their scatter between segments.
 
@@ -100,7 +100,7 @@ def segment_scores(
     """
     if len(segments) < 2:
         raise ProblemError(f"{len(segments)} segments, expected 2 or more")
-    scaled, u = settled.best.scaled, settled.fit.solution.u
+    scaled, u = fitted.best.scaled, fitted.final.solution.u
     gradients = []
     for segment in segments:
         part = scaled.with_factor(base_factor(segment, base))
@@ -109,11 +109,11 @@ def segment_scores(
     return np.asarray((g - g.mean(axis=0)) * np.sqrt(len(g) / (len(g) - 1)))
 
 
-def _response_root(settled: Settled) -> Matrix:
+def _response_root(fitted: ConstrainedFit) -> Matrix:
     """Return ``B`` with ``B B^T = T (T^T H T)^-1 T^T``."""
-    scaled, fit = settled.best.scaled, settled.fit
+    scaled, fit = fitted.best.scaled, fitted.final
     u, multipliers = fit.solution.u, fit.solution.multipliers
-    rows = [scaled.M, np.sqrt(fit.weight) * settled.distance.local(u).G]
+    rows = [scaled.M, np.sqrt(fit.weight) * fitted.distance.local(u).G]
     domain = scaled.domain
     slack = domain.b_in - domain.A_in @ u
     held = [domain.A_eq, domain.A_in[slack <= _ACTIVE]]
@@ -121,7 +121,7 @@ def _response_root(settled: Settled) -> Matrix:
         kept, bent = _surface(block, Z, u)
         held.append(kept)
         rows.append(bent)
-    T = null_space(np.vstack(held))
+    T = row_spaces(np.vstack(held)).steps
     _, R = np.linalg.qr(np.vstack(rows) @ T)
     return np.asarray(np.linalg.solve(R.T, T.T).T)
 

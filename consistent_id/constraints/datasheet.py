@@ -1,4 +1,4 @@
-"""Bodies, and what a datasheet says of them."""
+"""Physical consistency, and what a datasheet says of links."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -29,8 +29,8 @@ class PhysicalConsistency:
     ----------
     margin : float
         Least eigenvalue of each pseudo-inertia after division by the link's typical
-        mass and length (`link_scales`); a pure number.  The default keeps bodies
-        strictly inside, as simulators demand.
+        mass and length (`link_scales`); a pure number.  The default keeps links
+        strictly consistent, as simulators demand.
     """
 
     margin: float = 1e-6

@@ -4,7 +4,7 @@ Per link, with the whitened pseudo-inertia ``S = J0^-1/2 J J0^-1/2``:
 
 - pullback: ``||S - 1||_F^2``, scale-free, frame-free, the second order of the next;
 - entropic: ``2 (tr S - log det S - 4)``, the log-det divergence [Lee2020]_, which keeps
-  every link away from the edge of what a body can be;
+  every link away from the boundary of the consistency cone;
 - Euclidean: the squares of parameters divided by typical masses and lengths.
 
 Friction and drive terms add their squares, divided by typical sizes.
@@ -16,13 +16,13 @@ from typing import NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector
-from consistent_id.constraints.cones.programmes import svec
+from consistent_id.constraints.cones.matrices import svec
 from consistent_id.constraints.priors import Distance
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.inertia import PSEUDO_INERTIA_BASIS, pseudo_inertia
 from consistent_id.robot.scaling import link_scales, reference_bodies
 
-_THINNEST = 1e-13  # eigenvalues below which a body has no thickness but rounding
+_THINNEST = 1e-13  # relative eigenvalues below which a link is flat but for rounding
 
 
 class Rows(NamedTuple):
@@ -34,16 +34,11 @@ class Rows(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class QuadraticDistance:
-    """``||G u - g||``, the same rows everywhere."""
+    """``||G u - g||``, the same rows everywhere; zero at the nominal robot."""
 
     G: Matrix
     g: Vector
-    exact = True
-
-    @property
-    def nominal(self) -> Vector:
-        """The nominal robot."""
-        return np.asarray(np.linalg.lstsq(self.G, self.g, rcond=None)[0])
+    nominal: Vector
 
     def squared(self, u: Vector) -> float:
         """Return the squared distance of a point."""
@@ -73,7 +68,7 @@ class Along:
     moves: Vector
 
     def slope(self, t: float) -> float:
-        """Return the derivative of the squared distance, up to where a body ends."""
+        """Return the derivative of the squared distance, inside the cone."""
         bodies = self.trace - float(np.sum(self.rates / (1.0 + t * self.rates)))
         drive = float(self.moves @ (self.drive + t * self.moves))
         return 2.0 * (bodies + drive)
@@ -100,10 +95,9 @@ class EntropicDistance:
 
     whitened: Array
     nominal: Vector
-    exact = False
 
     def squared(self, u: Vector) -> float:
-        """Return the squared distance; infinite where a link is no body."""
+        """Return the squared distance; infinite where a link is not consistent."""
         S = self._bodies(u)
         values = np.linalg.eigvalsh(S)
         if values.min() <= _THINNEST * max(values.max(), 1.0):
@@ -171,9 +165,7 @@ def nominal_distance(
                 for body, size in zip(bodies, links, strict=True)
             ]
         )
-        drive = np.zeros(len(unit) - inertial)
-        nominal = np.append(bodies.ravel() / unit[:inertial], drive)
-        return EntropicDistance(whitened, nominal)
+        return EntropicDistance(whitened, nominal_point(model, unit))
     G = np.diag(1.0 / unit)
     if distance == "pullback":
         for k, body in enumerate(bodies):
@@ -182,7 +174,13 @@ def nominal_distance(
     else:
         G[:inertial, :inertial] = np.diag(1.0 / link_scales(model.robot).units)
     g = G[:, :inertial] @ bodies.ravel()
-    return QuadraticDistance(G * unit, g)
+    return QuadraticDistance(G * unit, g, nominal_point(model, unit))
+
+
+def nominal_point(model: TorqueModel, unit: Vector) -> Vector:
+    """Return the nominal robot, without friction or drives, as ``u = x / unit``."""
+    bodies = reference_bodies(model.robot).ravel()
+    return np.append(bodies, np.zeros(len(unit) - len(bodies))) / unit
 
 
 def pullback_distance(x: Vector, reference: Array) -> float:

@@ -1,4 +1,4 @@
-"""How far each link is a body, and which edge of the possible it touches."""
+"""Physical consistency of each link, and its place on the cone's boundary."""
 
 from dataclasses import dataclass
 
@@ -15,7 +15,7 @@ _EDGE = 1e-5  # shares of a typical link's mass or second moment that count as n
 
 @dataclass(frozen=True, slots=True)
 class LinkCondition:
-    """One link's distance from what no body can be.
+    """One link's consistency margin.
 
     Parameters
     ----------
@@ -24,7 +24,8 @@ class LinkCondition:
         Smallest eigenvalue of the pseudo-inertia, rows and columns divided by the
         roots of the link's typical mass and second moment.
     edge : str
-        Which edge the link touches, in words, such as ``"flat: ..."``; empty inside.
+        Where on the boundary of the consistency cone the link is, in words, such as
+        ``"flat: ..."``; empty inside.
     """
 
     link: str
@@ -33,7 +34,7 @@ class LinkCondition:
 
     @property
     def consistent(self) -> bool:
-        """Whether a body could have these parameters, up to rounding."""
+        """Whether the link is physically consistent, up to rounding."""
         return self.least_eigenvalue >= -_CONSISTENT
 
 
@@ -58,7 +59,7 @@ def link_conditions(model: TorqueModel, x: Vector) -> tuple[LinkCondition, ...]:
 
 
 def _edge(body: InertialParameters, mass: float, moment: float) -> str:
-    """Name the edge: second moments along principal axes that have vanished.
+    """Name the boundary: second moments along principal axes that have vanished.
 
     A vanishing one is a triangle inequality of the principal moments of inertia that
     holds as an equality.

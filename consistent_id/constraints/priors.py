@@ -1,4 +1,4 @@
-"""What to believe of parameters that the data leave open."""
+"""What to assume of parameters that are not identifiable from the data."""
 
 from dataclasses import dataclass
 from typing import Literal, get_args

@@ -47,7 +47,7 @@ def known_links(named: Mapping[str, object], model: TorqueModel, what: str) -> N
 
 
 def require_some(values: Mapping[str, object], key: str, constraint: str) -> None:
-    """Refuse a constraint that would hold nothing and so pass for one that does."""
+    """Refuse a constraint without any row."""
     if not values:
         raise ProblemError(
             f"{constraint}: no link's datasheet has a {key}; give values, or leave "

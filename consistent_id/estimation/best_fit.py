@@ -13,9 +13,8 @@ from consistent_id.constraints.cones.certificate import (
     Optimality,
     solve_certified,
 )
-from consistent_id.constraints.cones.conflict import irreducible_conflict
+from consistent_id.constraints.cones.feasibility import irreducible_conflict
 from consistent_id.constraints.cones.least_norm import ConeSolution, LeastNorm
-from consistent_id.constraints.distances import nominal_distance
 from consistent_id.errors import InfeasibleError, SolverError
 from consistent_id.estimation.scaled_fit import REFERENCE, ScaledFit, scaled_fit
 from consistent_id.regression.base import BaseParameters
@@ -68,8 +67,7 @@ def best_fit(
         See `constrained_least_squares`.
     """
     scaled = scaled_fit(model, regression, base, constraints)
-    centre = nominal_distance(model, "pullback", scaled.unit).nominal
-    return BestFit(scaled, *solved(scaled.problem, centre))
+    return BestFit(scaled, *solved(scaled.problem, scaled.centre))
 
 
 def solved(

@@ -1,11 +1,11 @@
-"""The best fit among parameters that a real body could have.
+"""The best fit among physically consistent parameters.
 
 In the standard parameters from the start, because that is where consistency lives:
 
 1. the least weighted misfit ``||R x - z||`` over the constraints;
 2. among all constrained ``x`` whose misfit is within a slack of it, the one nearest to
-   the nominal robot, so that what the data leave open is settled by the prior and not
-   by the solver's whim.
+   the nominal robot.  What the data do not determine, the prior does, and not the
+   solver by chance.
 
 Both are cone programmes on the compressed regression; both optima are certified.
 """
@@ -19,28 +19,12 @@ from consistent_id.constraints import (
     FixedMasses,
     NonNegativeDrive,
     PhysicalConsistency,
-    lowered,
 )
-from consistent_id.constraints.cones.certificate import (
-    FEASIBILITY_TOLERANCE,
-    GAP_TOLERANCE,
-)
-from consistent_id.constraints.link_condition import LinkCondition, link_conditions
 from consistent_id.constraints.priors import Prior
-from consistent_id.estimation.estimate import Certificate, Estimate
-from consistent_id.estimation.least_squares import residual_sigma, solve_linear
-from consistent_id.estimation.nearest import DISTANCE_GAP
-from consistent_id.estimation.settled import SLACK_GAP, Settled, settle
-from consistent_id.regression.base import (
-    BaseParameters,
-    base_parameters,
-    parameter_origins,
-)
-from consistent_id.regression.mass_matrix import (
-    POSES,
-    least_mass_eigenvalue,
-    random_poses,
-)
+from consistent_id.estimation.audit import FitProblem, audited
+from consistent_id.estimation.constrained_fit import constrained_fit
+from consistent_id.estimation.estimate import Estimate
+from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
 
@@ -49,9 +33,7 @@ DEFAULT_CONSTRAINTS: tuple[Constraint, ...] = (
     FixedMasses(),
     NonNegativeDrive(),
 )
-"""Every link a body, masses of the datasheet, friction that dissipates."""
-
-_SEED = 0  # of the poses at which mass matrices are examined
+"""Links physically consistent, masses of the datasheet, friction that dissipates."""
 
 
 @single_threaded
@@ -75,7 +57,7 @@ def constrained_least_squares(
         By default every link physically consistent, datasheet masses, and no negative
         friction or rotor inertia.
     prior : PointToSet or Penalty, optional
-        Settles what the data leave open; by default `PointToSet`.
+        Chooses among what fits alike; by default `PointToSet`.
     base : BaseParameters, optional
     method : str
 
@@ -96,92 +78,13 @@ def constrained_least_squares(
     """
     started = perf_counter()
     base = base_parameters(model) if base is None else base
-    settled = settle(model, regression, constraints, prior, base)
-    x = settled.parameters
-    links = link_conditions(model, x)
-    R, columns = regression.stacked(), list(base.independent)
-    return Estimate(
+    fitted = constrained_fit(model, regression, constraints, prior, base)
+    return audited(
+        FitProblem(model, regression, constraints, base),
+        fitted.best.scaled,
+        fitted.parameters,
+        fitted.proof,
         method=method,
-        model=model,
-        base=base,
-        parameters=x,
-        base_covariance=None,
-        origins=parameter_origins(
-            solve_linear(R[:, columns], R[:, -1]).row_space @ base.projection,
-            lowered(constraints, model).A_eq,
-            elsewhere="prior",
-        ),
-        undetermined=(),
-        sigma=residual_sigma(regression, x, len(base)),
-        certificate=_certificate(model, regression, constraints, links, settled),
-        notes=(
-            settled.words,
-            *(
-                f"{link.link} is at the edge: {link.edge}"
-                for link in links
-                if link.edge
-            ),
-        ),
-        seconds=perf_counter() - started,
+        note=fitted.note,
+        started=started,
     )
-
-
-def _certificate(
-    model: TorqueModel,
-    regression: Regression,
-    constraints: Sequence[Constraint],
-    links: tuple[LinkCondition, ...],
-    settled: Settled,
-) -> Certificate:
-    poses = random_poses(model, POSES, _SEED)
-    least = least_mass_eigenvalue(model, settled.parameters, poses)
-    violation = lowered(constraints, model).violation(settled.parameters)
-    figures = {
-        "violation in original units": violation,
-        **_gaps(settled),
-        f"least eigenvalue of M(q) over {POSES} poses": least,
-        **_by_joint_and_link(regression, links, settled),
-    }
-    bodies = any(isinstance(c, PhysicalConsistency) for c in constraints)
-    if bodies and least <= 0.0:
-        reason = (
-            f"{settled.proven}; but the mass matrix has an eigenvalue of {least:.3g}: "
-            "constrain rotor inertia with NonNegativeDrive"
-        )
-        return Certificate("uncertified", reason, figures)
-    if settled.certified:
-        return Certificate("certified", settled.proven, figures)
-    reason = (
-        f"{settled.proven} (allowed: {GAP_TOLERANCE:.0e} of the final estimate, "
-        f"{DISTANCE_GAP:.0e}, {SLACK_GAP:.0e} and {FEASIBILITY_TOLERANCE:.0e}); the "
-        "estimate is usable only as far as these figures say"
-    )
-    return Certificate("uncertified", reason, figures)
-
-
-def _gaps(settled: Settled) -> dict[str, float]:
-    fit, final = settled.best.optimality, settled.fit.optimality
-    return {
-        "fit: relative gap": fit.gap,
-        "fit: violation": fit.violation,
-        "prior: relative gap": final.gap,
-        "prior: relative gap of the squared distance": settled.share,
-        "prior: violation": final.violation,
-        "slack": settled.slack,
-        "slack: relative uncertainty": settled.unsure,
-        "weight of the prior": settled.fit.weight,
-    }
-
-
-def _by_joint_and_link(
-    regression: Regression, links: tuple[LinkCondition, ...], settled: Settled
-) -> dict[str, float]:
-    rms = regression.residual_rms(settled.parameters)
-    residuals = {
-        f"RMS residual of {joint}": float(value)
-        for joint, value in zip(regression.joints, rms, strict=True)
-    }
-    return residuals | {
-        f"least eigenvalue of J of {link.link}, per typical link": link.least_eigenvalue
-        for link in links
-    }

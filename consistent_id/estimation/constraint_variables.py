@@ -100,7 +100,7 @@ def _facts(constraint: Constraint, model: TorqueModel, unit: Vector) -> Iterator
 
 
 def _is_offset(row: Vector, link: int, entry: int) -> bool:
-    """Tell whether a row is ``h_axis - c m`` of a link."""
+    """Return whether a row is ``h_axis - c m`` of a link."""
     rest = np.delete(row, [10 * link, 10 * link + entry])
     return entry in (1, 2, 3) and not rest.any()
 

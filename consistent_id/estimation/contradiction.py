@@ -5,16 +5,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from consistent_id._support.arrays import Vector
 from consistent_id._support.threads import single_threaded
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.cones.certificate import (
     FEASIBILITY_TOLERANCE,
     solve_certified,
 )
-from consistent_id.constraints.cones.conflict import irreducible_conflict
+from consistent_id.constraints.cones.feasibility import irreducible_conflict
 from consistent_id.constraints.cones.least_norm import LeastNorm
-from consistent_id.constraints.distances import nominal_distance
 from consistent_id.errors import SolverError
 from consistent_id.estimation.scaled_fit import REFERENCE, ScaledFit, scaled_fit
 from consistent_id.regression.base import BaseParameters, base_parameters
@@ -107,8 +105,7 @@ def contradiction(
     if not members:
         return None
     to_rms = scaled.size / np.sqrt(sum(regression.counts))
-    centre = nominal_distance(model, "pullback", scaled.unit).nominal
-    found = [_without(scaled, m, centre, to_rms, model.layout.names) for m in members]
+    found = [_without(scaled, m, to_rms, model.layout.names) for m in members]
     return Contradiction(
         tuple(sorted(found, key=lambda r: np.nan_to_num(r.rms, nan=np.inf))),
         scaled.residual * float(to_rms),
@@ -118,14 +115,13 @@ def contradiction(
 def _without(
     scaled: ScaledFit,
     member: int,
-    centre: Vector,
     to_rms: float,
     names: tuple[str, ...],
 ) -> Resolution:
     label, fewer = scaled.domain.labels[member], scaled.domain.without(member)
     problem = LeastNorm(scaled.M, scaled.z, fewer)
     try:
-        u = solve_certified(problem, centre, reference=REFERENCE)[0].u
+        u = solve_certified(problem, scaled.centre, reference=REFERENCE)[0].u
         empty = fewer.violation(u) > FEASIBILITY_TOLERANCE
     except SolverError:
         empty = True

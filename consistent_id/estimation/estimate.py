@@ -1,4 +1,4 @@
-"""An estimate with its pedigree: how it came about and how far it can be trusted."""
+"""An estimate with its provenance: how it came about and how far it can be trusted."""
 
 import json
 from dataclasses import dataclass, field
@@ -55,11 +55,12 @@ class Estimate:
     base_covariance : array_like, shape (base, base), optional
         Of the base parameters, for white noise; None where it has no simple form.
     origins : tuple of str
-        What each parameter rests on: ``"data"``, ``"combination"`` (data fix only sums
-        it is part of), ``"constraint"``, ``"prior"``, or ``"convention"`` (the smallest
-        vector); see `parameter_origins`.
+        What determines each parameter: ``"data"``, ``"combination"`` (data fix only
+        sums it is part of), ``"constraint"``, ``"prior"``, or ``"convention"`` (the
+        smallest vector); see `parameter_origins`.
     undetermined : tuple of str
-        Combinations of base parameters that the data leave open, as readable sums.
+        Combinations of base parameters that are not identifiable from the data, as
+        readable sums.
     sigma : array_like, shape (torque joints,), [N m or N]
         Residual standard deviation of each joint whose torque is known.
     certificate : Certificate
@@ -150,7 +151,7 @@ class Estimate:
         """Return the verdict and the parameters, for people.
 
         Of what has standard errors the base parameters, which alone are determined by
-        the data; else the standard parameters, with what each rests on.
+        the data; else the standard parameters, with what determines each.
         """
         title = f"{self.method}: {self.certificate.verdict}"
         notes = (self.certificate.reason, *self.notes)
@@ -158,7 +159,7 @@ class Estimate:
         if errors is None:
             return Table(
                 title,
-                ("parameter", "value", "unit", "rests on"),
+                ("parameter", "value", "unit", "determined by"),
                 tuple(
                     (name, f"{value:.6g}", unit, origin)
                     for name, value, unit, origin in zip(
@@ -184,7 +185,10 @@ class Estimate:
                     strict=True,
                 )
             ),
-            (*notes, *(f"left open by the data: {text}" for text in self.undetermined)),
+            (
+                *notes,
+                *(f"not identifiable: {text}" for text in self.undetermined),
+            ),
         )
 
     def to_frame(self) -> "DataFrame":

@@ -109,7 +109,7 @@ def _start(rows: Currents, linear: Vector) -> Vector:
 
 
 def _told(fit: Fit) -> Matrix:
-    """Return a basis of the directions of log gains that the runs tell of."""
+    """Return a basis of the directions of log gains that are identifiable."""
     sizes = np.linalg.norm(fit.raw, axis=0)
     sizes = np.where(sizes > 0.0, sizes, 1.0)
     _, s, Vt = np.linalg.svd(fit.jacobian / sizes, full_matrices=False)

@@ -1,8 +1,8 @@
 """Drive gains, from motor currents and something of known size.
 
 The torque is ``tau_j = k_j i_j``, so that ``Y x - K i = 0`` holds for any multiple of
-parameters ``x`` and gains ``k``: the motion of a robot alone tells ratios.  A load of
-known mass fixes the scale [Gautier2014]_.
+parameters ``x`` and gains ``k``: from the motion of a robot alone, only ratios are
+identifiable.  A load of known mass fixes the scale [Gautier2014]_.
 
 Noise is on the current, and the gains multiply it.  Least squares on ``Y x - K i``
 therefore finds gains that are too small, the smaller the more noise: it is the start
@@ -43,7 +43,7 @@ from consistent_id.robot.model import Link
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DriveGains:
-    """Drive gains, and whether the runs tell them.
+    """Drive gains, and whether they are identifiable from the runs.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ class DriveGains:
     current_noise : array_like, shape (torque joints,), [A]
         Residual standard deviation of each joint.
     correlation : float
-        Samples that tell as much as one independent one would.
+        Samples that carry the information of one independent sample.
     accuracy : float
         Relative standard error that counts as identified.
     scale_open : bool
@@ -98,7 +98,7 @@ class DriveGains:
 
     @property
     def verdict(self) -> str:
-        """What the runs tell, and what is missing."""
+        """What is identifiable from the runs, and what is missing."""
         if self.scale_open:
             return (
                 "the absolute scale is open: gains and parameters may all be "

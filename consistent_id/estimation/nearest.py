@@ -25,7 +25,7 @@ class Nearest:
     Parameters
     ----------
     fit : PenalisedFit
-    share : float
+    distance_gap : float
         Bound on the relative excess of its squared distance (or of 0.01, where it is
         less) over the least within the slack; infinite if its misfit exceeds that.
     allowed : float
@@ -33,7 +33,7 @@ class Nearest:
     """
 
     fit: PenalisedFit
-    share: float
+    distance_gap: float
     allowed: float
 
 
@@ -71,9 +71,9 @@ def nearest_within(best: BestFit, distance: NominalDistance, slack: float) -> Ne
             share = short / max(found.squared_distance, _SMALL)
             now = Nearest(found, share, allowed)
             certified = found.optimality.verdict == "certified"
-            if kept is None or (certified and now.share < kept.share):
+            if kept is None or (certified and now.distance_gap < kept.distance_gap):
                 kept = now
-            if kept.share <= DISTANCE_GAP:
+            if kept.distance_gap <= DISTANCE_GAP:
                 break
         search = search.narrowed(excess / allowed)
     if kept is not None:

@@ -24,15 +24,17 @@ from consistent_id.estimation.constrained import (
     constrained_least_squares,
 )
 from consistent_id.estimation.estimate import Estimate
-from consistent_id.estimation.least_squares import joint_noise, least_squares
-from consistent_id.estimation.load.loaded_constraints import OfBareRobot, OfLoad
+from consistent_id.estimation.least_squares import least_squares
 from consistent_id.estimation.load.loaded_robot import (
     LoadedRobot,
+    OfBareRobot,
+    OfLoad,
     likely_body,
     loaded_robot,
 )
 from consistent_id.recordings.recording import Recording, several
 from consistent_id.regression.correlation import correlation_length
+from consistent_id.regression.noise import joint_noise
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.inertia import INERTIAL_NAMES, InertialParameters
@@ -48,14 +50,14 @@ class Payload:
     Parameters
     ----------
     body : InertialParameters
-        The constrained estimate: a body.
+        The constrained estimate: physically consistent.
     free : InertialParameters
         Least squares' estimate, which need not be one.
     standard_errors : array_like, shape (10,)
         Of `free`, for noise as correlated as the residuals are; infinite where the
         motion does not tell.
     correlation : float
-        Samples that tell as much as one independent one would.
+        Samples that carry the information of one independent sample.
     robot : LoadedRobot
     estimate, least_squares : Estimate
         Of robot and load together.
@@ -76,7 +78,7 @@ class Payload:
 
     @property
     def open(self) -> tuple[str, ...]:
-        """Names of the load's parameters that least squares leaves open."""
+        """Names of the load's parameters that are not identifiable."""
         return tuple(
             f"{self.robot.load}.{name}"
             for name, error in zip(INERTIAL_NAMES, self.standard_errors, strict=True)
@@ -124,10 +126,10 @@ def identify_payload(
     constraints : sequence of Constraint
         On the robot without its load.
     load_constraints : sequence of Constraint
-        On the load, by its name, besides its being a body and its datasheet.
+        On the load, by its name, besides physical consistency and its datasheet.
     prior : PointToSet or Penalty, optional
-        Settles what the data leave open.  Of a load without nominal parameters the
-        nominal is what least squares says, made a body.
+        Chooses among what fits alike.  Of a load without nominal parameters the
+        nominal is what least squares says, made consistent.
     weighted : bool
         Whether joints are weighted by their noise.
 
@@ -196,7 +198,7 @@ def _fitted(
 
 
 def _known_of(load: Link) -> list[Constraint]:
-    """Return what holds of a load: that it is a body, and its datasheet."""
+    """Return what holds of a load: consistency, and its datasheet."""
     sheet: Datasheet = load.datasheet
     known: list[Constraint] = [OfLoad(PhysicalConsistency(), load.name)]
     if sheet.mass is not None:
@@ -221,7 +223,7 @@ def _require_weight(free: InertialParameters, errors: Vector) -> None:
 
 
 def _standard_errors(robot: LoadedRobot, free: Estimate) -> Vector:
-    """Return those of the load's parameters, infinite where data do not tell."""
+    """Return those of the load's parameters, infinite where not identifiable."""
     errors = np.full(10, np.inf)
     found = free.standard_errors
     independent = list(robot.base.independent)

@@ -16,7 +16,7 @@ from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.constraints.cones.certificate import (
     Optimality,
     certify,
-    null_space,
+    equalities,
     unexplained,
 )
 from consistent_id.constraints.cones.least_norm import (
@@ -99,9 +99,8 @@ def penalised_fit(
     """
     centre = distance.nominal
     if isinstance(distance, QuadraticDistance):
-        solution, optimality = solved(
-            _stacked(fit, distance.local(centre), weight), centre, reach=reach
-        )
+        problem = _stacked(fit, distance.local(centre), weight)
+        solution, optimality = solved(problem, centre, reach=reach)
     else:
         solution = _newton(fit, distance, weight, centre if start is None else start)
         solution, optimality = _proven(fit, distance, weight, solution, reach)
@@ -192,7 +191,7 @@ def _proven(
     reach: float = 0.0,
 ) -> tuple[ConeSolution, Optimality]:
     """Certify; where the multipliers are too coarse for that, ask for finer ones."""
-    best = solution, _certified(fit, distance, weight, solution, reach)
+    best = solution, certify_penalised(fit, distance, weight, solution, reach)
     for tolerance in _FINE:
         u, optimality = best[0].u, best[1]
         if optimality.verdict == "certified" or not np.isfinite(distance.squared(u)):
@@ -202,26 +201,31 @@ def _proven(
             finer = solve_least_norm(problem, tolerance=tolerance, origin=u)
         except SolverError:
             continue
-        again = finer, _certified(fit, distance, weight, finer, reach)
+        again = finer, certify_penalised(fit, distance, weight, finer, reach)
         best = min(best, again, key=lambda pair: pair[1].gap)
     return best
 
 
-def _certified(
+def certify_penalised(
     fit: ScaledFit,
-    distance: EntropicDistance,
+    distance: NominalDistance,
     weight: float,
     solution: ConeSolution,
     reach: float = 0.0,
 ) -> Optimality:
-    """Certify with the gradient at the solution, and curvature that holds everywhere.
+    """Recompute feasibility and the gap of a solution.
 
-    Self-concordance: ``D(u + d) >= D(u) + grad D.d + w(t)``, ``w(t) = t - log(1 + t)``,
-    ``t`` the local length of ``d``.  As ``w(t) >= t^2 / 4`` up to 1 and has a slope of
-    1/2 or more beyond, half the local Hessian is a lower bound wherever it matters: as
+    Of the entropic distance, the gradient is that at the solution, and the curvature
+    holds everywhere.  Self-concordance: ``D(u + d) >= D(u) + grad D.d + w(t)``,
+    ``w(t) = t - log(1 + t)``, ``t`` the local length of ``d``.  As ``w(t) >= t^2 / 4``
+    up to 1 and has a slope of 1/2 or more beyond, half the local Hessian is a lower
+    bound wherever it matters: as
     long as the unexplained gradient is shorter than half the weight.
     """
-    u = solution.u
+    u, centre = solution.u, distance.nominal
+    if isinstance(distance, QuadraticDistance):
+        problem = _stacked(fit, distance.local(u), weight)
+        return certify(problem, solution, centre, reference=REFERENCE, reach=reach)
     squared = distance.squared(u)
     if not np.isfinite(squared):
         return Optimality(np.inf, np.inf, fit.domain.violation(u), np.inf)
@@ -233,7 +237,7 @@ def _certified(
         return certify(
             problem,
             solution,
-            distance.nominal,
+            centre,
             reference=REFERENCE,
             reach=reach,
             objective=objective,
@@ -241,7 +245,7 @@ def _certified(
         )
 
     rest, _ = unexplained(problem, u, solution.multipliers)
-    E = null_space(fit.domain.A_eq)
+    E = equalities(fit.domain).steps
     steep = np.linalg.lstsq((rows.G @ E).T, E.T @ rest, rcond=0.0)[0]
     if np.linalg.norm(steep) > weight / 2:
         return judged(fit.M)

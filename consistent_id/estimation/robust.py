@@ -10,9 +10,10 @@ from consistent_id._support.arrays import Array
 from consistent_id._support.threads import single_threaded
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.estimate import Certificate, Estimate
-from consistent_id.estimation.least_squares import joint_noise, least_squares
+from consistent_id.estimation.least_squares import least_squares
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import BaseParameters, base_parameters
+from consistent_id.regression.noise import joint_noise
 from consistent_id.regression.regression import build_regression
 from consistent_id.regression.regressor import TorqueModel
 

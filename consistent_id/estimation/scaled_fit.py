@@ -9,6 +9,7 @@ from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.constraints import Constraint, lowered
 from consistent_id.constraints.cones.least_norm import LeastNorm
 from consistent_id.constraints.cones.sets import ConicSet
+from consistent_id.constraints.distances import nominal_point
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.regression import Regression, require_match, triangle
 from consistent_id.regression.regressor import TorqueModel
@@ -32,8 +33,12 @@ class ScaledFit:
         Of the base regressor's factor, divided by `size`.
     residual : float
         What no parameters explain, divided by `size`.
+    constraints : ConicSet
+        In original units.
     domain : ConicSet
-        Normalised.
+        The same, normalised.
+    centre : ndarray, shape (parameters,)
+        The nominal robot.
     unit : ndarray, shape (parameters,)
     projection : ndarray, shape (base, parameters)
         Base parameters of ``u``.
@@ -44,7 +49,9 @@ class ScaledFit:
     M: Matrix
     z: Vector
     residual: float
+    constraints: ConicSet
     domain: ConicSet
+    centre: Vector
     unit: Vector
     projection: Matrix
     size: float
@@ -105,12 +112,14 @@ def scaled_fit(
     norms = np.linalg.norm(R[:, model.layout.inertial_size : -1], axis=0)
     drive = torque / np.where(norms > 0.0, norms, np.inf)
     unit = np.concatenate([inertial, np.where(drive > 0.0, drive, 1.0)])
-    empty = np.zeros(0)
+    possible = lowered(constraints, model)
     blank = ScaledFit(
         M=np.zeros((0, len(unit))),
-        z=empty,
+        z=np.zeros(0),
         residual=0.0,
-        domain=lowered(constraints, model).normalised(unit),
+        constraints=possible,
+        domain=possible.normalised(unit),
+        centre=nominal_point(model, unit),
         unit=unit,
         projection=base.projection * unit,
         size=max(residual, EXACT_FIT * torque, 1e-300),

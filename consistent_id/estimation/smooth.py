@@ -1,8 +1,9 @@
-"""The best fit among bodies once more, by a smooth search without a cone programme.
+"""The best consistent fit once more, by a smooth search without a cone programme.
 
-Links are bodies by construction [Rucker2022]_: what is estimated are log-Cholesky
-variables.  The search shares no solver, cone or base parameter with the semidefinite
-programme, so that each checks the other; nor does it need a model to be linear.
+Links are physically consistent by construction [Rucker2022]_: what is estimated are
+log-Cholesky variables.  The search shares no solver, cone or base parameter with the
+semidefinite programme, so that each checks the other; nor does it need a model to be
+linear.
 
 The point found is judged by the same certificate.  Its multipliers are read off the
 gradient: where ``<Z_k, J_k(x)>`` has the gradient's entries of link ``k``, optimality
@@ -25,12 +26,10 @@ from consistent_id.constraints.cones.certificate import (
 )
 from consistent_id.constraints.cones.least_norm import ConeSolution, LeastNorm
 from consistent_id.constraints.cones.programmes import Multipliers
-from consistent_id.constraints.distances import nominal_distance
 from consistent_id.estimation.body_variables import BodyVariables
 from consistent_id.estimation.constrained import DEFAULT_CONSTRAINTS
 from consistent_id.estimation.constraint_variables import body_variables
 from consistent_id.estimation.estimate import Certificate, Estimate
-from consistent_id.estimation.least_squares import residual_sigma, solve_linear
 from consistent_id.estimation.scaled_fit import REFERENCE, ScaledFit, scaled_fit
 from consistent_id.estimation.smooth_fit import SmoothFit, smooth_fit
 from consistent_id.regression.base import (
@@ -39,6 +38,8 @@ from consistent_id.regression.base import (
     linear_combination,
     parameter_origins,
 )
+from consistent_id.regression.linear import solve_linear
+from consistent_id.regression.noise import residual_sigma
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.inertia import PSEUDO_INERTIA_BASIS, pseudo_inertia
@@ -75,7 +76,7 @@ def smooth_least_squares(
     -------
     Estimate
         Certified if no other parameters fit better, which is proven afterwards; what
-        the data leave open is near the start, but not the nearest: see
+        is not identifiable is near the start, but not the nearest: see
         `constrained_least_squares` for that.
 
     Raises
@@ -117,7 +118,7 @@ def smooth_least_squares(
         ),
         sigma=residual_sigma(regression, x, len(base)),
         certificate=_certificate(fit, _proof(model, scaled, variables, fit.u)),
-        notes=("what the data leave open is near the start of the search",),
+        notes=("what the data do not determine is near the start of the search",),
         seconds=perf_counter() - started,
     )
 
@@ -134,7 +135,7 @@ def _proof(
 ) -> Optimality:
     """Certify a point as the cone programme's is, with multipliers of its own."""
     problem = scaled.problem
-    centre = nominal_distance(model, "pullback", scaled.unit).nominal
+    centre = scaled.centre
     solution = ConeSolution(u, _multipliers(problem, variables, u), "smooth", 0.0, 0.0)
     return certify(problem, solution, centre, reference=REFERENCE)
 

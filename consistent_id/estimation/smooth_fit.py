@@ -156,6 +156,6 @@ def _step(problem: _Pulled, v: Vector, value: float, damping: float) -> _Trial |
 
 
 def _held(bounds: BodyVariables, v: Vector, gradient: Vector) -> BoolArray:
-    """Tell which variables are at a bound and would go beyond."""
+    """Return which variables are at a bound and would go beyond."""
     below = (v <= bounds.lower) & (gradient > 0.0)
     return np.asarray(below | ((v >= bounds.upper) & (gradient < 0.0)))

@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from consistent_id.errors import InfeasibleError, ProblemError
-from consistent_id.estimation.least_squares import joint_noise
 from consistent_id.excitation.aims import Aim
 from consistent_id.excitation.design import design_trajectory
 from consistent_id.excitation.designed import ExcitationDesign
@@ -15,6 +14,7 @@ from consistent_id.motion.move import Move
 from consistent_id.motion.move_along import move_along
 from consistent_id.problems.problem import Problem
 from consistent_id.recordings.trajectory import FourierTrajectory
+from consistent_id.regression.noise import joint_noise
 from consistent_id.regression.regression import build_regression
 
 TRAINING, VALIDATION = "trajectory", "validation"

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector
-from consistent_id.comparison.base_bodies import BaseFeasibility, base_feasibility
+from consistent_id.comparison.base_feasibility import BaseFeasibility, base_feasibility
 from consistent_id.constraints import (
     Constraint,
     FixedCentresOfMass,
@@ -18,12 +18,12 @@ from consistent_id.constraints.priors import PointToSet
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.constrained import constrained_least_squares
 from consistent_id.estimation.estimate import Estimate
-from consistent_id.estimation.least_squares import solve_linear
 from consistent_id.problems.file import PublishedTable
 from consistent_id.problems.parametrisation import Combination, Parametrisation
 from consistent_id.problems.problem import Problem
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import base_parameters, linear_combination
+from consistent_id.regression.linear import solve_linear
 from consistent_id.regression.regression import build_regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.simulation import simulate_torque

@@ -6,11 +6,7 @@ import numpy as np
 
 from consistent_id.constraints import FixedCentresOfMass, FixedMasses, lowered
 from consistent_id.estimation.estimate import Estimate
-from consistent_id.estimation.least_squares import (
-    residual_sigma,
-    solve_linear,
-    stationarity_certificate,
-)
+from consistent_id.estimation.least_squares import stationarity_certificate
 from consistent_id.problems.parametrisation import Combination, Parametrisation
 from consistent_id.problems.problem import Problem
 from consistent_id.problems.published import parametrisation_of, published_table
@@ -22,6 +18,8 @@ from consistent_id.regression.base import (
     parameter_origins,
 )
 from consistent_id.regression.drive.drive_terms import DriveTerms
+from consistent_id.regression.linear import solve_linear
+from consistent_id.regression.noise import residual_sigma
 from consistent_id.regression.regression import build_regression
 from consistent_id.regression.regressor import TorqueModel
 

@@ -18,9 +18,7 @@ from consistent_id.estimation.cross_validation import (
 )
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.least_squares import (
-    joint_noise,
     least_squares,
-    solve_linear,
     weighted_least_squares,
 )
 from consistent_id.estimation.robust import huber
@@ -35,6 +33,8 @@ from consistent_id.regression.base import (
     condition_number,
     linear_combination,
 )
+from consistent_id.regression.linear import solve_linear
+from consistent_id.regression.noise import joint_noise
 from consistent_id.regression.regression import Regression, build_regression
 from consistent_id.regression.segments import segment_regressions
 from consistent_id.regression.simulation import simulate_torque

@@ -1,14 +1,27 @@
-"""The joint-space mass matrix, as an estimate has it, over random poses."""
+"""The joint-space mass matrix over many poses, by composite bodies [Featherstone2008]_.
+
+All in the base frame.  A unit rate of joint ``j`` moves the links behind it, taken as
+one body of mass ``m``, first moment ``h`` and second moment ``Sigma``, with the twist
+``(e, v)``.  That body's momentum is ``f = m v + e x h`` and
+``n = tr(Sigma) e - Sigma e + h x v``, and for ``i`` on the way from the base to ``j``
+``M_ij = e_i.n_j + v_i.f_j``.
+"""
 
 from dataclasses import replace
 
 import numpy as np
 
-from consistent_id._support.arrays import Array, Vector
-from consistent_id.regression.regressor import TorqueModel
+from consistent_id._support.arrays import Array, BoolArray, Matrix, Vector
+from consistent_id.regression.regressor import CHUNK, TorqueModel
+from consistent_id.robot.inertia import pseudo_inertia
+from consistent_id.robot.kinematics import ancestors
+from consistent_id.robot.model import Joint, RobotModel
 
 POSES = 10_000
 """Random poses at which mass matrices are examined."""
+
+_PIVOT = 1e-100  # below, a division may overflow
+_FIRST = 64  # poses from whose least eigenvalue the search for a smaller one starts
 
 
 def random_poses(model: TorqueModel, count: int, seed: int) -> Array:
@@ -27,21 +40,115 @@ def random_poses(model: TorqueModel, count: int, seed: int) -> Array:
 def mass_matrices(model: TorqueModel, parameters: Vector, q: Array) -> Array:
     """Return mass matrices, shape (poses, joints, joints), [kg m^2 or kg].
 
-    Column ``j`` is what a unit acceleration of joint ``j`` adds to the torque at rest;
-    rotor inertia and couplings are part of it.
+    Symmetric; rotor inertia and couplings are part of them.
     """
-    robot = replace(model.robot, gravity=np.zeros(3))
-    still = replace(model, robot=robot, torque_joints=())
-    rest = np.zeros_like(q)
-    at_rest = still.predict(parameters, q, rest, rest)
-    columns = [
-        still.predict(parameters, q, rest, np.tile(unit, (len(q), 1))) - at_rest
-        for unit in np.eye(len(model.robot))
-    ]
-    return np.stack(columns, axis=2)
+    n = len(model.robot)
+    M = np.zeros((n, n, len(q)))
+    links = parameters[: model.layout.inertial_size].reshape(-1, 10)
+    for start in range(0, len(q), CHUNK):
+        part = slice(start, start + CHUNK)
+        _add_links(M[:, :, part], model.robot, links, np.ascontiguousarray(q[part].T))
+    M += _of_drives(model, parameters)[:, :, None]
+    return np.moveaxis(M, 2, 0)
 
 
 def least_mass_eigenvalue(model: TorqueModel, parameters: Vector, q: Array) -> float:
-    """Return the smallest eigenvalue of the mass matrix over poses."""
+    """Return the smallest eigenvalue of the mass matrix over poses.
+
+    Eigenvalues are computed where ``M - least 1`` is not positive definite, with the
+    least eigenvalue of some of the poses: elsewhere all are larger.
+    """
     M = mass_matrices(model, parameters, q)
-    return float(np.linalg.eigvalsh((M + M.transpose(0, 2, 1)) / 2).min())
+    least = float(np.linalg.eigvalsh(M[:_FIRST]).min())
+    lower = M[~_positive_definite(M - least * np.eye(M.shape[1]))]
+    return min(least, float(np.linalg.eigvalsh(lower).min(initial=np.inf)))
+
+
+def _positive_definite(M: Array) -> BoolArray:
+    """Return which symmetric matrices have positive pivots alone, shape (poses,)."""
+    A = np.ascontiguousarray(np.moveaxis(M, 0, 2))
+    positive = np.ones(A.shape[2], dtype=bool)
+    for k in range(len(A)):
+        positive &= A[k, k] > _PIVOT
+        row = np.where(positive, A[k, k + 1 :], 0.0) / np.where(positive, A[k, k], 1.0)
+        for i in range(k + 1, len(A)):
+            A[i, i:] -= row[i - k - 1] * A[k, i:]
+    return np.asarray(positive)
+
+
+def _of_drives(model: TorqueModel, parameters: Vector) -> Matrix:
+    """Return what accelerations ask of the drives, the same at every pose."""
+    n = len(model.robot)
+    drives = parameters.copy()
+    drives[: model.layout.inertial_size] = 0.0
+    rest, unit = np.zeros((n + 1, n)), np.eye(n + 1, n)
+    every_joint = replace(model, torque_joints=())
+    torque = every_joint.predict(drives, rest, rest, unit)
+    return np.asarray((torque[:n] - torque[n]).T)
+
+
+def _add_links(M: Array, robot: RobotModel, links: Array, q: Array) -> None:
+    """Add the links' part to matrices of shape (joints, joints, poses)."""
+    masses = links[:, 0].tolist()
+    poses: list[Array] = []
+    twists: list[Array] = []
+    moments: list[Array] = []
+    for joint, x, position in zip(robot.joints, links, q, strict=True):
+        pose = _relative_pose(joint, position)
+        if joint.parent >= 0:
+            R, p = poses[joint.parent][:, :3], poses[joint.parent][:, 3]
+            pose = np.einsum("abn,bcn->acn", R, pose)
+            pose[:, 3] += p
+        poses.append(pose)
+        moments.append(_moments(x, pose))
+        twists.append(_twist(joint, pose))
+    for j in reversed(range(len(robot))):
+        momentum = _momentum(masses[j], moments[j], twists[j])
+        path = list(ancestors(robot, j))
+        M[path, j] = M[j, path] = np.einsum(
+            "ian,an->in", [twists[i] for i in path], momentum
+        )
+        parent = robot.joints[j].parent
+        if parent >= 0:
+            masses[parent] += masses[j]
+            moments[parent] += moments[j]
+
+
+def _relative_pose(joint: Joint, q: Array) -> Array:
+    """Return rotation and translation ``[R p]`` to the parent, shape (3, 4, poses)."""
+    pose = np.empty((3, 4, len(q)))
+    if joint.kind == "prismatic":
+        pose[:, :3] = joint.rotation[:, :, None]
+        pose[:, 3] = joint.translation[:, None] + np.outer(
+            joint.rotation @ joint.axis, q
+        )
+        return pose
+    K = np.cross(np.eye(3), joint.axis)  # ``K u = axis x u``, of Rodrigues' formula
+    parts = [joint.rotation @ part for part in (np.eye(3) + K @ K, K, -K @ K)]
+    waves = [np.ones(len(q)), np.sin(q), np.cos(q)]
+    pose[:, :3] = np.stack(parts, axis=2) @ np.array(waves)
+    pose[:, 3] = joint.translation[:, None]
+    return pose
+
+
+def _moments(x: Vector, pose: Array) -> Array:
+    """Return a link's second and first moments ``[Sigma h]``, shape (3, 4, poses)."""
+    half = pseudo_inertia(x) @ pose
+    second = np.einsum("acn,dcn->adn", half, pose)
+    return np.concatenate([second, half[:, 3:]], axis=1)
+
+
+def _twist(joint: Joint, pose: Array) -> Array:
+    """Return ``(e, v)`` of a unit rate, shape (6, poses)."""
+    axis = np.einsum("abn,b->an", pose[:, :3], joint.axis)
+    if joint.kind == "prismatic":
+        return np.concatenate([np.zeros_like(axis), axis])
+    return np.concatenate([axis, np.cross(pose[:, 3], axis, axis=0)])
+
+
+def _momentum(m: float, moments: Array, twist: Array) -> Array:
+    """Return ``(n, f)``, shape (6, poses)."""
+    S, h, e, v = moments[:, :3], moments[:, 3], twist[:3], twist[3:]
+    n = np.einsum("aan->n", S) * e - np.einsum("abn,bn->an", S, e)
+    n += np.cross(h, v, axis=0)
+    return np.concatenate([n, m * v + np.cross(e, h, axis=0)])

@@ -6,7 +6,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Array
 from consistent_id._support.tables import Table
-from consistent_id.comparison.base_bodies import in_words
+from consistent_id.comparison.base_feasibility import in_words
 from consistent_id.problems.published import PublishedReport
 
 
@@ -82,7 +82,7 @@ def _vector_tables(report: PublishedReport, table: Any) -> list[Table]:
             (
                 v.name,
                 v.feasibility.answer,
-                f"{v.feasibility.proof.depth:.4f}",
+                f"{v.feasibility.proof.margin:.4f}",
                 f"{v.feasibility.proof.bound:.4f}",
                 v.nearest.certificate.verdict,
             )

@@ -71,7 +71,7 @@ def _report_record(report: EstimateReport) -> dict[str, Any]:
         "base_feasibility": {
             "answer": report.base_feasibility.answer,
             "summary": report.base_feasibility.summary,
-            "depth": _number(report.base_feasibility.proof.depth),
+            "depth": _number(report.base_feasibility.proof.margin),
             "bound": _number(report.base_feasibility.proof.bound),
             "nearest_torque_change": _to_nearest(report),
         },
@@ -124,7 +124,7 @@ def _published_record(report: PublishedReport) -> dict[str, Any]:
                 "name": v.name,
                 "answer": v.feasibility.answer,
                 "summary": v.feasibility.summary,
-                "depth": _number(v.feasibility.proof.depth),
+                "depth": _number(v.feasibility.proof.margin),
                 "bound": _number(v.feasibility.proof.bound),
                 "nearest": v.nearest.to_dict(),
                 "torque_change": v.torque_change.tolist(),

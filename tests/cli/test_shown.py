@@ -67,7 +67,7 @@ def test_an_estimate_says_its_verdict_first(found):
     assert str(bodily).startswith("constrained: certified\n")
     assert read(bodily._repr_html_())[0] == "constrained: certified"
     assert "standard error" in str(plain)
-    assert "rests on" in str(bodily)
+    assert "determined by" in str(bodily)
 
 
 def test_a_comparison_says_verdicts_and_held_out_errors(found):
@@ -148,5 +148,6 @@ def test_what_is_missing_is_said_with_how_to_install_it(found, library, monkeypa
     log, *_ = found
     monkeypatch.setitem(sys.modules, library, None)
     convert = {"pandas": log.to_frame, "xarray": log.to_xarray}[library]
-    with pytest.raises(ProblemError, match=rf"{library}; install it .*pip install .*\[frames\]"):
+    install = rf"{library}; install it .*pip install .*\[frames\]"
+    with pytest.raises(ProblemError, match=install):
         convert()

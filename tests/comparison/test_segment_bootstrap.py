@@ -22,7 +22,7 @@ from consistent_id.comparison.sensitivity import (
 )
 from consistent_id.constraints.priors import Penalty
 from consistent_id.estimation.constrained import DEFAULT_CONSTRAINTS
-from consistent_id.estimation.settled import settle
+from consistent_id.estimation.constrained_fit import constrained_fit
 from consistent_id.regression.base import base_parameters
 from consistent_id.regression.segments import merged, segment_regressions
 
@@ -90,15 +90,15 @@ def test_its_scatter_is_the_covariance_from_segments_and_that_of_white_noise():
     model, segments, sigma = simulated(2, count=80, noise=0.02)
     found = bootstrap(model, segments, prior=PRIOR, replicates=300)
     base, whole = base_parameters(model), merged(segments)
-    settled = settle(model, whole, DEFAULT_CONSTRAINTS, PRIOR, base)
+    fitted = constrained_fit(model, whole, DEFAULT_CONSTRAINTS, PRIOR, base)
     predicted = [
-        np.sqrt(np.diag(covariance(settled, scores)))
+        np.sqrt(np.diag(covariance(fitted, scores)))
         for scores in (
-            segment_scores(settled, segments, base),
-            white_scores(settled, whole, base, sigma),
+            segment_scores(fitted, segments, base),
+            white_scores(fitted, whole, base, sigma),
         )
     ]
-    moves = predicted[1] > 1e-4 * settled.best.scaled.unit
+    moves = predicted[1] > 1e-4 * fitted.best.scaled.unit
     assert moves.sum() >= 12
     # Standard deviations are good to 4 % (300 replicates), and 8 % (80 segments).
     got = found.standard_deviation[moves]

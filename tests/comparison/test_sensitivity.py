@@ -24,33 +24,33 @@ from consistent_id.comparison.sensitivity import (
     white_scores,
 )
 from consistent_id.constraints.cones.least_norm import LeastNorm, solve_least_norm
-from consistent_id.constraints.cones.programmes import smat, svec
+from consistent_id.constraints.cones.matrices import smat, svec
 from consistent_id.constraints.cones.sets import ConicSet, SemidefiniteBlock
 from consistent_id.constraints.distances import QuadraticDistance
 from consistent_id.constraints.priors import Penalty
 from consistent_id.estimation.constrained import DEFAULT_CONSTRAINTS
+from consistent_id.estimation.constrained_fit import constrained_fit
 from consistent_id.estimation.penalised import penalised_fit
 from consistent_id.estimation.scaled_fit import base_factor
-from consistent_id.estimation.settled import settle
 from consistent_id.regression.base import base_parameters
 from consistent_id.regression.segments import segment_regressions
 
 
 def prepared(seed, noise, prior, constraints=DEFAULT_CONSTRAINTS, **options):
-    """A settled estimate of simulated data, noise relative to the torque."""
+    """A fitted estimate of simulated data, noise relative to the torque."""
     model, truth, exact = experiment(seed, **options)
     sigma = noise * exact.torque.std(axis=0)
     rng = np.random.default_rng(seed)
     log = simulate_torque(model, truth, exact, noise=sigma, rng=rng)
     regression = build_regression(model, log).weighted(sigma)
     base = base_parameters(model)
-    settled = settle(model, regression, constraints, prior, base)
+    fitted = constrained_fit(model, regression, constraints, prior, base)
     return SimpleNamespace(**locals())
 
 
 def white_covariance(p):
-    scores = white_scores(p.settled, p.regression, p.base, p.sigma)
-    return covariance(p.settled, scores)
+    scores = white_scores(p.fitted, p.regression, p.base, p.sigma)
+    return covariance(p.fitted, scores)
 
 
 @pytest.mark.parametrize("eigenvalues", [(3, 2, 1, 1), (3, 2, 1, -1), (3, 1, -1, -2)])
@@ -64,12 +64,12 @@ def test_the_nearest_semidefinite_matrix_follows_by_its_known_derivative(eigenva
     block = SemidefiniteBlock("X", basis, np.zeros((4, 4)), np.ones(4))
     domain = ConicSet.semidefinite([block], 10)
     solution = solve_least_norm(LeastNorm(np.eye(10), svec(A), domain))
-    settled = SimpleNamespace(
+    fitted = SimpleNamespace(
         best=SimpleNamespace(scaled=SimpleNamespace(M=np.eye(10), domain=domain)),
-        distance=QuadraticDistance(np.eye(10), np.zeros(10)),
-        fit=SimpleNamespace(solution=solution, weight=0.0),
+        distance=QuadraticDistance(np.eye(10), np.zeros(10), np.zeros(10)),
+        final=SimpleNamespace(solution=solution, weight=0.0),
     )
-    B = _response_root(settled)
+    B = _response_root(fitted)
     upper = np.maximum(values, 0.0)
     gaps = np.subtract.outer(values, values)
     same = abs(gaps) < 1e-12
@@ -87,7 +87,7 @@ def test_the_response_is_the_derivative_of_the_optimum_on_active_constraints(
     # A wide margin makes blocks active, which the entropic distance else prevents.
     thick = (PhysicalConsistency(margin=0.1), FixedMasses(), NonNegativeDrive())
     p = prepared(seed, 0.3, Penalty(0.1, distance), thick, joints=3, samples=60)
-    scaled, fit, u = p.settled.best.scaled, p.settled.fit, p.settled.fit.solution.u
+    scaled, fit, u = p.fitted.best.scaled, p.fitted.final, p.fitted.final.solution.u
     domain = scaled.domain
     blocks = [np.linalg.eigvalsh(block.value(u))[0] for block in domain.blocks]
     assert min(blocks) <= _ACTIVE
@@ -95,11 +95,11 @@ def test_the_response_is_the_derivative_of_the_optimum_on_active_constraints(
     dz = p.rng.normal(size=len(scaled.z))
     dz *= 1e-2 / np.linalg.norm(dz)
     ahead, behind = (
-        penalised_fit(replace(scaled, z=z), p.settled.distance, fit.weight, start=u)
+        penalised_fit(replace(scaled, z=z), p.fitted.distance, fit.weight, start=u)
         for z in (scaled.z + dz, scaled.z - dz)
     )
     expected = (ahead.solution.u - behind.solution.u) / 2
-    B = _response_root(p.settled)
+    B = _response_root(p.fitted)
     got = B @ (B.T @ (scaled.M.T @ dz))
     # Solutions are good to 1e-5 of typical parameters, steps are some 1e-2.
     assert np.linalg.norm(got - expected) <= 5e-3 * np.linalg.norm(expected)
@@ -119,9 +119,9 @@ def test_without_active_constraints_it_is_the_covariance_of_least_squares():
 def test_however_faint_the_prior_what_it_settles_follows_what_the_data_do(weight):
     # Along what torque cannot tell, the distance's gradient is zero for any data.
     p = prepared(3, 0.01, Penalty(weight), (), joints=3, drive=DriveTerms())
-    scaled = p.settled.best.scaled
+    scaled = p.fitted.best.scaled
     unseen = np.linalg.svd(scaled.projection)[2][len(p.base) :]
-    G = p.settled.distance.local(p.settled.fit.solution.u).G / scaled.unit
+    G = p.fitted.distance.local(p.fitted.final.solution.u).G / scaled.unit
     C = white_covariance(p)
     gradient = unseen @ (G * scaled.unit).T @ G
     assert abs(gradient @ C @ gradient.T).max() <= 1e-9 * abs(G @ C @ G.T).max()
@@ -139,12 +139,14 @@ def test_the_covariance_is_that_of_estimates_under_white_noise():
         log = simulate_torque(model, truth, exact, noise=noise, rng=rng)
         return build_regression(model, log).weighted(sigma)
 
-    settled = settle(model, drawn(sigma), DEFAULT_CONSTRAINTS, Penalty(0.1), base)
+    fitted = constrained_fit(
+        model, drawn(sigma), DEFAULT_CONSTRAINTS, Penalty(0.1), base
+    )
 
     def estimate(noise):
-        scaled = settled.best.scaled.with_factor(base_factor(drawn(noise), base))
-        fit = penalised_fit(scaled, settled.distance, settled.fit.weight)
-        return replace(settled, fit=fit, best=replace(settled.best, scaled=scaled))
+        scaled = fitted.best.scaled.with_factor(base_factor(drawn(noise), base))
+        fit = penalised_fit(scaled, fitted.distance, fitted.final.weight)
+        return replace(fitted, final=fit, best=replace(fitted.best, scaled=scaled))
 
     true = estimate(0.0 * sigma)
     scores = white_scores(true, drawn(sigma), base, sigma)
@@ -167,17 +169,36 @@ def test_scores_of_segments_scatter_like_white_noise_if_that_is_what_it_is():
     p = prepared(7, 0.1, Penalty(0.1), joints=2, samples=2000)
     segments = segment_regressions(p.model, p.log, count=100)
     weighted = [segment.weighted(p.sigma) for segment in segments]
-    scatter = covariance(p.settled, segment_scores(p.settled, weighted, p.base))
+    scatter = covariance(p.fitted, segment_scores(p.fitted, weighted, p.base))
     white = white_covariance(p)
     ratio = np.sqrt(np.diag(scatter) / np.where(np.diag(white) > 0, np.diag(white), 1))
-    moves = np.sqrt(np.diag(white)) > 1e-6 * p.settled.best.scaled.unit
+    moves = np.sqrt(np.diag(white)) > 1e-6 * p.fitted.best.scaled.unit
     # Standard deviations from 100 segments are good to 7 %.
     assert ratio[moves] == pytest.approx(1.0, abs=0.3)
 
 
 def test_equal_segments_do_not_scatter_and_one_is_too_few():
     p = prepared(8, 0.1, Penalty(0.1), joints=2)
-    scores = segment_scores(p.settled, [p.regression] * 3, p.base)
+    scores = segment_scores(p.fitted, [p.regression] * 3, p.base)
     assert scores == pytest.approx(0.0, abs=1e-12)
     with pytest.raises(ProblemError, match="1 segments"):
-        segment_scores(p.settled, [p.regression], p.base)
+        segment_scores(p.fitted, [p.regression], p.base)
+
+
+def test_scores_of_segments_are_their_gradients_about_the_mean_with_a_degree_lost():
+    p = prepared(9, 0.1, Penalty(0.1), joints=2)
+    segments = [
+        segment.weighted(p.sigma)
+        for segment in segment_regressions(p.model, p.log, count=3)
+    ]
+    scaled, x = p.fitted.best.scaled, p.fitted.parameters
+    gradients = []
+    for segment in segments:
+        R = segment.stacked()
+        slope = R[:, :-1].T @ (R[:, :-1] @ x - R[:, -1])
+        gradients.append(slope * scaled.unit / scaled.size**2)
+    scores = segment_scores(p.fitted, segments, p.base)
+    # The covariance of a sum of three draws, from their own unbiased variance.
+    expected = 3.0 * np.cov(np.transpose(gradients), ddof=1)
+    size = abs(expected).max()
+    assert np.allclose(scores.T @ scores, expected, rtol=0, atol=1e-8 * size)

@@ -132,7 +132,7 @@ def test_an_empty_set_is_proven_empty_and_a_full_one_is_not():
     empty = ConicSet.semidefinite([block], 1) & low
     assert find_interior(empty).proves_empty
     # x >= 1 + t and x <= 0.5 - t meet at t = -0.25.
-    assert find_interior(empty).depth == pytest.approx(-0.25, abs=1e-5)
+    assert find_interior(empty).margin == pytest.approx(-0.25, abs=1e-5)
     high = ConicSet.at_most(np.array([[1.0]]), np.array([2.0]), ["x <= 2"])
     assert not find_interior(ConicSet.semidefinite([block], 1) & high).proves_empty
 

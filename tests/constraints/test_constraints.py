@@ -17,6 +17,7 @@ from consistent_id import (
     GearCoupling,
     InertialParameters,
     LinearRelation,
+    MassBounds,
     NonNegativeDrive,
     ParameterBounds,
     PhysicalConsistency,
@@ -337,3 +338,34 @@ def test_a_wrong_name_in_a_problem_files_constraints_is_found_at_once(tmp_path):
     )
     with pytest.raises(ProblemError, match=r"link1\.mass"):
         load_problem(tmp_path)
+
+
+@pytest.mark.parametrize("value", [0.4, 0.5, 1.0, 2.0, 2.1])
+def test_a_linear_relation_holds_between_its_bounds_and_nowhere_else(value):
+    relation = LinearRelation({f"{LINK}.m": 2.0, f"{LINK}.hx": -1.0}, 0.5, 2.0)
+    x = np.zeros(len(MODEL.layout))
+    x[MODEL.layout.index(f"{LINK}.m")] = 1.0
+    x[MODEL.layout.index(f"{LINK}.hx")] = 2.0 - value
+    missed = max(0.5 - value, value - 2.0, 0.0)
+    assert relation.lower(MODEL).violation(x) == pytest.approx(missed, abs=1e-15)
+
+
+@pytest.mark.parametrize(("low", "high"), [(0.5, np.inf), (-np.inf, 0.5)])
+def test_a_linear_relation_with_one_bound_has_one_row_of_the_right_sign(low, high):
+    domain = LinearRelation({f"{LINK}.m": 1.0}, low, high).lower(MODEL)
+    x = np.zeros(len(MODEL.layout))
+    for mass in (0.2, 0.9):
+        x[MODEL.layout.index(f"{LINK}.m")] = mass
+        inside = low <= mass <= high
+        assert (domain.violation(x) == 0.0) is inside
+    assert len(domain.b_in) == 1
+
+
+def test_mass_bounds_that_are_equal_fix_the_mass():
+    domain = MassBounds({LINK: (2.0, 2.0)}).lower(MODEL)
+    low, high = domain.box
+    place = MODEL.layout.index(f"{LINK}.m")
+    assert low[place] == high[place] == 2.0
+    x = np.zeros(len(MODEL.layout))
+    x[place] = 2.0
+    assert domain.violation(x) == 0.0

@@ -22,7 +22,7 @@ from consistent_id import (
     shadow_prices,
 )
 from consistent_id.constraints import lowered
-from consistent_id.constraints.cones.conflict import irreducible_conflict
+from consistent_id.constraints.cones.feasibility import irreducible_conflict
 from consistent_id.constraints.cones.sets import ConicSet
 from consistent_id.estimation.best_fit import best_fit
 
@@ -51,7 +51,7 @@ def test_members_are_counted_through_equalities_rows_and_blocks():
     assert domain.labels == (
         "link1.m = 2 kg",
         "joint1.viscous >= 0",
-        "link 'link1' as a body",
+        "physical consistency of link 'link1'",
     )
     assert domain.only([2]).labels == domain.labels[2:]
     assert domain.without(0).labels == domain.labels[1:]

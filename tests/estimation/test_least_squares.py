@@ -22,7 +22,7 @@ from consistent_id import (
     simulate_torque,
     weighted_least_squares,
 )
-from consistent_id.estimation.least_squares import solve_linear
+from consistent_id.regression.linear import solve_linear
 
 
 def _experiment(seed, joints=3, samples=2000, noise=0.0, drive=None):

@@ -19,8 +19,10 @@ from consistent_id import (
 )
 from consistent_id.constraints import lowered
 from consistent_id.constraints.cones.certificate import certify, solve_certified
-from consistent_id.constraints.cones.conflict import irreducible_conflict
-from consistent_id.constraints.cones.feasibility import find_interior
+from consistent_id.constraints.cones.feasibility import (
+    find_interior,
+    irreducible_conflict,
+)
 from consistent_id.constraints.cones.least_norm import ConeSolution, LeastNorm
 from consistent_id.constraints.cones.programmes import Multipliers
 from consistent_id.constraints.cones.sets import ConicSet
@@ -96,13 +98,13 @@ def test_no_robot_within_the_slack_is_nearer(seed):
     least = best.scaled.excess(best.solution.u)
     allowed = ((1 + slack) ** 2 - 1) * max(least + best.scaled.residual**2, 1.0)
     assert near.fit.excess - least <= allowed
-    assert near.share <= 0.01
+    assert near.distance_gap <= 0.01
     # Any weight whose point is within the slack is no nearer than what is proven.
     for weight in near.fit.weight * np.array([0.5, 0.9, 1.001, 1.01, 1.1, 2.0]):
         other = penalised_fit(best.scaled, distance, weight)
         if other.excess - least <= allowed:
             mine = near.fit.squared_distance
-            assert other.squared_distance >= mine - near.share * max(mine, 0.01)
+            assert other.squared_distance >= mine - near.distance_gap * max(mine, 0.01)
 
 
 def test_the_entropic_distance_certifies_no_link_without_mass():

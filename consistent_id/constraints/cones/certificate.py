@@ -17,8 +17,8 @@ reaches `RADIUS` times as far as ``u`` is from it.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
-from typing import Literal
+from functools import lru_cache, partial
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -29,12 +29,13 @@ from consistent_id.constraints.cones.least_norm import (
     LeastNorm,
     solve_least_norm,
 )
+from consistent_id.constraints.cones.matrices import stacked
 from consistent_id.constraints.cones.programmes import Ball, Multipliers
-from consistent_id.constraints.cones.second_opinion import FORMULATIONS, solve_anew
-from consistent_id.constraints.cones.sets import ConicSet
+from consistent_id.constraints.cones.sets import ConicSet, block_rows
 from consistent_id.errors import SolverError
 
 _FINE = (1e-12, 1e-10)  # tolerances within the ball, where numbers are tame
+_NO_COST = 1e-9  # share of the objective, far below the gap allowed
 _NULL = 1e-12  # singular values below this, relative to the largest, are zero
 
 Verdict = Literal["certified", "uncertified", "refused"]
@@ -117,13 +118,14 @@ def certify(
     objective = _half_square(problem, u) if objective is None else objective
     curvature = problem.G if curvature is None else curvature
     rest, duals = unexplained(problem, u, solution.multipliers)
-    E = null_space(domain.A_eq)
+    E = equalities(domain).steps
     away = float(np.linalg.norm(u - centre))
     radius = max(ball_about(centre, reach).radius, RADIUS * away)
     gap = moved + _complementarity(domain, u, duals)
-    gap += _cost_of_rest(curvature @ E, E.T @ rest, E.T @ (centre - u), radius)
-    gap = min(gap, objective)  # the optimum is not below 0
     scale = max(objective, reference)
+    slopes, to_centre = E.T @ rest, E.T @ (centre - u)
+    gap += _cost_of_rest(curvature @ E, slopes, to_centre, radius, _NO_COST * scale)
+    gap = min(gap, objective)  # the optimum is not below 0
     figures = (
         objective,
         gap / scale if scale > 0.0 else 0.0,
@@ -140,19 +142,15 @@ def _half_square(problem: LeastNorm, u: Vector) -> float:
 
 
 def _onto_equalities(domain: ConicSet, u: Vector) -> Vector:
-    if len(domain.b_eq) == 0:
-        return u
-    missed = domain.b_eq - domain.A_eq @ u
-    return u + np.asarray(np.linalg.lstsq(domain.A_eq, missed, rcond=None)[0])
+    return u + equalities(domain).inverse @ (domain.b_eq - domain.A_eq @ u)
 
 
 def _complementarity(domain: ConicSet, u: Vector, duals: Multipliers) -> float:
     """Return what multipliers pay for slack: at the optimum, nothing."""
     paid = float(abs(duals.equal @ (domain.b_eq - domain.A_eq @ u)))
     paid += float(duals.at_most @ np.maximum(domain.b_in - domain.A_in @ u, 0.0))
-    for block, Z in zip(domain.blocks, duals.blocks, strict=True):
-        paid += max(0.0, float(np.sum(Z * block.scaled(u))))
-    return paid
+    products = block_rows(domain).products(u, stacked(duals.blocks))
+    return paid + float(np.maximum(products, 0.0).sum())
 
 
 def ball_about(centre: Vector, reach: float = 0.0) -> Ball:
@@ -166,8 +164,7 @@ def solve_certified(
     """Try one way after another until a solution is certified; else return the best.
 
     At several tolerances; then within the ball of the proof; then about the best point
-    so far; then in another formulation; another solver is asked only when nothing
-    usable was found.
+    so far.
 
     Raises
     ------
@@ -192,11 +189,8 @@ def solve_certified(
         *(partial(solve, tolerance=t, within=within) for t in _FINE),
         *(partial(solve, tolerance=t, within=wide) for t in _FINE),
         *(partial(about_the_best, t) for t in 2 * _FINE),
-        *(partial(solve_anew, problem, name) for name in FORMULATIONS),
     ]
     for way in ways:
-        if way is ways[-1] and found and best()[1].violation <= FEASIBILITY_TOLERANCE:
-            break
         try:
             solution = way()
         except SolverError as failure:
@@ -219,13 +213,19 @@ def _quality(pair: tuple[ConeSolution, Optimality]) -> tuple[bool, float]:
 
 
 def _cost_of_rest(
-    curvature: Matrix, rest: Vector, to_centre: Vector, radius: float
+    curvature: Matrix, rest: Vector, to_centre: Vector, radius: float, enough: float
 ) -> float:
     """Bound ``-rest.d - 1/2 ||curvature d||^2`` for steps ``d`` that end in the ball.
 
-    All in coordinates of the steps that equalities allow.
+    All in coordinates of the steps that equalities allow.  Where no direction is flat,
+    the parabola's maximum may be as small as is `enough`; then no better one is sought.
     """
-    _, s, Vt = np.linalg.svd(curvature)
+    R = np.asarray(np.linalg.qr(curvature, mode="r"))
+    if len(R) == len(rest) and np.diag(R).all():
+        turn = np.linalg.solve(R.T, rest)
+        if turn @ turn / 2 <= enough:
+            return float(turn @ turn / 2)
+    _, s, Vt = np.linalg.svd(R)
     s = np.append(s, np.zeros(len(Vt) - len(s)))
     along, to_centre = Vt @ rest, Vt @ to_centre
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -240,11 +240,27 @@ def _cost_of_rest(
     return float((parabolas + ends).min())
 
 
-def null_space(A: Matrix) -> Matrix:
-    """Return an orthonormal basis of the steps that leave ``A x`` as it is."""
-    _, s, Vt = np.linalg.svd(A)
+class Equalities(NamedTuple):
+    """What a set's equalities are: ``A^+``, and a basis of the steps that keep them."""
+
+    inverse: Matrix
+    steps: Matrix
+
+
+@lru_cache(maxsize=16)
+def equalities(domain: ConicSet) -> Equalities:
+    """Return pseudo-inverse and null space of a set's equalities."""
+    return row_spaces(domain.A_eq)
+
+
+def row_spaces(A: Matrix) -> Equalities:
+    """Return the pseudo-inverse of a matrix and an orthonormal basis of its null space.
+
+    Singular values below 1e-12 of the largest count as zero.
+    """
+    U, s, Vt = np.linalg.svd(A)
     rank = int((s > _NULL * s.max(initial=0.0)).sum())
-    return Vt[rank:].T
+    return Equalities((Vt[:rank].T / s[:rank]) @ U[:, :rank].T, Vt[rank:].T)
 
 
 def unexplained(
@@ -254,11 +270,7 @@ def unexplained(
     domain = problem.domain
     rest = problem.G.T @ (problem.G @ u - problem.g)
     rest = rest + domain.A_in.T @ duals.at_most
-    for block, Z in zip(domain.blocks, duals.blocks, strict=True):
-        rest = rest - np.tensordot(block.coefficients, Z, axes=2)
-    if len(domain.b_eq) == 0:
-        return rest, duals
-    solved = np.linalg.lstsq(domain.A_eq.T, -rest, rcond=None)
-    equal = np.asarray(solved[0], dtype=np.float64)
+    rest = rest - block_rows(domain).A.T @ stacked(duals.blocks)
+    equal = -equalities(domain).inverse.T @ rest
     refined = Multipliers(equal, duals.at_most, duals.blocks)
     return rest + domain.A_eq.T @ equal, refined

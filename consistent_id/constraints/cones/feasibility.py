@@ -1,11 +1,11 @@
-"""Interior points of convex sets, and proofs that there are none.
+"""Interior points of convex sets, proofs that there are none, and what is to blame.
 
 ``maximise t  subject to  F_k(u) >= t 1,  A_in u <= b_in - t,  A_eq u = b_eq,  t <= 1``
 
 For ``t < 0`` the multipliers ``Z_k >= 0`` are a proof of emptiness in the manner of
 Farkas: ``sum_k <Z_k, F_k(u)>`` is the same negative number for every candidate ``u``,
-while any body would make it zero or more.  Up to rounding, that is: what is left of its
-slope is paid for in a ball of a thousand units, or ten times as far as the best point.
+while any consistent ``u`` would make it zero or more.  What rounding leaves of its
+slope is bounded in a ball of a thousand units, or ten times as far as the best point.
 """
 
 from dataclasses import dataclass
@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
+from consistent_id.constraints.cones.matrices import stacked
 from consistent_id.constraints.cones.programmes import (
     ConePoint,
     ConeRows,
@@ -20,15 +21,15 @@ from consistent_id.constraints.cones.programmes import (
     set_rows,
     solve_cones,
 )
-from consistent_id.constraints.cones.sets import ConicSet
+from consistent_id.constraints.cones.sets import ConicSet, block_rows
 from consistent_id.errors import SolverError
 
 _REACH = 1e3  # radius of the ball of proofs, at the least
 _FARTHER = 10.0  # how far it reaches, in units of the best point
 _TOLERANCES = (1e-11, 1e-8)
 _EQUAL = 1e-9  # residual beyond which equalities contradict each other
-# Of several deepest points, prefer a small one; but that much slope is left to a proof,
-# so that one of little depth needs another solution without.
+# Of several best points, prefer a small one.  That leaves so much slope to a proof that
+# a small margin needs another solution without it.
 _SMALL = (1e-7, 1e-12)
 _ROUNDING = 1e-9  # bound nearer to zero than this proves nothing
 _VALUES = 3  # equalities named in a proof, at the most
@@ -37,14 +38,14 @@ _SHARE = 0.01  # least share of the blame, of the largest, that is worth naming
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Interior:
-    """How deep inside, or how far outside, the best point of a set lies.
+    """The best point of a set and its margin, negative if the set is empty.
 
     Parameters
     ----------
-    depth : float
+    margin : float
         The least eigenvalue or slack at the best point; negative if there is none.
     bound : float
-        Proven upper bound on the depth of any point of the ball.
+        Proven upper bound on the margin of any point of the ball.
     u : ndarray
         The best point.
     to_blame : tuple of str
@@ -53,7 +54,7 @@ class Interior:
         ``Z_k`` of each semidefinite block; traces and row weights sum to one.
     """
 
-    depth: float
+    margin: float
     bound: float
     u: Vector
     to_blame: tuple[str, ...]
@@ -66,7 +67,7 @@ class Interior:
 
 
 def find_interior(domain: ConicSet) -> Interior:
-    """Find the deepest point of a normalised set, or prove it empty.
+    """Find the point of the largest margin of a normalised set, or prove it empty.
 
     Raises
     ------
@@ -79,20 +80,54 @@ def find_interior(domain: ConicSet) -> Interior:
     found = None
     for small in _SMALL:
         try:
-            found = _deepest(domain, size, small)
+            found = _best_point(domain, size, small)
         except SolverError:
             if small == _SMALL[-1] and found is None:
                 raise
             continue
-        if found.proves_empty or found.depth >= -_ROUNDING:
+        if found.proves_empty or found.margin >= -_ROUNDING:
             break
     if found is None:
         raise SolverError("no point was found, nor a proof that there is none")
     return found
 
 
-def _deepest(domain: ConicSet, size: float, small: float) -> Interior:
-    """Solve once; of several deepest points a `small` share of size decides."""
+def irreducible_conflict(domain: ConicSet) -> tuple[int, ...]:
+    """Return members that contradict each other, none of them superfluous.
+
+    Members are left out one after another for as long as what remains is proven empty
+    [Chinneck2008]_.  Of those that are left, each is needed for the contradiction, and
+    leaving out any one of them resolves it.
+
+    Parameters
+    ----------
+    domain : ConicSet
+        Normalised.
+
+    Returns
+    -------
+    tuple of int
+        Counted as in `ConicSet.labels`; empty if no contradiction is proven.
+    """
+    if not _proven_empty(domain):
+        return ()
+    kept = list(range(len(domain.labels)))
+    for member in reversed(range(len(domain.labels))):
+        fewer = [m for m in kept if m != member]
+        if _proven_empty(domain.only(fewer)):
+            kept = fewer
+    return tuple(kept)
+
+
+def _proven_empty(domain: ConicSet) -> bool:
+    try:
+        return find_interior(domain).proves_empty
+    except SolverError:
+        return False
+
+
+def _best_point(domain: ConicSet, size: float, small: float) -> Interior:
+    """Solve once; of several best points a `small` weight of size decides."""
     # The solver sees a problem of unit size, however wild the equalities' values are.
     original, domain = domain, domain.shrunk(size)
     width = domain.A_eq.shape[1]
@@ -102,17 +137,17 @@ def _deepest(domain: ConicSet, size: float, small: float) -> Interior:
     cost, capped = np.zeros(2 + width), np.zeros((1, 2 + width))
     cost[:2], capped[0, 0] = (-1.0, small), 1.0
     rows = [
-        *set_rows(domain, depth=True, others=2),
+        *set_rows(domain, margin=True, others=2),
         ConeRows("nonnegative", capped, np.ones(1)),
         ConeRows("second order", norm, np.zeros(1 + width)),
     ]
     solved = _solved(cost, rows)
-    duals = set_multipliers(domain, solved.duals[:-2])
+    duals = set_multipliers(domain, solved.duals[:3])
     Z, y = duals.blocks, duals.at_most
     point, domain = size * solved.x[2:], original
     bound, taken = _bound(domain, point, Z, y)
     return Interior(
-        depth=_depth(domain, point),
+        margin=_margin(domain, point),
         bound=bound,
         u=point,
         to_blame=_blame(domain, Z, y, taken),
@@ -159,19 +194,19 @@ def _contradiction(domain: ConicSet) -> tuple[Interior | None, float]:
     return Interior(-missed, bound, u, blame, nothing), 1.0
 
 
-def _depth(domain: ConicSet, u: Vector) -> float:
-    depths = [float(np.linalg.eigvalsh(block.scaled(u))[0]) for block in domain.blocks]
+def _margin(domain: ConicSet, u: Vector) -> float:
+    margins = block_rows(domain).margins(u).tolist()
     if len(domain.b_in):
-        depths.append(float((domain.b_in - domain.A_in @ u).min()))
-    return min(depths, default=1.0)
+        margins.append(float((domain.b_in - domain.A_in @ u).min()))
+    return min(margins, default=1.0)
 
 
 def _bound(
     domain: ConicSet, u: Vector, Z: tuple[Matrix, ...], y: Vector
 ) -> tuple[float, Vector]:
-    """Upper bound on the depth of any ``v`` near `u`, and multipliers of equalities.
+    """Upper bound on the margin of any ``v`` near `u`, and multipliers of equalities.
 
-    ``depth(v) (sum tr Z + sum y) <= sum <Z, F(v)> + y.(b_in - A_in v)``, and the right
+    ``margin(v) (sum tr Z + sum y) <= sum <Z, F(v)> + y.(b_in - A_in v)``, and the right
     side is linear in ``v``: its slope, less what equalities take up, times the radius.
     """
     weight = sum(float(np.trace(z)) for z in Z) + float(y.sum())
@@ -180,9 +215,9 @@ def _bound(
         return 1.0, taken
     value = float(y @ (domain.b_in - domain.A_in @ u)) if len(y) else 0.0
     slope = -domain.A_in.T @ y if len(y) else np.zeros(len(u))
-    for block, z in zip(domain.blocks, Z, strict=True):
-        value += float(np.sum(z * block.value(u)))
-        slope = slope + np.tensordot(block.coefficients, z, axes=2)
+    blocks, z = block_rows(domain), stacked(Z)
+    value += float(z @ (blocks.A @ u + blocks.b))
+    slope = slope + blocks.A.T @ z
     if len(domain.b_eq):
         solved = np.linalg.lstsq(domain.A_eq.T, slope, rcond=None)
         taken = np.asarray(solved[0], dtype=np.float64)
@@ -195,7 +230,7 @@ def _bound(
 def _blame(
     domain: ConicSet, Z: tuple[Matrix, ...], y: Vector, taken: Vector
 ) -> tuple[str, ...]:
-    """Labels of bodies and inequalities in the proof, then of the weightiest values."""
+    """Labels of blocks and inequalities in the proof, then of the weightiest values."""
     shares = [
         (float(np.trace(z)), block.description)
         for block, z in zip(domain.blocks, Z, strict=True)

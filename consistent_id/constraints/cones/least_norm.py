@@ -79,16 +79,14 @@ def solve_least_norm(
     norm[1:, 1:] = -G / scale
     rows = set_rows(domain, others=1)
     rows.append(ConeRows("second order", norm, np.append(0.0, -g / scale)))
-    besides = 1
     if within is not None:
         ball = within if origin is None else within.moved(origin)
         rows.append(ball.rows(others=1))
-        besides = 2
     point = solve_cones(np.eye(1 + size)[0], rows, tolerance=tolerance)
     v = point.x[1:]
     u = problem.domain.snapped(v if origin is None else origin + v)
     # Duals of the scaled norm, turned into those of half the square of the unscaled.
-    duals = set_multipliers(domain, point.duals[:-besides])
+    duals = set_multipliers(domain, point.duals[:3])
     multipliers = duals.times(scale * float(np.linalg.norm(G @ v - g)))
     return ConeSolution(
         u, multipliers, point.status, point.build_seconds, point.solve_seconds

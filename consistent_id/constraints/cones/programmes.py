@@ -8,15 +8,20 @@ which costs a tenth of the solving itself.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import lru_cache
+from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Any, Literal
 
 import numpy as np
 
-from consistent_id._support.arrays import Array, IntArray, Matrix, Vector
-from consistent_id.constraints.cones.sets import ConicSet
+from consistent_id._support.arrays import Matrix, Vector
+from consistent_id.constraints.cones.matrices import (
+    least_eigenvalues,
+    matrices,
+    positive_part,
+    stacked,
+)
+from consistent_id.constraints.cones.sets import ConicSet, block_rows
 from consistent_id.errors import SolverError
 
 ConeKind = Literal["zero", "nonnegative", "second order", "semidefinite"]
@@ -26,11 +31,25 @@ _ITERATIONS = 200
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ConeRows:
-    """Rows ``b - A x`` that lie in one cone; a semidefinite one's are its `svec`."""
+    """Rows ``b - A x`` that lie in one cone, or in several semidefinite ones.
+
+    The latter are stacked matrices of the given orders.
+    """
 
     kind: ConeKind
     A: Matrix
     b: Vector
+    orders: tuple[int, ...] = ()
+
+    def violation(self, x: Vector) -> float:
+        """Return how far the rows are from their cone at a point, zero or more."""
+        rest = self.b - self.A @ x
+        if self.kind == "semidefinite":
+            rest = least_eigenvalues(rest, self.orders)
+        elif self.kind == "second order":
+            rest = np.array([rest[0] - np.linalg.norm(rest[1:])])
+        outside = abs(rest) if self.kind == "zero" else -rest
+        return float(outside.max(initial=0.0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,12 +120,12 @@ def solve_cones(
     settings.max_iter = _ITERATIONS
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
     size = len(cost)
-    A = csc_matrix(np.vstack([block.A for block in rows]))
+    A = _compressed(np.vstack([block.A for block in rows]))
     b = np.concatenate([block.b for block in rows])
     # Clarabel calls a programme with an infinite entry solved.
     if not (np.isfinite(A.data).all() and np.isfinite(b).all()):
         raise SolverError("the programme has entries that are not finite numbers")
-    cones = [_cone(clarabel, block) for block in rows]
+    cones = [cone for block in rows for cone in _cones(clarabel, block)]
     try:
         quadratic = csc_matrix((size, size))
         solver = clarabel.DefaultSolver(quadratic, cost, A, b, cones, settings)
@@ -133,89 +152,59 @@ def solve_cones(
     )
 
 
-def _cone(clarabel: Any, rows: ConeRows) -> Any:
-    size = len(rows.b)
+def _cones(clarabel: Any, rows: ConeRows) -> list[Any]:
     if rows.kind == "semidefinite":
-        return clarabel.PSDTriangleConeT(_order(size))
+        return [clarabel.PSDTriangleConeT(k) for k in rows.orders]
     cones = {
         "zero": clarabel.ZeroConeT,
         "nonnegative": clarabel.NonnegativeConeT,
         "second order": clarabel.SecondOrderConeT,
     }
-    return cones[rows.kind](size)
+    return [cones[rows.kind](len(rows.b))] if len(rows.b) else []
+
+
+def _compressed(A: Matrix) -> Any:
+    """Return a dense matrix as the sparse one, by columns, that Clarabel wants."""
+    from scipy.sparse import csc_matrix
+
+    columns, rows = np.nonzero(A.T)
+    ends = np.searchsorted(columns, np.arange(A.shape[1] + 1))
+    return csc_matrix((A[rows, columns], rows, ends), shape=A.shape)
 
 
 def set_rows(
-    domain: ConicSet, *, depth: bool = False, others: int = 0
+    domain: ConicSet, *, margin: bool = False, others: int = 0
 ) -> list[ConeRows]:
     """Return the rows of ``u in domain``, for variables ``(others, u)``.
 
-    With `depth`, the first of the others is by how much inequalities and blocks hold:
+    With `margin`, the first of the others is by how much inequalities and blocks hold:
     ``b_in - A_in u >= t`` and ``F(u) >= t 1``.
     """
-
-    def columns(A: Matrix, of_t: Vector) -> Matrix:
-        before = np.zeros((len(A), others))
-        if depth:
-            before[:, 0] = of_t
-        return np.hstack([before, A])
-
-    rows: list[ConeRows] = []
-    if len(domain.b_eq):
-        A = columns(domain.A_eq, np.zeros(len(domain.b_eq)))
-        rows.append(ConeRows("zero", A, domain.b_eq))
-    if len(domain.b_in):
-        A = columns(domain.A_in, np.ones(len(domain.b_in)))
-        rows.append(ConeRows("nonnegative", A, domain.b_in))
-    for block in domain.blocks:
-        A = columns(-svec(block.coefficients).T, svec(np.eye(len(block.scale))))
-        rows.append(ConeRows("semidefinite", A, svec(block.constant)))
+    blocks = block_rows(domain)
+    rows = [
+        ConeRows("zero", domain.A_eq, domain.b_eq),
+        ConeRows("nonnegative", domain.A_in, domain.b_in),
+        ConeRows("semidefinite", -blocks.A, blocks.b, blocks.orders),
+    ]
+    of_t = [
+        np.zeros(len(domain.b_eq)),
+        np.ones(len(domain.b_in)),
+        stacked([np.eye(k) for k in blocks.orders]),
+    ]
+    for place, (cone, column) in enumerate(zip(rows, of_t, strict=True)):
+        before = np.zeros((len(cone.b), others))
+        if margin:
+            before[:, 0] = column
+        rows[place] = replace(cone, A=np.hstack([before, cone.A]))
     return rows
 
 
 def set_multipliers(domain: ConicSet, duals: Sequence[Vector]) -> Multipliers:
     """Return the duals of `set_rows`, made feasible: rounding may leave the cones."""
-    remaining = list(duals)
-    equal = remaining.pop(0) if len(domain.b_eq) else np.zeros(0)
-    at_most = remaining.pop(0) if len(domain.b_in) else np.zeros(0)
-    blocks = tuple(positive_part(smat(z)) for z in remaining)
+    equal, at_most, z = duals
+    orders = block_rows(domain).orders
+    blocks = matrices(positive_part(z, orders), orders)
     return Multipliers(equal, np.maximum(at_most, 0.0), blocks)
-
-
-def svec(F: Array) -> Array:
-    """Stack a symmetric matrix, shape (..., k, k), so that inner products are kept.
-
-    Upper triangle, column by column, off-diagonals times sqrt(2); (..., k (k + 1) / 2).
-    """
-    i, j, weight = _triangle(F.shape[-1])
-    return np.asarray(F[..., i, j] * weight)
-
-
-def smat(v: Vector) -> Matrix:
-    """Return the symmetric matrix that `svec` has stacked."""
-    k = _order(len(v))
-    i, j, weight = _triangle(k)
-    F = np.zeros((k, k))
-    F[i, j] = F[j, i] = v / weight
-    return F
-
-
-def positive_part(Z: Matrix) -> Matrix:
-    """Return the nearest positive semidefinite matrix."""
-    values, vectors = np.linalg.eigh((Z + Z.T) / 2)
-    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
-
-
-def _order(size: int) -> int:
-    """Return ``k`` of ``size = k (k + 1) / 2``."""
-    return int((np.sqrt(8 * size + 1) - 1) / 2)
-
-
-@lru_cache(maxsize=32)
-def _triangle(k: int) -> tuple[IntArray, IntArray, Vector]:
-    # Rows of the lower triangle are columns of the upper one.
-    j, i = np.tril_indices(k)
-    return i, j, np.where(i == j, 1.0, np.sqrt(2.0))
 
 
 def lower_bound(
@@ -228,7 +217,7 @@ def lower_bound(
     first term is bounded in a ball.
     """
     rest, value = cost.copy(), 0.0
-    equal = [block for block in rows if block.kind == "zero"]
+    equal = [block for block in rows if block.kind == "zero" and len(block.b)]
     for block, dual in zip(rows, duals, strict=True):
         if block.kind == "zero":
             continue
@@ -248,5 +237,5 @@ def _in_dual_cone(rows: ConeRows, z: Vector) -> Vector:
     if rows.kind == "nonnegative":
         return np.maximum(z, 0.0)
     if rows.kind == "semidefinite":
-        return svec(positive_part(smat(z)))
+        return positive_part(z, rows.orders)
     return np.append(max(z[0], float(np.linalg.norm(z[1:]))), z[1:])

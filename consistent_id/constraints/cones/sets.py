@@ -6,12 +6,13 @@ certificate then read alike, each for itself.
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from functools import reduce
+from functools import lru_cache, reduce
 from typing import Self
 
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays
+from consistent_id.constraints.cones.matrices import least_eigenvalues, lengths, svec
 from consistent_id.errors import ProblemError
 
 
@@ -44,9 +45,10 @@ class SemidefiniteBlock:
 
     @property
     def description(self) -> str:
-        """The label, in full: that of a body is no more than its link's name."""
-        body = ":" not in self.label
-        return f"link {self.label!r} as a body" if body else self.label
+        """The label in full; that of physical consistency is the link's name alone."""
+        if ":" in self.label:
+            return self.label
+        return f"physical consistency of link {self.label!r}"
 
     def value(self, x: Vector) -> Matrix:
         """Return ``F(x)``, in original units."""
@@ -182,20 +184,15 @@ class ConicSet:
         """Least and largest value of each parameter by rows on it alone."""
         low = np.full(self.A_eq.shape[1], -np.inf)
         high = np.full(self.A_eq.shape[1], np.inf)
-        rows = [
-            (self.A_in, self.b_in),
-            (self.A_eq, self.b_eq),
-            (-self.A_eq, -self.b_eq),
-        ]
-        for A, b in rows:
-            alone = np.flatnonzero(np.count_nonzero(A, axis=1) == 1)
-            for row in alone:
-                i = int(np.flatnonzero(A[row])[0])
-                bound = b[row] / A[row, i] + 0.0  # and no minus zero
-                if A[row, i] > 0.0:
-                    high[i] = min(high[i], bound)
-                else:
-                    low[i] = max(low[i], bound)
+        A = np.vstack([self.A_in, self.A_eq, -self.A_eq])
+        b = np.concatenate([self.b_in, self.b_eq, -self.b_eq])
+        rows = np.flatnonzero(np.count_nonzero(A, axis=1) == 1)
+        columns = np.argmax(A[rows] != 0.0, axis=1)
+        slopes = A[rows, columns]
+        bounds = b[rows] / slopes + 0.0  # and no minus zero
+        up, down = slopes > 0.0, slopes < 0.0
+        np.minimum.at(high, columns[up], bounds[up])
+        np.maximum.at(low, columns[down], bounds[down])
         return low, high
 
     def snapped(self, x: Vector) -> Vector:
@@ -215,8 +212,8 @@ class ConicSet:
             worst.append(float(abs(self.A_eq @ x - self.b_eq).max()))
         if len(self.b_in):
             worst.append(float((self.A_in @ x - self.b_in).max()))
-        for block in self.blocks:
-            worst.append(-float(np.linalg.eigvalsh(block.scaled(x))[0]))
+        if self.blocks:
+            worst.append(-float(block_rows(self).margins(x).min()))
         return float(np.max(worst)) if np.isfinite(worst).all() else np.inf
 
 
@@ -233,3 +230,47 @@ def _unit_rows(A: Matrix, b: Vector) -> tuple[Matrix, Vector]:
 
 def _outer(scale: Vector) -> Matrix:
     return np.outer(scale, scale)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BlockRows:
+    """All semidefinite blocks of a set, each divided by its scale: ``A x + b``.
+
+    Parameters
+    ----------
+    A : ndarray, shape (rows, parameters)
+    b : ndarray, shape (rows,)
+    orders : tuple of int
+        Of the matrices, as the set has them.
+    """
+
+    A: Matrix
+    b: Vector
+    orders: tuple[int, ...]
+
+    def margins(self, x: Vector) -> Vector:
+        """Return the least eigenvalue of each block, shape (blocks,)."""
+        return least_eigenvalues(self.A @ x + self.b, self.orders)
+
+    def products(self, x: Vector, z: Vector) -> Vector:
+        """Return the inner product of each block with a matrix of a stack."""
+        ends = np.cumsum(lengths(self.orders), dtype=np.intp)
+        sums = np.cumsum(z * (self.A @ x + self.b))[ends - 1]
+        return np.diff(sums, prepend=0.0)
+
+
+@lru_cache(maxsize=16)
+def block_rows(domain: ConicSet) -> BlockRows:
+    """Return the semidefinite blocks of a set under each other."""
+    orders = tuple(len(block.scale) for block in domain.blocks)
+    scales = [np.outer(block.scale, block.scale) for block in domain.blocks]
+    A = [
+        svec(block.coefficients / scale).T
+        for block, scale in zip(domain.blocks, scales, strict=True)
+    ]
+    b = [
+        svec(block.constant / scale)
+        for block, scale in zip(domain.blocks, scales, strict=True)
+    ]
+    none = np.zeros((0, domain.A_eq.shape[1]))
+    return BlockRows(np.vstack([none, *A]), np.concatenate([np.zeros(0), *b]), orders)

@@ -10,7 +10,6 @@ import numpy as np
 from consistent_id._support.arrays import Array, Vector
 from consistent_id._support.threads import single_threaded
 from consistent_id.errors import ProblemError
-from consistent_id.estimation.least_squares import joint_noise
 from consistent_id.estimation.shapes.shape_misfit import ShapeGroup, ShapeMisfit
 from consistent_id.estimation.shapes.shape_profile import ShapeProfile, profile
 from consistent_id.recordings.recording import Recording, several
@@ -18,6 +17,7 @@ from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.correlation import correlation_length
 from consistent_id.regression.friction_shape_regression import shape_regression
 from consistent_id.regression.friction_shapes import SHAPE_NAMES, shapes_of
+from consistent_id.regression.noise import joint_noise
 from consistent_id.regression.regressor import TorqueModel
 
 
@@ -38,7 +38,7 @@ class ShapeFit:
     misfits : tuple of float
         What each start reached, relative to the best: 1 for those that found it.
     correlation : float
-        Samples that tell as much as one independent one would; see
+        Samples that carry the information of one independent sample; see
         `correlation_length`.
     evaluations : int
         Shapes tried by the searches, without the profiles.

@@ -102,7 +102,7 @@ class ShapeMisfit:
         Raises
         ------
         NotExcitedError
-            If nothing is left of the torque: shapes cannot be told from an exact fit.
+            If nothing is left of the torque: an exact fit identifies no shapes.
         """
         model = self.model(log_values)
         columns = self.data.columns(model)
@@ -112,7 +112,7 @@ class ShapeMisfit:
         x[base] = _best(R[:, base], R[:, -1])
         size = float(np.linalg.norm(R @ np.append(x, -1.0)))
         if size <= 1e-14 * np.linalg.norm(R[:, -1]):
-            raise NotExcitedError("the fit is exact: shapes can be told no better")
+            raise NotExcitedError("the fit is exact: shapes are not identifiable")
         residuals = self.data.residuals(x, columns)
         scaled = [r / s**2 for r, s in zip(residuals, self.sigma, strict=True)]
         slope = self._slope(log_values, x, scaled) / size**2
@@ -121,7 +121,7 @@ class ShapeMisfit:
     def _slope(self, log_values: Vector, x: Vector, scaled: list[Vector]) -> Vector:
         """Return half the derivative of the sum of squares, per group."""
         # Columns depend on the shapes of their own joint alone, so that all joints'
-        # shapes of one kind are moved at once, and told apart by their columns.
+        # shapes of one kind are moved at once, and distinguished by their columns.
         slope = np.zeros(len(self.groups))
         layout = self.data.model.layout
         group_of = {

@@ -14,7 +14,6 @@ import numpy as np
 from consistent_id._support.arrays import Array, Matrix, Vector
 from consistent_id._support.threads import single_threaded
 from consistent_id.errors import ProblemError
-from consistent_id.estimation.least_squares import solve_linear
 from consistent_id.laboratory import Laboratory
 from consistent_id.laboratory.reproduction.experiments import Reproduction
 from consistent_id.problems.parametrisation import Parametrisation
@@ -22,6 +21,7 @@ from consistent_id.problems.problem import Problem
 from consistent_id.problems.published import parametrisation_of, published_table
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.clocks import uniform_rate
+from consistent_id.regression.linear import solve_linear
 from consistent_id.regression.mass_matrix import mass_matrices
 
 

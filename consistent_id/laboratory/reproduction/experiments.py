@@ -15,7 +15,6 @@ from consistent_id._support.arrays import Matrix, Vector, frozen
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.constrained import constrained_least_squares
 from consistent_id.estimation.estimate import Estimate
-from consistent_id.estimation.least_squares import solve_linear
 from consistent_id.laboratory import (
     ExperimentLog,
     SynchronisedLog,
@@ -34,6 +33,7 @@ from consistent_id.problems.published_estimate import published_least_squares
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import base_parameters, linear_combination
 from consistent_id.regression.drive.drive_terms import DriveTerms
+from consistent_id.regression.linear import solve_linear
 from consistent_id.regression.regression import build_regression
 from consistent_id.regression.regressor import TorqueModel
 

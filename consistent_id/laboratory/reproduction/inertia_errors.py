@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from consistent_id._support.arrays import Array, BoolArray
-from consistent_id.comparison.base_bodies import in_words
+from consistent_id.comparison.base_feasibility import in_words
 from consistent_id.constraints import FixedCentresOfMass, FixedMasses, lowered
 from consistent_id.laboratory.reproduction.experiments import Reproduction
 from consistent_id.problems.problem import Problem

@@ -1,18 +1,13 @@
-"""The least-norm problem again, modelled and solved by other means.
-
-Where the second-order cone in Clarabel gives no certified optimum, another formulation
-or another solver may; and the two can be held against each other.
-"""
+"""The least-norm problem again, modelled in CVXPY: an oracle for the package's own."""
 
 import warnings
-from threading import Lock
 from typing import Any, Literal, get_args
 
+import cvxpy as cp
 import numpy as np
 
-from consistent_id._support.arrays import Matrix
 from consistent_id.constraints.cones.least_norm import ConeSolution, LeastNorm
-from consistent_id.constraints.cones.programmes import Multipliers, positive_part
+from consistent_id.constraints.cones.programmes import Multipliers
 from consistent_id.constraints.cones.sets import ConicSet
 from consistent_id.errors import SolverError
 
@@ -21,7 +16,6 @@ FORMULATIONS: tuple[Formulation, ...] = get_args(Formulation)
 """From the more to the less exact."""
 
 _CLARABEL = {"tol_gap_abs": 1e-11, "tol_gap_rel": 1e-11, "tol_feas": 1e-10}
-_ONE_AT_A_TIME = Lock()  # what catches warnings is not made for threads
 _SCS = {"eps_abs": 1e-9, "eps_rel": 1e-9, "max_iters": 20_000}
 
 
@@ -37,8 +31,6 @@ def solve_anew(problem: LeastNorm, formulation: Formulation) -> ConeSolution:
     SolverError
         If the solver returns no finite point with multipliers.
     """
-    import cvxpy as cp
-
     domain = problem.domain
     u, r = cp.Variable(problem.G.shape[1]), cp.Variable(len(problem.g))
     residual = r == problem.G @ u - problem.g
@@ -48,7 +40,7 @@ def solve_anew(problem: LeastNorm, formulation: Formulation) -> ConeSolution:
     program = cp.Problem(cp.Minimize(objective), [residual, *constraints])
     solver, options = (cp.SCS, _SCS) if norm else (cp.CLARABEL, _CLARABEL)
     try:
-        with _ONE_AT_A_TIME, warnings.catch_warnings():
+        with warnings.catch_warnings():
             # "Solution may be inaccurate": certificates say so, with figures.
             warnings.simplefilter("ignore", UserWarning)
             program.solve(solver=solver, **options)
@@ -82,16 +74,14 @@ def _constraints(u: Any, domain: ConicSet) -> list[Any]:
 
 
 def _semidefinite(u: Any, block: Any) -> Any:
-    import cvxpy as cp
-
     k = len(block.scale)
     flat = block.coefficients.reshape(-1, k * k).T
     return cp.reshape(flat @ u + block.constant.ravel(), (k, k), order="C") >> 0
 
 
-def _multipliers(domain: ConicSet, duals: list[Matrix]) -> Multipliers:
+def _multipliers(domain: ConicSet, duals: list[np.ndarray]) -> Multipliers:
     remaining = [np.atleast_1d(np.asarray(dual)) for dual in duals]
     equal = remaining.pop(0) if len(domain.b_eq) else np.zeros(0)
     at_most = remaining.pop(0) if len(domain.b_in) else np.zeros(0)
-    blocks = tuple(positive_part(Z) for Z in remaining)
+    blocks = tuple((Z + Z.T) / 2 for Z in remaining)
     return Multipliers(equal, np.maximum(at_most, 0.0), blocks)

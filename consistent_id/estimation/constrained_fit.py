@@ -7,9 +7,14 @@ import numpy as np
 
 from consistent_id._support.arrays import Vector
 from consistent_id.constraints import Constraint
+from consistent_id.constraints.cones.certificate import (
+    FEASIBILITY_TOLERANCE,
+    GAP_TOLERANCE,
+)
 from consistent_id.constraints.distances import NominalDistance, nominal_distance
 from consistent_id.constraints.priors import Penalty, PointToSet, Prior
 from consistent_id.errors import InfeasibleError
+from consistent_id.estimation.audit import Proof
 from consistent_id.estimation.best_fit import BestFit, best_fit
 from consistent_id.estimation.contradiction import contradiction
 from consistent_id.estimation.nearest import DISTANCE_GAP, nearest_within
@@ -22,62 +27,84 @@ from consistent_id.regression.regressor import TorqueModel
 SLACK_GAP = 0.01
 """Share of the slack by which the least misfit may be unknown."""
 
+_ALLOWED = (
+    f"{GAP_TOLERANCE:.0e} of the final estimate, {DISTANCE_GAP:.0e}, {SLACK_GAP:.0e} "
+    f"and {FEASIBILITY_TOLERANCE:.0e}"
+)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Settled:
+class ConstrainedFit:
     """What both stages found.
 
     Parameters
     ----------
     best : BestFit
     distance : NominalDistance
-    fit : PenalisedFit
+    final : PenalisedFit
         The final point.
     slack : float
         Relative misfit given up for the prior, at the most.
-    share : float
+    distance_gap : float
         Bound on the relative excess of the squared distance, under `PointToSet`.
-    unsure : float
-        What is not known of the least squared misfit, relative to what the slack
-        allows beyond it; none under `Penalty`, which does not ask for it.
-    words : str
+    slack_gap : float
+        Bound on the relative error of the slack, because the least misfit is known up
+        to its own gap; zero under `Penalty`, which has no slack.
+    note : str
         How the prior was used.
     """
 
     best: BestFit
     distance: NominalDistance
-    fit: PenalisedFit
+    final: PenalisedFit
     slack: float
-    share: float
-    unsure: float
-    words: str
+    distance_gap: float
+    slack_gap: float
+    note: str
 
     @property
     def parameters(self) -> Vector:
         """The final parameters, in original units."""
-        return self.fit.solution.u * self.best.scaled.unit
+        return self.final.solution.u * self.best.scaled.unit
 
     @property
     def certified(self) -> bool:
         """Whether the final optimum is, within a slack that is known well enough."""
-        final = self.fit.optimality.verdict == "certified"
-        return final and self.share <= DISTANCE_GAP and self.unsure <= SLACK_GAP
+        final = self.final.optimality.verdict == "certified"
+        return (
+            final and self.distance_gap <= DISTANCE_GAP and self.slack_gap <= SLACK_GAP
+        )
 
     @property
-    def proven(self) -> str:
-        """What was proven, in words."""
-        fit, final = self.best.optimality, self.fit.optimality
+    def proof(self) -> Proof:
+        """What was proven of both optima."""
+        fit, final = self.best.optimality, self.final.optimality
+        figures = {
+            "fit: relative gap": fit.gap,
+            "fit: violation": fit.violation,
+            "prior: relative gap": final.gap,
+            "prior: relative gap of the squared distance": self.distance_gap,
+            "prior: violation": final.violation,
+            "slack": self.slack,
+            "slack: relative uncertainty": self.slack_gap,
+            "weight of the prior": self.final.weight,
+        }
+        return Proof(self.certified, self._statement, _ALLOWED, figures)
+
+    @property
+    def _statement(self) -> str:
+        fit, final = self.best.optimality, self.final.optimality
         violation = max(fit.violation, final.violation)
         if not self.certified:
             return (
                 f"relative gap of the best fit {fit.gap:.1e} and of the final estimate "
-                f"{final.gap:.1e}, of the squared distance {self.share:.1e}, of the "
-                f"slack {self.unsure:.1e}, violation {violation:.1e}"
+                f"{final.gap:.1e}, of the squared distance {self.distance_gap:.1e}, of "
+                f"the slack {self.slack_gap:.1e}, violation {violation:.1e}"
             )
         second = (
             "a compromise with the prior"
-            if self.share == 0.0
-            else f"squared distance to nominal to {self.share:.1e}"
+            if self.distance_gap == 0.0
+            else f"squared distance to nominal to {self.distance_gap:.1e}"
         )
         size = 1.0 + float(np.linalg.norm(self.distance.nominal))
         reach = min(fit.radius, final.radius) / size
@@ -89,14 +116,14 @@ class Settled:
         )
 
 
-def settle(
+def constrained_fit(
     model: TorqueModel,
     regression: Regression,
     constraints: Sequence[Constraint],
     prior: Prior | None,
     base: BaseParameters,
-) -> Settled:
-    """Fit under constraints, then let the prior settle what the data leave open.
+) -> ConstrainedFit:
+    """Fit under constraints, then let the prior choose where the data do not.
 
     Raises
     ------
@@ -116,24 +143,28 @@ def settle(
         return _compromise(best, distance, prior)
     slack = prior.relative_slack(len(base), sum(regression.counts))
     near = nearest_within(best, distance, slack)
-    words = (
+    note = (
         f"nearest to nominal ({prior.distance} distance) among estimates whose misfit "
         f"is within {slack:.2%} of the best constrained fit"
     )
     optimality = best.optimality
     gap = 2.0 * optimality.gap * max(optimality.objective, REFERENCE)
-    unsure = 0.0 if optimality.verdict == "certified" else gap / near.allowed
-    return Settled(best, distance, near.fit, slack, near.share, unsure, words)
+    slack_gap = 0.0 if optimality.verdict == "certified" else gap / near.allowed
+    return ConstrainedFit(
+        best, distance, near.fit, slack, near.distance_gap, slack_gap, note
+    )
 
 
-def _compromise(best: BestFit, distance: NominalDistance, prior: Penalty) -> Settled:
+def _compromise(
+    best: BestFit, distance: NominalDistance, prior: Penalty
+) -> ConstrainedFit:
     fit = penalised_fit(best.scaled, distance, prior.weight)
     least = best.scaled.excess(best.solution.u) + best.scaled.residual**2
     total = fit.excess + best.scaled.residual**2
     # Misfits below one, a millionth of the torque, count as none: see `ScaledFit`.
     given = max(float(np.sqrt(max(total, 1.0) / max(least, 1.0))) - 1.0, 0.0)
-    words = (
+    note = (
         f"compromise of misfit and {prior.distance} distance to nominal, weight "
         f"{prior.weight:.3g}; its misfit is {given:.2%} above the best constrained fit"
     )
-    return Settled(best, distance, fit, given, 0.0, 0.0, words)
+    return ConstrainedFit(best, distance, fit, given, 0.0, 0.0, note)

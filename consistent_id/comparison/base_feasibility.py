@@ -1,7 +1,7 @@
-"""Is there any body with these base parameters?  The fair question to least squares.
+"""Whether a physically consistent robot has given base parameters.
 
 Least squares determines base parameters only; infinitely many standard parameters share
-them.  It contradicts physics when none of those belongs to a body.
+them.  It contradicts physics when none of those is physically consistent.
 """
 
 from collections.abc import Sequence
@@ -15,17 +15,17 @@ from consistent_id.constraints import Constraint, PhysicalConsistency, lowered
 from consistent_id.constraints.cones.certificate import Verdict, solve_certified
 from consistent_id.constraints.cones.feasibility import Interior, find_interior
 from consistent_id.constraints.cones.least_norm import LeastNorm, solve_least_norm
-from consistent_id.constraints.cones.sets import ConicSet, SemidefiniteBlock
-from consistent_id.constraints.distances import nominal_distance
+from consistent_id.constraints.cones.sets import ConicSet, SemidefiniteBlock, block_rows
+from consistent_id.constraints.distances import nominal_point
 from consistent_id.errors import ProblemError, SolverError
 from consistent_id.regression.base import BaseParameters, random_regressor
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.scaling import link_scales
 
-_BACK_OFF = 0.01  # share of the depth given up for smaller, more telling numbers
+_BACK_OFF = 0.01  # share of the margin given up for smaller, more readable numbers
 _SMALL = 5e-7  # half the squared torque change, relative, that is as good as none
-_UNDECIDED = 1e-9  # depths nearer to zero than this are neither proof nor witness
+_UNDECIDED = 1e-9  # margins nearer to zero than this are neither proof nor witness
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,7 +35,7 @@ class LinkViolation:
     Parameters
     ----------
     link : str
-    depth : float
+    margin : float
         Largest least eigenvalue of the link's pseudo-inertia, divided by its typical
         mass and length, over all parameters with the given base parameters; negative.
     statement : str
@@ -43,7 +43,7 @@ class LinkViolation:
     """
 
     link: str
-    depth: float
+    margin: float
     statement: str
 
 
@@ -68,20 +68,20 @@ class NearestRobot:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BaseFeasibility:
-    """Answer to "is there a body with these base parameters?".
+    """Answer to "is there a consistent robot with these base parameters?".
 
     Parameters
     ----------
     answer : {"consistent", "impossible", "undecided"}
         ``"consistent"`` with `parameters` as a witness; ``"impossible"`` with
-        multipliers as a proof (`proof.bound` is negative); ``"undecided"`` at the very
-        edge, or when the solver fails.
+        multipliers as a proof (`proof.bound` is negative); ``"undecided"`` very
+        near the boundary, or when the solver fails.
     proof : Interior
         In dimensionless parameters.
     parameters : ndarray
         The least violating parameters, in original units.
     violations : tuple of LinkViolation
-        Links that cannot be bodies even alone.
+        Links that cannot be consistent even alone.
     nearest : NearestRobot, optional
         If the answer is ``"impossible"`` and one was found.
     """
@@ -98,7 +98,7 @@ class BaseFeasibility:
         if self.answer == "consistent":
             return "a consistent robot with these base parameters exists"
         if self.answer == "undecided":
-            return "neither a body nor a proof that there is none was found"
+            return "neither a consistent robot nor a proof that there is none was found"
         if self.violations:
             return "impossible: " + "; ".join(v.statement for v in self.violations)
         blamed = ", ".join(self.proof.to_blame)
@@ -150,9 +150,9 @@ def base_feasibility(
         possible = lowered(constraints, model).normalised(unit)
         nearest = _nearest(model, base, base_values, possible, unit)
     else:
-        # A witness must be a body and have these very base parameters.
+        # A witness must be consistent and have these very base parameters.
         missed = _relative_miss(domain, proof.u)
-        is_one = proof.depth >= -_UNDECIDED and missed <= _UNDECIDED
+        is_one = proof.margin >= -_UNDECIDED and missed <= _UNDECIDED
         answer = "consistent" if is_one else "undecided"
     return BaseFeasibility(answer, proof, proof.u * unit, tuple(violations), nearest)
 
@@ -173,7 +173,7 @@ def _nearest(
     problem = LeastNorm(
         R @ (base.projection * unit) / size, R @ base_values / size, possible
     )
-    centre = nominal_distance(model, "pullback", unit).nominal
+    centre = nominal_point(model, unit)
     try:
         # Half a thousandth of the torque, squared, is what a gap is measured against.
         solution, optimality = solve_certified(problem, centre, reference=_SMALL)
@@ -187,11 +187,8 @@ def _witnessed(domain: ConicSet, u: Vector) -> Interior | None:
     """Return a point as the answer if it satisfies everything, up to rounding."""
     if _relative_miss(domain, u) > _UNDECIDED or domain.violation(u) > _UNDECIDED:
         return None
-    depth = min(
-        (float(np.linalg.eigvalsh(block.scaled(u))[0]) for block in domain.blocks),
-        default=1.0,
-    )
-    return Interior(depth, np.inf, u, (), ())
+    margin = float(block_rows(domain).margins(u).min(initial=1.0))
+    return Interior(margin, np.inf, u, (), ())
 
 
 def _relative_miss(domain: ConicSet, u: Vector) -> float:
@@ -217,15 +214,15 @@ def _violations(
         k = links.index(block.label)
         body = (_smallest(domain, block, alone) * unit)[10 * k : 10 * k + 10]
         words = f"{block.label}: {in_words(body)}"
-        found.append(LinkViolation(block.label, alone.depth, words))
+        found.append(LinkViolation(block.label, alone.margin, words))
     return found
 
 
 def _smallest(domain: ConicSet, block: SemidefiniteBlock, alone: Interior) -> Vector:
     """Return the smallest of the least violating parameters, to speak of."""
     size = len(alone.u)
-    depth = alone.depth - _BACK_OFF * abs(alone.depth)
-    lowered_block = replace(block, constant=block.constant - depth * np.eye(4))
+    margin = alone.margin - _BACK_OFF * abs(alone.margin)
+    lowered_block = replace(block, constant=block.constant - margin * np.eye(4))
     problem = LeastNorm(np.eye(size), np.zeros(size), _only(domain, lowered_block))
     try:
         return solve_least_norm(problem, tolerance=1e-8).u
@@ -246,7 +243,7 @@ def _only(domain: ConicSet, block: SemidefiniteBlock) -> ConicSet:
 
 
 def in_words(vector: Array) -> str:
-    """Say what keeps ten inertial parameters from being a body's, and by how much."""
+    """Say what makes ten inertial parameters inconsistent, and by how much."""
     body = InertialParameters(vector)
     if body.mass <= 0.0:
         return f"mass {body.mass:.4g} kg is not positive"
@@ -261,4 +258,4 @@ def in_words(vector: Array) -> str:
             f"the moment of inertia {values[2]:.4g} kg m^2 about {axis} exceeds the "
             f"sum of the other two, {values[0] + values[1]:.4g}, by {excess:.4g}"
         )
-    return "a body could have these parameters"
+    return "these parameters are physically consistent"

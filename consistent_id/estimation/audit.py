@@ -1,0 +1,134 @@
+"""From constrained parameters to an estimate: what is examined of each."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from time import perf_counter
+
+from consistent_id._support.arrays import Vector
+from consistent_id.constraints import Constraint, PhysicalConsistency
+from consistent_id.constraints.link_condition import link_conditions
+from consistent_id.estimation.estimate import Certificate, Estimate
+from consistent_id.estimation.scaled_fit import ScaledFit
+from consistent_id.regression.base import BaseParameters, parameter_origins
+from consistent_id.regression.linear import solve_linear
+from consistent_id.regression.mass_matrix import (
+    POSES,
+    least_mass_eigenvalue,
+    random_poses,
+)
+from consistent_id.regression.noise import residual_sigma
+from consistent_id.regression.regression import Regression
+from consistent_id.regression.regressor import TorqueModel
+
+_SEED = 0  # of the poses at which mass matrices are examined
+
+
+@dataclass(frozen=True, slots=True)
+class Proof:
+    """What is proven of an optimum.
+
+    Parameters
+    ----------
+    certified : bool
+    statement : str
+        What is proven, or how near it came.
+    allowed : str
+        What gaps are allowed, for a reader of a failed proof.
+    figures : dict of str to float
+    """
+
+    certified: bool
+    statement: str
+    allowed: str
+    figures: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FitProblem:
+    """What a constrained estimate is computed from."""
+
+    model: TorqueModel
+    regression: Regression
+    constraints: Sequence[Constraint]
+    base: BaseParameters
+
+
+def audited(
+    problem: FitProblem,
+    scaled: ScaledFit,
+    x: Vector,
+    proof: Proof,
+    *,
+    method: str,
+    note: str,
+    started: float,
+) -> Estimate:
+    """Return the estimate of parameters `x`, with its certificate.
+
+    Besides the proof of its optimum, these are examined in original units: constraints,
+    each link's pseudo-inertia, and the mass matrix over random poses.
+    """
+    model, regression, base = problem.model, problem.regression, problem.base
+    links = link_conditions(model, x)
+    least = least_mass_eigenvalue(model, x, random_poses(model, POSES, _SEED))
+    rms = regression.residual_rms(x)
+    figures = {
+        "violation in original units": scaled.constraints.violation(x),
+        **proof.figures,
+        f"least eigenvalue of M(q) over {POSES} poses": least,
+        **{
+            f"RMS residual of {joint}": float(value)
+            for joint, value in zip(regression.joints, rms, strict=True)
+        },
+        **{
+            f"least eigenvalue of J of {link.link}, per typical link": (
+                link.least_eigenvalue
+            )
+            for link in links
+        },
+    }
+    consistent = any(isinstance(c, PhysicalConsistency) for c in problem.constraints)
+    R, columns = regression.stacked(), list(base.independent)
+    return Estimate(
+        method=method,
+        model=model,
+        base=base,
+        parameters=x,
+        base_covariance=None,
+        origins=parameter_origins(
+            solve_linear(R[:, columns], R[:, -1]).row_space @ base.projection,
+            scaled.constraints.A_eq,
+            elsewhere="prior",
+        ),
+        undetermined=(),
+        sigma=residual_sigma(regression, x, len(base)),
+        certificate=_certificate(proof, least if consistent else None, figures),
+        notes=(
+            note,
+            *(
+                f"{link.link} is on the boundary of the consistency cone: {link.edge}"
+                for link in links
+                if link.edge
+            ),
+        ),
+        seconds=perf_counter() - started,
+    )
+
+
+def _certificate(
+    proof: Proof, least: float | None, figures: dict[str, float]
+) -> Certificate:
+    """Return the verdict; `least` is the mass matrix's, where it must be positive."""
+    if least is not None and least <= 0.0:
+        reason = (
+            f"{proof.statement}; but the mass matrix has an eigenvalue of {least:.3g}: "
+            "constrain rotor inertia with NonNegativeDrive"
+        )
+        return Certificate("uncertified", reason, figures)
+    if proof.certified:
+        return Certificate("certified", proof.statement, figures)
+    reason = (
+        f"{proof.statement} (allowed: {proof.allowed}); the estimate is usable only as "
+        "far as these figures say"
+    )
+    return Certificate("uncertified", reason, figures)

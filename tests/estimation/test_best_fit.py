@@ -1,0 +1,36 @@
+"""The best fit's misfit is that of its parameters on the regression itself."""
+
+import numpy as np
+import pytest
+from experiments import experiment
+
+from consistent_id import FixedMasses, PhysicalConsistency, build_regression
+from consistent_id.estimation.best_fit import best_fit
+from consistent_id.regression.base import base_parameters
+
+
+@pytest.mark.parametrize("noise", [0.05, 5.0])
+@pytest.mark.parametrize("wrong_mass", [1.0, 1.5])
+def test_the_misfit_is_the_norm_of_all_residuals(noise, wrong_mass):
+    model, truth, log = experiment(3, noise=noise)
+    regression = build_regression(model, log).weighted([1.0, 2.0, 3.0, 0.5])
+    last = model.layout.links[-1]
+    mass = wrong_mass * truth[model.layout.index(f"{last}.m")]
+    constraints = [PhysicalConsistency(), FixedMasses({last: mass})]
+    best = best_fit(model, regression, constraints, base=base_parameters(model))
+    R = regression.stacked()
+    expected = np.linalg.norm(R[:, :-1] @ best.parameters - R[:, -1])
+    assert best.misfit == pytest.approx(expected, rel=1e-8)
+
+
+def test_the_misfit_is_right_also_where_it_is_less_than_a_millionth_of_the_torque():
+    model, _, exact = experiment(3)
+    noise = 3e-7 * np.sqrt(np.mean(exact.torque**2))
+    log = experiment(3, noise=noise)[2]
+    regression = build_regression(model, log)
+    base = base_parameters(model)
+    best = best_fit(model, regression, [PhysicalConsistency()], base=base)
+    assert 0.1 < best.scaled.residual < 0.9
+    R = regression.stacked()
+    expected = np.linalg.norm(R[:, :-1] @ best.parameters - R[:, -1])
+    assert best.misfit == pytest.approx(expected, rel=1e-4)

@@ -1,0 +1,93 @@
+"""Mass matrices: Pinocchio's, the torque of unit accelerations, least eigenvalues."""
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from robots import random_robot
+
+from consistent_id import DHRow, DriveTerms, GearCoupling, TorqueModel, from_modified_dh
+from consistent_id.regression.mass_matrix import (
+    least_mass_eigenvalue,
+    mass_matrices,
+    random_poses,
+)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_mass_matrices_are_those_of_pinocchio_with_rotor_inertia_added(seed):
+    rng = np.random.default_rng(seed)
+    joints = int(rng.integers(1, 9))
+    reference, robot = random_robot(rng, joints)
+    model = TorqueModel(robot, DriveTerms(rotor_inertia=True))
+    rotors = rng.uniform(0.0, 1.0, joints)
+    q = random_poses(model, 5, seed)
+    data, x = reference.createData(), np.concatenate([robot.nominal, rotors])
+    for M, pose in zip(mass_matrices(model, x, q), q, strict=True):
+        upper = np.triu(pin.crba(reference, data, pose))
+        expected = upper + np.triu(upper, 1).T + np.diag(rotors)
+        assert np.allclose(M, expected, rtol=0, atol=1e-12 * abs(expected).max())
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_mass_matrices_of_trees_are_what_pinocchio_says_of_unit_accelerations(seed):
+    rng = np.random.default_rng(seed)
+    # Pinocchio's own matrices are of trees whose branches are numbered one by one.
+    reference, robot = random_robot(rng, 6, tree=True)
+    reference.gravity = pin.Motion.Zero()
+    model, data = TorqueModel(robot), reference.createData()
+    q = random_poses(model, 5, seed)
+    for M, pose in zip(mass_matrices(model, robot.nominal, q), q, strict=True):
+        columns = [pin.rnea(reference, data, pose, np.zeros(6), e) for e in np.eye(6)]
+        expected = np.transpose(columns)
+        assert np.allclose(M, expected, rtol=0, atol=1e-12 * abs(expected).max())
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_column_is_the_torque_of_a_unit_acceleration_at_rest(seed):
+    rng = np.random.default_rng(seed)
+    _, robot = random_robot(rng, 5, tree=bool(seed % 2))
+    drive = DriveTerms(
+        viscous=True, coulomb="sign", offset=True, rotor_inertia=True, spring=True
+    )
+    model = TorqueModel(robot, drive, torque_joints=robot.joint_names[2:])
+    x = rng.normal(size=len(model.layout))  # no body's: all is linear in them
+    q = random_poses(model, 4, seed)
+    every_joint, still = replace(model, torque_joints=()), np.zeros_like(q)
+    at_rest = every_joint.predict(x, q, still, still)
+    for j, M_j in enumerate(np.moveaxis(mass_matrices(model, x, q), 2, 0)):
+        unit = still + np.eye(5)[j]
+        expected = every_joint.predict(x, q, still, unit) - at_rest
+        assert np.allclose(M_j, expected, rtol=0, atol=1e-12 * abs(expected).max())
+
+
+def test_mass_matrices_have_coupled_rotors_and_no_spring():
+    robot = from_modified_dh("arm", [DHRow(0.0, 0.1), DHRow(1.0, 0.1)])
+    drive = DriveTerms(offset=True, spring=True, rotor_inertia=True)
+    coupling = GearCoupling("joint1", "joint2", rotor_inertia=True)
+    model = TorqueModel(robot, drive, (coupling,))
+    x = np.zeros(len(model.layout))
+    x[20:] = [5.0, 0.4, 9.0, 7.0, 0.3, 8.0, 0.2]
+    q = random_poses(model, 3, seed=0)
+    expected = np.tile([[0.4, 0.2], [0.2, 0.3]], (3, 1, 1))
+    assert np.allclose(mass_matrices(model, x, q), expected, rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_least_eigenvalue_is_that_of_all_matrices(seed):
+    rng = np.random.default_rng(seed)
+    _, robot = random_robot(rng, 4, tree=True)
+    model = TorqueModel(robot)
+    x = robot.nominal if seed % 2 else rng.normal(size=len(model.layout))
+    q = random_poses(model, 5000, seed)
+    expected = np.linalg.eigvalsh(mass_matrices(model, x, q)).min()
+    assert least_mass_eigenvalue(model, x, q) == pytest.approx(expected, abs=1e-12)
+
+
+def test_a_single_pose_has_a_least_eigenvalue():
+    _, robot = random_robot(np.random.default_rng(0), 3)
+    model = TorqueModel(robot)
+    q = random_poses(model, 1, seed=0)
+    expected = np.linalg.eigvalsh(mass_matrices(model, robot.nominal, q)[0]).min()
+    assert least_mass_eigenvalue(model, robot.nominal, q) == pytest.approx(expected)
