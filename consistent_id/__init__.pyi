@@ -185,6 +185,7 @@ from consistent_id.robot.loaders import (
     from_modified_dh,
     lint_urdf,
     load_mjcf,
+    load_robot,
     load_urdf,
 )
 from consistent_id.robot.log_cholesky import (
@@ -354,6 +355,7 @@ __all__ = [
     "load_mjcf",
     "load_problem",
     "load_problems",
+    "load_robot",
     "load_urdf",
     "log_cholesky_from_body",
     "log_cholesky_jacobian",
