@@ -33,6 +33,11 @@ from consistent_id.robot.model import (
 )
 from consistent_id.robot.parameters import did_you_mean
 
+DEFAULT_DRIVE = DriveTable(
+    viscous=True, coulomb="tanh", velocity_scale=0.02, offset=True
+)
+"""Drive terms of a robot of which nothing is known; the scale in rad/s or m/s."""
+
 
 def torque_model(table: ProblemTable, file: Path) -> TorqueModel:
     """Return the robot of a problem file, with its datasheet and drive terms.
@@ -53,7 +58,7 @@ def torque_model(table: ProblemTable, file: Path) -> TorqueModel:
             near = did_you_mean(name, robot.joint_names)
             raise ProblemError(f"{file}: [joints.{name}]: no such joint; {near}")
     drive = tuple(
-        _drive(table.joints.get(name, table.drive)) for name in robot.joint_names
+        drive_terms(table.joints.get(name, table.drive)) for name in robot.joint_names
     )
     couplings = tuple(_coupling(coupling) for coupling in table.couplings)
     measured = () if table.data is None else tuple(table.data.torque_joints)
@@ -105,7 +110,8 @@ def _datasheet(robot: RobotModel, name: str, table: LinkTable) -> Datasheet:
     )
 
 
-def _drive(table: DriveTable) -> DriveTerms:
+def drive_terms(table: DriveTable) -> DriveTerms:
+    """Return the drive terms that a table of the file names."""
     return DriveTerms(
         viscous=table.viscous,
         coulomb=table.coulomb,
