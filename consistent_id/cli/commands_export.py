@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from consistent_id.errors import ProblemError
-from consistent_id.estimation.constrained import constrained_least_squares
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.export.c_source import to_c
 from consistent_id.export.casadi_functions import casadi_file
@@ -15,9 +14,7 @@ from consistent_id.export.pinocchio_model import pinocchio_file
 from consistent_id.export.record import to_json
 from consistent_id.export.urdf import to_urdf
 from consistent_id.problems.problem import Problem
-from consistent_id.problems.study import recordings_of
-from consistent_id.regression.base import base_parameters
-from consistent_id.regression.regression import build_regression
+from consistent_id.problems.study import Study
 
 _WITHOUT_SOURCE = {
     "json": to_json,
@@ -37,17 +34,10 @@ def estimate_for_export(problem: Problem, file: Path | None = None) -> Estimate:
     file : Path, optional
         As ``consistent-id identify --output`` writes it.
     """
-    base = base_parameters(problem.model)
+    study = Study(problem)
     if file is not None:
-        return Estimate.load(file, problem.model, base)
-    training, _ = recordings_of(problem)
-    return constrained_least_squares(
-        problem.model,
-        build_regression(problem.model, training),
-        constraints=problem.constraints,
-        prior=problem.prior,
-        base=base,
-    )
+        return Estimate.load(file, problem.model, study.base)
+    return study.constrained
 
 
 def exported(

@@ -104,7 +104,7 @@ def test_an_interrupt_ends_with_130_and_leaves_nothing_half_written(
     def interrupted(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("consistent_id.cli.commands.run_study", interrupted)
+    monkeypatch.setattr("consistent_id.problems.study.run_study", interrupted)
     assert main(["compare", RX60, "--output", str(tmp_path / "out")]) == 130
     assert not (tmp_path / "out").exists()
     capsys.readouterr()

@@ -162,7 +162,7 @@ def test_work_that_takes_too_long_is_given_up_with_3(arm, capsys, monkeypatch):
     def slow(*_, **__):
         time.sleep(5.0)
 
-    monkeypatch.setattr("consistent_id.cli.commands.run_study", slow)
+    monkeypatch.setattr("consistent_id.problems.study.run_study", slow)
     limit = ["--time-limit", "0.2", "--dry-run"]
     assert main(["compare", "problems/rx60", *limit]) == 3
     assert "not done within 0.2 s" in capsys.readouterr().err
