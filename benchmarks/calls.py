@@ -1,8 +1,8 @@
 """What commands do more than once, and the CPU seconds they take.
 
-``python benchmarks/calls.py [--against FOLDER]``: the folder is another checkout, which
-is counted and timed in the same run.  Needs the recordings, see ``CONSISTENT_ID_DATASETS``
-in README.
+``python benchmarks/calls.py [--against FOLDER]``: the folder is another checkout,
+which is counted and timed in the same run.  Needs the recordings, see
+``CONSISTENT_ID_DATASETS`` in README.
 """
 
 import argparse

@@ -29,6 +29,7 @@ from consistent_id.constraints.link_condition import LinkCondition, link_conditi
 from consistent_id.constraints.priors import Prior
 from consistent_id.estimation.estimate import Certificate, Estimate
 from consistent_id.estimation.least_squares import residual_sigma, solve_linear
+from consistent_id.estimation.method import Method
 from consistent_id.estimation.nearest import DISTANCE_GAP
 from consistent_id.estimation.settled import SLACK_GAP, Settled, settle
 from consistent_id.regression.base import (
@@ -62,7 +63,7 @@ def constrained_least_squares(
     constraints: Sequence[Constraint] = DEFAULT_CONSTRAINTS,
     prior: Prior | None = None,
     base: BaseParameters | None = None,
-    method: str = "constrained",
+    method: str = Method.CONSTRAINED,
 ) -> Estimate:
     """Estimate all parameters under physical constraints.
 

@@ -13,11 +13,13 @@ class Method(StrEnum):
     """
 
     AS_PUBLISHED = "least squares as published"
+    AS_PUBLISHED_WITH_FRICTION = "least squares as published, with friction"
     LEAST_SQUARES = "least squares"
     WEIGHTED_LEAST_SQUARES = "weighted least squares"
     HUBER = "Huber"
     BOX_CONSTRAINED = "bounded"
     CONSTRAINED = "constrained"
+    CONSTRAINED_WITH_FRICTION = "constrained, with friction"
     WEIGHTED_CONSTRAINED = "weighted constrained"
     CROSS_VALIDATED = "cross-validated"
 

@@ -28,8 +28,11 @@ from consistent_id.estimation.least_squares import (
 from consistent_id.estimation.method import Method
 from consistent_id.estimation.robust import huber
 from consistent_id.problems.problem import Problem
-from consistent_id.problems.published import PublishedReport, check_published
-from consistent_id.problems.published_estimate import published_least_squares
+from consistent_id.problems.published import (
+    PublishedReport,
+    check_published,
+    published_least_squares,
+)
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import (
     BaseParameters,
