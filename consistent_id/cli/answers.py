@@ -64,7 +64,7 @@ def show(options: argparse.Namespace, answer: Answer) -> int:
         if options.json:
             print(json.dumps(answer.record, indent=1, allow_nan=False), flush=True)
         else:
-            say(options, answer.text)
+            print_text(options, answer.text)
     except BrokenPipeError:
         _write(options, answer, shown=False)
         raise
@@ -76,10 +76,10 @@ def _write(options: argparse.Namespace, answer: Answer, *, shown: bool = True) -
     """Write an answer's files and name them."""
     paths = answer.write() if answer.write is not None else ()
     if paths and shown and not options.json:
-        say(options, "\nwritten: " + ", ".join(str(path) for path in paths))
+        print_text(options, "\nwritten: " + ", ".join(str(path) for path in paths))
 
 
-def say(options: argparse.Namespace, text: str) -> None:
+def print_text(options: argparse.Namespace, text: str) -> None:
     """Print text, unless the user wants quiet."""
     if not options.quiet:
         print(coloured(text) if wants_colour(sys.stdout) else text, flush=True)
@@ -123,7 +123,7 @@ def _each(
             require_distinct(names)
             answer = answer_to(_of(options, file, names[-1]))
             if not options.json:
-                say(options, f"=== {names[-1]}\n\n{answer.text}")
+                print_text(options, f"=== {names[-1]}\n\n{answer.text}")
             _write(options, answer)
         except ConsistentIdError as error:
             codes.append(print_error(error))
@@ -131,7 +131,7 @@ def _each(
         codes.append(answer.code)
         records[names[-1]] = answer.record
         if not options.json:
-            say(options, "")
+            print_text(options, "")
     if options.json:
         print(json.dumps(records, indent=1, allow_nan=False))
     return max(codes)

@@ -14,7 +14,6 @@ from consistent_id.export.pinocchio_model import pinocchio_file
 from consistent_id.export.record import to_json
 from consistent_id.export.urdf import to_urdf
 from consistent_id.problems.problem import Problem
-from consistent_id.problems.study import Study
 
 _WITHOUT_SOURCE = {
     "json": to_json,
@@ -23,21 +22,6 @@ _WITHOUT_SOURCE = {
     "casadi": casadi_file,
     "c": to_c,
 }
-
-
-def estimate_for_export(problem: Problem, file: Path | None = None) -> Estimate:
-    """Return the problem's constrained estimate, or the one that a file holds.
-
-    Parameters
-    ----------
-    problem : Problem
-    file : Path, optional
-        As ``consistent-id identify --output`` writes it.
-    """
-    study = Study(problem)
-    if file is not None:
-        return Estimate.load(file, problem.model, study.base)
-    return study.constrained
 
 
 def exported(

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 _MORE = """With a URDF or MJCF file in place of PROBLEM, and a log, no problem file is
 needed: columns are found by their names, the last 30 % of the motion are kept for
-validation, and --output FOLDER also holds the problem.toml that says so (see init).
+validation, and --output FOLDER also gets this problem.toml (see init).
 Exit code 1: no estimate could be certified."""
 _EXAMPLES = """
 consistent-id identify robot.urdf log.csv
@@ -194,7 +194,7 @@ def _answer(
 
 
 def _refuse_drafting(options: argparse.Namespace) -> None:
-    """Refuse options that would go unused, as the problem file says these things."""
+    """Refuse options that would go unused, as the problem file states these things."""
     names = ("time", "position", "velocity", "torque", "torque_joints", "torque_gain")
     given = [name for name in (*names, "base", "tip") if getattr(options, name)]
     if options.masses != "model":
@@ -203,5 +203,5 @@ def _refuse_drafting(options: argparse.Namespace) -> None:
         flag = "--" + given[0].replace("_", "-")
         raise ProblemError(
             f"{flag} is for a robot and a log without a problem file; "
-            f"{options.problem} says such things itself"
+            f"{options.problem} states it itself"
         )

@@ -129,7 +129,7 @@ class Draft:
         """Return the text of the problem file, for a file in a folder."""
         head = (
             f"# Drafted from {self.model.name} and {self.log.name}. A comment that\n"
-            "# begins with GUESS says what neither of them states: look at it.\n\n"
+            "# begins with GUESS marks what neither of them states: check it.\n\n"
         )
         return head + toml_text(self.table(folder), self._comments)
 
@@ -158,7 +158,7 @@ class Draft:
                 f"GUESS: {note}."
                 for note in (
                     *self.notes,
-                    "rad, m, N m and N, as the names do not say otherwise",
+                    "units are rad, m, N m and N, as no name contradicts this",
                 )
             ),
             "data.columns.time": "",

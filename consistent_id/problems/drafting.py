@@ -48,8 +48,8 @@ def draft_problem(
     """Draft the problem of identifying a robot from one log.
 
     Joints and columns are matched by name, the clock is made uniform, what stands still
-    at either end is left out, the last 30 % of the motion are kept to judge by, and the
-    cut-off is chosen by `best_cutoff` on the rest.
+    at either end is left out, the last 30 % of the motion are kept for validation, and
+    the cut-off is chosen by `best_cutoff` on the rest.
 
     Parameters
     ----------

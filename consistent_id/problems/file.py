@@ -46,7 +46,7 @@ class ModelTable(Table, frozen=True, kw_only=True):
 
 
 class LinkTable(Table, frozen=True, kw_only=True):
-    """What the datasheet says of a link."""
+    """A link's datasheet."""
 
     mass: NonNegative | None = None
     mass_bounds: Pair | None = None
@@ -70,7 +70,7 @@ class DriveTable(Table, frozen=True, kw_only=True):
 
 
 class JointTable(DriveTable, frozen=True, kw_only=True):
-    """Terms of one joint, and what the datasheet says of its motor."""
+    """Terms of one joint, and its motor's datasheet."""
 
     gear_ratio: float | None = None
     motor_inertia: NonNegative | None = None
@@ -147,7 +147,7 @@ class ConstraintsTable(Table, frozen=True, kw_only=True):
 
 
 class PriorTable(Table, frozen=True, kw_only=True):
-    """What settles the parameters that data leave open: a slack, or a weight."""
+    """The prior on parameters that are not identifiable: a slack, or a weight."""
 
     slack: Annotated[float, Meta(gt=0.0, lt=1.0)] | None = None
     distance: Literal["pullback", "euclidean", "entropic"] = "pullback"
@@ -242,7 +242,7 @@ class MotionTable(Table, frozen=True, kw_only=True):
 
 
 class SimulationTable(Table, frozen=True, kw_only=True):
-    """A simulated experiment: the published robot's nearest body as the truth."""
+    """A simulated experiment; its truth: the consistent robot nearest the published."""
 
     training: str
     validation: str

@@ -149,7 +149,7 @@ class Log:
         """Return what is prepared of ``start <= time <= stop`` [s]; see `prepared`."""
         parts = self._parts
         inside = [p for p in parts if _samples(p.raw, start, stop) >= 2]
-        # If there is none, trimming the first part says so.
+        # If there is none, trimming the first part raises the error.
         return tuple(part.prepared(start, stop) for part in inside or parts[:1])
 
     @cached_property

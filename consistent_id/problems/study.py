@@ -92,7 +92,7 @@ class Study:
 
     @cached_property
     def published(self) -> PublishedReport | None:
-        """What the paper's estimates are worth, if the problem has a paper."""
+        """The paper's printed estimates, checked, if the problem has a paper."""
         has_paper = self.problem.table.published is not None
         return check_published(self.problem) if has_paper else None
 

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from consistent_id import ConsistentIdError, Estimate, load_problem
+from consistent_id import ConsistentIdError, Estimate, Study, load_problem
 from consistent_id.cli import main
 
 RX60 = "problems/rx60"
@@ -166,9 +166,7 @@ def test_what_is_refused_is_not_exported_unless_told(rx60_estimate, capsys):
 
 @pytest.fixture(scope="module")
 def _rx60_estimate(tmp_path_factory):
-    from consistent_id.cli.commands_export import estimate_for_export
-
-    estimate = estimate_for_export(load_problem(RX60))
+    estimate = Study(load_problem(RX60)).constrained
     return estimate.save(tmp_path_factory.mktemp("rx60") / "estimate.json")
 
 

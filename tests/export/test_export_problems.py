@@ -7,8 +7,8 @@ import pinocchio as pin
 import pytest
 from estimates import rigid
 
-from consistent_id import load_problem, load_urdf, to_mjcf, to_urdf
-from consistent_id.cli.commands_export import estimate_for_export, exported
+from consistent_id import Study, load_problem, load_urdf, to_mjcf, to_urdf
+from consistent_id.cli.commands_export import exported
 
 pytestmark = pytest.mark.skipif(
     "CONSISTENT_ID_DATASETS" not in os.environ,
@@ -19,7 +19,7 @@ pytestmark = pytest.mark.skipif(
 @pytest.mark.parametrize("robot", ["ur10e", "tiago"])
 def test_the_estimates_torque_is_in_the_file_and_mujoco_loads_it(robot, tmp_path):
     problem = load_problem(f"problems/{robot}")
-    estimate = estimate_for_export(problem)
+    estimate = Study(problem).constrained
     export = exported(problem, estimate, "urdf")
     assert to_urdf(estimate, problem.model_files["urdf"]) == export
     path = export.save(tmp_path / "robot.urdf")
