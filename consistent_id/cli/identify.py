@@ -71,6 +71,7 @@ def run_identify(options: argparse.Namespace) -> int:
 
 
 def _identify(options: argparse.Namespace) -> Answer:
+    from consistent_id._support.tables import Table
     from consistent_id.problems.problem import load_problem
     from consistent_id.problems.study import Study
     from consistent_id.report.summary import excitation_table
@@ -82,12 +83,20 @@ def _identify(options: argparse.Namespace) -> Answer:
         seed=options.seed,
         progress=shows_progress(options),
     )
+    verdicts = [(e.method, e.certificate.verdict) for e in study.estimates]
+    certified = sum(verdict == "certified" for _, verdict in verdicts)
     tables = [
+        Table(
+            f"{study.problem.name}: {certified} of {len(verdicts)} estimates are "
+            "certified",
+            ("estimate", "verdict"),
+            tuple(verdicts),
+            ("consistent-id compare tests them on the validation recordings",),
+        ),
         excitation_table(study.excitation, study.training),
         *(estimate.table() for estimate in study.estimates),
     ]
     record: dict[str, Any] = {"estimates": [e.to_dict() for e in study.estimates]}
-    certified = any(e.certificate.verdict == "certified" for e in study.estimates)
 
     def write() -> list[Path]:
         from consistent_id.cli.results import write_estimates
@@ -95,7 +104,7 @@ def _identify(options: argparse.Namespace) -> Answer:
         output = options.output
         return [] if output is None else write_estimates(study.estimates, output)
 
-    return _answer(options, study, certified, tables, record, write)
+    return _answer(options, study, certified > 0, tables, record, write)
 
 
 def _identify_log(options: argparse.Namespace) -> Answer:
