@@ -23,7 +23,6 @@ from consistent_id.estimation.least_squares import (
     joint_noise,
     least_squares,
     solve_linear,
-    weighted_least_squares,
 )
 from consistent_id.estimation.method import Method
 from consistent_id.estimation.robust import huber
@@ -284,7 +283,7 @@ def identify(
     linear = [c for c in constraints if not isinstance(c, PhysicalConsistency)]
     return (
         least_squares(model, regression, base=base),
-        weighted_least_squares(model, regression, base=base),
+        least_squares(model, weighted, base=base, method=Method.WEIGHTED_LEAST_SQUARES),
         huber(model, training, base=base),
         *(
             constrained_least_squares(
