@@ -41,7 +41,6 @@ def run_compare(options: argparse.Namespace) -> int:
 
 def _compare(options: argparse.Namespace) -> Answer:
     from consistent_id._support.files import require_writable
-    from consistent_id.comparison.comparison import verdict_table
     from consistent_id.problems.problem import load_problem
     from consistent_id.problems.study import run_study
     from consistent_id.report.study_record import study_record
@@ -52,7 +51,7 @@ def _compare(options: argparse.Namespace) -> Answer:
     if not options.dry_run:
         require_writable(output)
     study = run_study(problem, progress=shows_progress(options))
-    tables = [verdict_table(study.comparison), *study_tables(study)]
+    tables = study_tables(study)
 
     def write() -> list[Path]:
         from consistent_id.cli.results import write_comparison

@@ -121,15 +121,8 @@ def _identify_log(options: argparse.Namespace) -> Answer:
     problem = draft.problem()
     diagnosis = check_problem(problem)
     study = run_study(problem, seed=options.seed, progress=shows_progress(options))
-    verdicts = verdict_table(study.comparison)
-    if diagnosis.faults:
-        kinds = ", ".join(dict.fromkeys(fault.kind for fault in diagnosis.faults))
-        warning = (
-            f"the log seems faulty ({kinds}; see below): do not trust these numbers yet"
-        )
-        verdicts = replace(verdicts, notes=(warning, *verdicts.notes))
     tables = [
-        verdicts,
+        _with_warning(verdict_table(study.comparison), diagnosis),
         draft_table(draft),
         diagnosis_table(diagnosis),
         study.constrained.table(),
@@ -152,6 +145,17 @@ def _identify_log(options: argparse.Namespace) -> Answer:
 
     certified = study.comparison.certified
     return _answer(options, study, certified, tables, record, write, diagnosis)
+
+
+def _with_warning(verdicts: "Table", diagnosis: "Diagnosis") -> "Table":
+    """Add that the log is faulty, if it is."""
+    if not diagnosis.faults:
+        return verdicts
+    kinds = ", ".join(dict.fromkeys(fault.kind for fault in diagnosis.faults))
+    warning = (
+        f"the log seems faulty ({kinds}; see below): do not trust these numbers yet"
+    )
+    return replace(verdicts, notes=(warning, *verdicts.notes))
 
 
 def _require_writable(options: argparse.Namespace) -> None:
