@@ -13,16 +13,17 @@ import numpy as np
 import pairs
 
 import consistent_id as ci
+from consistent_id.estimation.method import Method
 
 PROBLEMS = ("ur10e", "ur10e/payload.toml", "kuka_kr300", "staubli_tx40", "tiago")
 SHOWN = {
-    "least squares": "least squares",
-    "weighted least squares": "weighted",
-    "Huber": "Huber",
-    "bounded": "QP",
-    "constrained": "constrained",
-    "weighted constrained": "weighted constrained",
-    "cross-validated": "cross-validated prior",
+    Method.LEAST_SQUARES: "least squares",
+    Method.WEIGHTED_LEAST_SQUARES: "weighted",
+    Method.HUBER: "Huber",
+    Method.BOX_CONSTRAINED: "QP",
+    Method.CONSTRAINED: "constrained",
+    Method.WEIGHTED_CONSTRAINED: "weighted constrained",
+    Method.CROSS_VALIDATED: "cross-validated prior",
 }
 BEGIN, END = "<!-- accuracy: begin -->", "<!-- accuracy: end -->"
 
@@ -65,7 +66,7 @@ def rows(file: str) -> tuple[list[str], list[str]]:
 def across_recordings(every: pairs.Pairs, held_out: blocks.Blocks) -> list[str]:
     """Return summary rows of the UR10e's pairs and of the TX40's blocks."""
     errors = {method: every.held_out(method) for method in SHOWN}
-    number = len(errors["constrained"])
+    number = len(errors[Method.CONSTRAINED])
     shown = {
         f"ur10e, median of {number} pairs": [np.median(e) for e in errors.values()],
         f"ur10e, worst of {number} pairs": [np.max(e) for e in errors.values()],

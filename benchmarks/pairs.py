@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 import consistent_id as ci
+from consistent_id.estimation.method import Method
 
 FOLDERS = ("identification", "validation")
 
@@ -107,7 +108,7 @@ def stacked_error(
 
 def section(found: Pairs, shown: dict[str, str]) -> list[str]:
     """Return the page's section on pairs; methods as shown, by name."""
-    pairs = len(found.held_out("constrained"))
+    pairs = len(found.held_out(Method.CONSTRAINED))
     rows = [
         f"| {label} | {np.median(errors):.2%} | {errors.mean():.2%} "
         f"| {errors.max():.2%} | {found.no_worse(m, 'least squares'):.0%} "
@@ -128,8 +129,8 @@ def section(found: Pairs, shown: dict[str, str]) -> list[str]:
         "|---|---:|---:|---:|---:|---:|",
         *rows,
         "",
-        *matrix(found, "least squares"),
-        *matrix(found, "constrained"),
+        *matrix(found, Method.LEAST_SQUARES),
+        *matrix(found, Method.CONSTRAINED),
     ]
 
 

@@ -13,6 +13,7 @@ import matplotlib as mpl
 
 import consistent_id as ci
 from consistent_id.comparison.comparison import EstimateReport
+from consistent_id.estimation.method import Method
 
 mpl.use("Agg")
 from matplotlib import pyplot as plt
@@ -22,13 +23,17 @@ SHARES = (1.0, 0.3, 0.1, 0.03, 0.01)
 STARTS = 5
 FEWEST = 20  # samples
 METHODS = {
-    "least squares": "least squares",
-    "weighted least squares": "weighted least squares",
-    "bounded": "QP: masses and signs",
-    "constrained": "SDP",
-    "cross-validated": "SDP + cross-validated prior",
+    Method.LEAST_SQUARES: "least squares",
+    Method.WEIGHTED_LEAST_SQUARES: "weighted least squares",
+    Method.BOX_CONSTRAINED: "QP: masses and signs",
+    Method.CONSTRAINED: "SDP",
+    Method.CROSS_VALIDATED: "SDP + cross-validated prior",
 }
-CONSISTENT = ("constrained", "weighted constrained", "cross-validated")
+CONSISTENT = (
+    Method.CONSTRAINED,
+    Method.WEIGHTED_CONSTRAINED,
+    Method.CROSS_VALIDATED,
+)
 
 
 @dataclass(frozen=True)

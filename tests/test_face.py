@@ -45,7 +45,7 @@ def test_no_module_has_the_name_of_something_public():
 
 def test_importing_a_module_does_not_change_what_a_public_name_means():
     code = (
-        "import consistent_id.problems.study, consistent_id.cli.commands;"
+        "import consistent_id.problems.study, consistent_id.cli.results;"
         "import consistent_id as ci;"
         "print(all(callable(getattr(ci, n)) for n in"
         " ('bootstrap', 'uncertainty', 'cross_check', 'shadow_prices',"

@@ -15,10 +15,13 @@ def stages(total: int, shown: bool) -> Iterator[Callable[[str], None]]:
     shown : bool
         Whether a bar is drawn.
     """
+    if not shown:
+        yield lambda stage: None
+        return
     from tqdm import tqdm
 
     form = "{n_fmt}/{total_fmt} {bar:20} {desc} [{elapsed}]"
-    with tqdm(total=total, disable=not shown, leave=False, bar_format=form) as bar:
+    with tqdm(total=total, leave=False, bar_format=form) as bar:
         begun = False
 
         def begin(stage: str) -> None:

@@ -1,4 +1,4 @@
-"""What commands have to say, of one problem or of several, and how it is said."""
+"""What commands answer, for one problem or for several, and how it is printed."""
 
 import argparse
 import json
@@ -14,11 +14,23 @@ from consistent_id.errors import ConsistentIdError, SolverError
 
 
 class Answer(NamedTuple):
-    """What a command has to say of one problem."""
+    """What a command answers for one problem.
+
+    Parameters
+    ----------
+    code : int
+        Exit code.
+    text : str
+    record : object
+        The same for ``--json``.
+    write : callable, optional
+        Writes files when the answer has been printed, and returns their paths.
+    """
 
     code: int
     text: str
     record: object
+    write: Callable[[], Sequence[Path]] | None = None
 
 
 AnswerTo = Callable[[argparse.Namespace], Answer]
@@ -47,21 +59,33 @@ def answered(options: argparse.Namespace, answer_to: AnswerTo) -> int:
 
 
 def show(options: argparse.Namespace, answer: Answer) -> int:
-    """Print an answer as the options ask; return its exit code."""
-    if options.json:
-        print(json.dumps(answer.record, indent=1, allow_nan=False))
-    else:
-        say(options, answer.text)
+    """Print an answer as the options ask, then write its files; return its code."""
+    try:
+        if options.json:
+            print(json.dumps(answer.record, indent=1, allow_nan=False), flush=True)
+        else:
+            print_text(options, answer.text)
+    except BrokenPipeError:
+        _write(options, answer, shown=False)
+        raise
+    _write(options, answer)
     return answer.code
 
 
-def say(options: argparse.Namespace, text: str) -> None:
-    """Print text, unless told to be quiet."""
+def _write(options: argparse.Namespace, answer: Answer, *, shown: bool = True) -> None:
+    """Write an answer's files and name them."""
+    paths = answer.write() if answer.write is not None else ()
+    if paths and shown and not options.json:
+        print_text(options, "\nwritten: " + ", ".join(str(path) for path in paths))
+
+
+def print_text(options: argparse.Namespace, text: str) -> None:
+    """Print text, unless the user wants quiet."""
     if not options.quiet:
         print(coloured(text) if wants_colour(sys.stdout) else text, flush=True)
 
 
-def told(error: ConsistentIdError) -> int:
+def print_error(error: ConsistentIdError) -> int:
     """Print an error; return its exit code."""
     print(f"consistent-id: {error}", file=sys.stderr)
     return 3 if isinstance(error, SolverError) else 2
@@ -69,7 +93,7 @@ def told(error: ConsistentIdError) -> int:
 
 @contextmanager
 def warnings_unless(quiet: bool) -> Iterator[None]:
-    """Let the package's warnings pass, unless told to be quiet."""
+    """Let the package's warnings pass, unless the user wants quiet."""
     logger = logging.getLogger("consistent_id")
     before = logger.level
     if quiet:
@@ -81,7 +105,7 @@ def warnings_unless(quiet: bool) -> Iterator[None]:
 
 
 def shows_progress(options: argparse.Namespace) -> bool:
-    """Tell whether somebody watches long work."""
+    """Return whether somebody watches long work."""
     return sys.stderr.isatty() and not options.quiet
 
 
@@ -98,13 +122,16 @@ def _each(
             names.append(read_problem_table(file).name)
             require_distinct(names)
             answer = answer_to(_of(options, file, names[-1]))
+            if not options.json:
+                print_text(options, f"=== {names[-1]}\n\n{answer.text}")
+            _write(options, answer)
         except ConsistentIdError as error:
-            codes.append(told(error))
+            codes.append(print_error(error))
             continue
         codes.append(answer.code)
         records[names[-1]] = answer.record
         if not options.json:
-            say(options, f"=== {names[-1]}\n\n{answer.text}\n")
+            print_text(options, "")
     if options.json:
         print(json.dumps(records, indent=1, allow_nan=False))
     return max(codes)

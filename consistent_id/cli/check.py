@@ -8,7 +8,8 @@ from consistent_id.cli.answers import Answer, answered, show
 from consistent_id.cli.log_options import add_columns
 from consistent_id.cli.options import add_command, add_problem, add_time_limit, positive
 
-_MORE = """Clocks, units, signs, exchanged channels, zeros, lags, saturation, leaks.
+_MORE = """Clocks, units, signs, exchanged channels, joint zero offsets, delays,
+saturation, data leakage between training and validation.
 With a URDF or MJCF file in place of PROBLEM, and a log, no problem file is needed.
 Exit code 1: something is wrong."""
 _EXAMPLES = """
@@ -47,13 +48,16 @@ def run_check(options: argparse.Namespace) -> int:
 
 
 def _check(options: argparse.Namespace) -> Answer:
-    from consistent_id.cli.commands import check_log, check_problem
-    from consistent_id.diagnosis.diagnosis_table import diagnosis_record
+    from consistent_id.cli.checks import check_log, check_problem
+    from consistent_id.diagnosis.diagnosis_table import (
+        diagnosis_record,
+        diagnosis_table,
+    )
     from consistent_id.problems.problem import load_problem
     from consistent_id.recordings.readers import Columns
 
     if options.log is None:
-        found, table = check_problem(load_problem(options.problem))
+        found = check_problem(load_problem(options.problem))
     else:
         columns = Columns(
             options.time,
@@ -62,7 +66,6 @@ def _check(options: argparse.Namespace) -> Answer:
             torque=options.torque,
             torque_joints=options.torque_joints,
         )
-        found, table = check_log(
-            options.problem, options.log, columns, cutoff=options.cutoff
-        )
-    return Answer(1 if found.faults else 0, table.text(), diagnosis_record(found))
+        found = check_log(options.problem, options.log, columns, cutoff=options.cutoff)
+    text = diagnosis_table(found).text()
+    return Answer(1 if found.faults else 0, text, diagnosis_record(found))

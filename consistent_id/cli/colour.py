@@ -18,7 +18,7 @@ _TITLE = re.compile(r"^(?=\S)(.+)$", re.MULTILINE)
 
 
 def wants_colour(stream: TextIO) -> bool:
-    """Tell whether a stream is a terminal whose user has not asked for plain text."""
+    """Return whether a stream is a terminal whose user has not asked for plain text."""
     plain = os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb"
     return stream.isatty() and not plain
 

@@ -26,7 +26,7 @@ def add_compare(commands: Any) -> None:
         "compare",
         "compare least squares with constrained estimates",
         run_compare,
-        more="Tables and figures are written. Exit code 1: no estimate is usable.",
+        more="Tables and figures are written. Exit code 1: no estimate is certified.",
         examples=_EXAMPLES,
     )
     add_problem(command)
@@ -40,19 +40,27 @@ def run_compare(options: argparse.Namespace) -> int:
 
 
 def _compare(options: argparse.Namespace) -> Answer:
-    from consistent_id.cli.commands import compare_problem
+    from consistent_id._support.files import require_writable
     from consistent_id.problems.problem import load_problem
+    from consistent_id.problems.study import run_study
     from consistent_id.report.study_record import study_record
+    from consistent_id.report.summary import study_tables
 
     problem = load_problem(options.problem)
     output = options.output or Path("results") / problem.name
-    study, tables, written = compare_problem(
-        problem,
-        None if options.dry_run else output,
-        progress=shows_progress(options),
+    if not options.dry_run:
+        require_writable(output)
+    study = run_study(problem, progress=shows_progress(options))
+    tables = study_tables(study)
+
+    def write() -> list[Path]:
+        from consistent_id.cli.results import write_comparison
+
+        return write_comparison(study, tables, output)
+
+    return Answer(
+        0 if study.comparison.certified else 1,
+        "\n\n".join(table.text() for table in tables),
+        study_record(study),
+        None if options.dry_run else write,
     )
-    parts = [table.text() for table in tables]
-    if written:
-        parts.append("written: " + ", ".join(str(path) for path in written))
-    usable = any(report.verdict == "certified" for report in study.comparison.reports)
-    return Answer(0 if usable else 1, "\n\n".join(parts), study_record(study))

@@ -56,12 +56,18 @@ def add_export(commands: Any) -> None:
 
 def run_export(options: argparse.Namespace) -> int:
     """Export an estimate; return the exit code."""
-    from consistent_id.cli.commands_export import estimate_for_export
+    from consistent_id.estimation.estimate import Estimate
     from consistent_id.export.provenance import export_verdict
     from consistent_id.problems.problem import load_problem
+    from consistent_id.problems.study import Study
 
     problem = load_problem(options.problem)
-    estimate = estimate_for_export(problem, options.estimate)
+    study = Study(problem)
+    estimate = (
+        study.constrained
+        if options.estimate is None
+        else Estimate.load(options.estimate, problem.model, study.base)
+    )
     verdict = export_verdict(estimate)
     if verdict == "refused" and not options.allow_refused:
         print(

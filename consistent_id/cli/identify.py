@@ -1,8 +1,10 @@
 """``consistent-id identify``: a problem, or a robot and a log without one."""
 
 import argparse
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from consistent_id.cli.answers import Answer, answered, show, shows_progress
 from consistent_id.cli.log_options import add_draft_options, draft_of
@@ -14,9 +16,14 @@ from consistent_id.cli.options import (
 )
 from consistent_id.errors import ProblemError
 
+if TYPE_CHECKING:
+    from consistent_id._support.tables import Table
+    from consistent_id.diagnosis import Diagnosis
+    from consistent_id.problems.study import Study
+
 _MORE = """With a URDF or MJCF file in place of PROBLEM, and a log, no problem file is
-needed: columns are told from their names, the last 30 % of the motion judge, and
---output FOLDER also holds the problem.toml that says all this (see init).
+needed: columns are found by their names, the last 30 % of the motion are kept for
+validation, and --output FOLDER also gets this problem.toml (see init).
 Exit code 1: no estimate could be certified."""
 _EXAMPLES = """
 consistent-id identify robot.urdf log.csv
@@ -47,7 +54,7 @@ def add_identify(commands: Any) -> None:
     command.add_argument(
         "--uncertainty",
         action="store_true",
-        help="also say how sure the constrained estimate is of each parameter",
+        help="also print the uncertainty of each parameter of the constrained estimate",
     )
     command.add_argument(
         "--seed", type=int, default=0, help="of the bootstrap (default: 0)"
@@ -64,66 +71,146 @@ def run_identify(options: argparse.Namespace) -> int:
 
 
 def _identify(options: argparse.Namespace) -> Answer:
-    from consistent_id.cli.commands import identify_problem
+    from consistent_id._support.tables import Table
     from consistent_id.problems.problem import load_problem
-    from consistent_id.problems.study import run_study
-    from consistent_id.report import write_report
+    from consistent_id.problems.study import Study
+    from consistent_id.report.summary import excitation_table
 
     _refuse_drafting(options)
-    problem = load_problem(options.problem)
-    output = None if options.dry_run else options.output
-    estimates, tables = identify_problem(problem, output)
-    record: dict[str, object] = {"estimates": [e.to_dict() for e in estimates]}
-    told = _uncertainty(options, problem, tables, record)
-    if options.report is not None and not options.dry_run:
-        study = run_study(problem, progress=shows_progress(options))
-        told += f"\n\nwritten: {write_report(study, options.report)}"
-    certified = any(e.certificate.verdict == "certified" for e in estimates)
-    return Answer(0 if certified else 1, told, record)
+    _require_writable(options)
+    study = Study(
+        load_problem(options.problem),
+        seed=options.seed,
+        progress=shows_progress(options),
+    )
+    verdicts = [(e.method, e.certificate.verdict) for e in study.estimates]
+    certified = sum(verdict == "certified" for _, verdict in verdicts)
+    tables = [
+        Table(
+            f"{study.problem.name}: {certified} of {len(verdicts)} estimates are "
+            "certified",
+            ("estimate", "verdict"),
+            tuple(verdicts),
+            ("consistent-id compare tests them on the validation recordings",),
+        ),
+        excitation_table(study.excitation, study.training),
+        *(estimate.table() for estimate in study.estimates),
+    ]
+    record: dict[str, Any] = {"estimates": [e.to_dict() for e in study.estimates]}
+
+    def write() -> list[Path]:
+        from consistent_id.cli.results import write_estimates
+
+        output = options.output
+        return [] if output is None else write_estimates(study.estimates, output)
+
+    return _answer(options, study, certified > 0, tables, record, write)
 
 
 def _identify_log(options: argparse.Namespace) -> Answer:
-    from consistent_id.cli.commands_draft import identify_log
-    from consistent_id.diagnosis.diagnosis_table import diagnosis_record
-    from consistent_id.report import write_report
+    from consistent_id.cli.checks import check_problem
+    from consistent_id.comparison.comparison import verdict_table
+    from consistent_id.diagnosis.diagnosis_table import (
+        diagnosis_record,
+        diagnosis_table,
+    )
+    from consistent_id.problems.draft import draft_table
+    from consistent_id.problems.study import run_study
     from consistent_id.report.study_record import study_record
+    from consistent_id.report.summary import study_tables
 
+    _require_writable(options)
     draft = draft_of(options, options.problem, options.log)
-    output = None if options.dry_run else options.output
-    found = identify_log(draft, output, progress=shows_progress(options))
-    written, tables = list(found.written), list(found.tables)
-    if options.report is not None and not options.dry_run:
-        report = write_report(found.study, options.report, diagnosis=found.findings)
-        written.append(report)
-    record: dict[str, object] = {
-        **study_record(found.study),
-        "findings": diagnosis_record(found.findings)["findings"],
-    }
-    told = _uncertainty(options, found.study.problem, tables, record)
-    if written:
-        told += "\n\nwritten: " + ", ".join(str(path) for path in written)
-    reports = found.study.comparison.reports
-    usable = any(report.verdict == "certified" for report in reports)
-    return Answer(0 if usable else 1, told, record)
+    problem = draft.problem()
+    diagnosis = check_problem(problem)
+    study = run_study(problem, seed=options.seed, progress=shows_progress(options))
+    tables = [
+        _with_warning(verdict_table(study.comparison), diagnosis),
+        draft_table(draft),
+        diagnosis_table(diagnosis),
+        study.constrained.table(),
+    ]
+    findings = diagnosis_record(diagnosis)["findings"]
+    record = {**study_record(study), "findings": findings}
+
+    def write() -> list[Path]:
+        from consistent_id._support.files import write_atomically
+        from consistent_id.cli.results import write_comparison, write_estimates
+
+        output = options.output
+        if output is None:
+            return []
+        return [
+            write_atomically(output / "problem.toml", draft.text(output)),
+            *write_estimates(study.estimates, output),
+            *write_comparison(study, study_tables(study), output),
+        ]
+
+    certified = study.comparison.certified
+    return _answer(options, study, certified, tables, record, write, diagnosis)
 
 
-def _uncertainty(
-    options: argparse.Namespace, problem: Any, tables: list[Any], record: dict[str, Any]
-) -> str:
-    """Return the tables' text, with how sure the parameters are if it is asked for."""
-    from consistent_id.cli.commands import uncertainty_of
+def _with_warning(verdicts: "Table", diagnosis: "Diagnosis") -> "Table":
+    """Add that the log is faulty, if it is."""
+    if not diagnosis.faults:
+        return verdicts
+    kinds = ", ".join(dict.fromkeys(fault.kind for fault in diagnosis.faults))
+    warning = (
+        f"the log seems faulty ({kinds}; see below): do not trust these numbers yet"
+    )
+    return replace(verdicts, notes=(warning, *verdicts.notes))
 
-    if options.uncertainty:
-        found, table = uncertainty_of(
-            problem, seed=options.seed, progress=shows_progress(options)
-        )
-        tables.append(table)
-        record["uncertainty"] = found.to_dict()
-    return "\n\n".join(table.text() for table in tables)
+
+def _require_writable(options: argparse.Namespace) -> None:
+    from consistent_id._support.files import require_writable
+
+    if not options.dry_run:
+        if options.output is not None:
+            require_writable(options.output)
+        if options.report is not None:
+            require_writable(options.report.parent)
+
+
+def _answer(
+    options: argparse.Namespace,
+    study: "Study",
+    certified: bool,
+    tables: list["Table"],
+    record: dict[str, Any],
+    write: Callable[[], list[Path]],
+    diagnosis: "Diagnosis | None" = None,
+) -> Answer:
+    """Add the uncertainty and write the report, if they are asked for."""
+    uncertainty = study.uncertainty if options.uncertainty else None
+    if uncertainty is not None:
+        from consistent_id.report.summary import uncertainty_table
+
+        tables = [*tables, uncertainty_table(uncertainty)]
+        record = {**record, "uncertainty": uncertainty.to_dict()}
+
+    def write_all() -> list[Path]:
+        from consistent_id.report import write_report
+
+        paths = write()
+        if options.report is not None:
+            report = write_report(
+                study,
+                options.report,
+                diagnosis=diagnosis,
+                uncertainty=uncertainty,
+                seed=options.seed,
+            )
+            paths.append(report)
+        return paths
+
+    text = "\n\n".join(table.text() for table in tables)
+    return Answer(
+        0 if certified else 1, text, record, None if options.dry_run else write_all
+    )
 
 
 def _refuse_drafting(options: argparse.Namespace) -> None:
-    """Refuse options that would go unused, as the problem file says these things."""
+    """Refuse options that would go unused, as the problem file states these things."""
     names = ("time", "position", "velocity", "torque", "torque_joints", "torque_gain")
     given = [name for name in (*names, "base", "tip") if getattr(options, name)]
     if options.masses != "model":
@@ -132,5 +219,5 @@ def _refuse_drafting(options: argparse.Namespace) -> None:
         flag = "--" + given[0].replace("_", "-")
         raise ProblemError(
             f"{flag} is for a robot and a log without a problem file; "
-            f"{options.problem} says such things itself"
+            f"{options.problem} states it itself"
         )

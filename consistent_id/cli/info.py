@@ -41,9 +41,9 @@ def run_info(options: argparse.Namespace) -> int:
 
 
 def _info(options: argparse.Namespace) -> Answer:
-    from consistent_id.cli.commands import info
+    from consistent_id.problems.listing import problem_tables
     from consistent_id.problems.problem import load_problem
 
-    tables = info(load_problem(options.problem))
+    tables = problem_tables(load_problem(options.problem))
     text = "\n\n".join(table.text() for table in tables)
     return Answer(0, text, [asdict(table) for table in tables])

@@ -59,13 +59,13 @@ def run_init(options: argparse.Namespace) -> int:
         )
     draft = draft_of(options, options.model, options.log)
     text = draft.text(file.parent)
-    told = text
+    shown = text
     if not options.dry_run:
-        told += f"\nwritten: {write_atomically(file, text)}"
-        told += f"\nnext: consistent-id compare {file}"
+        shown += f"\nwritten: {write_atomically(file, text)}"
+        shown += f"\nnext: consistent-id compare {file}"
     record = {
         "problem": draft.name,
         "text": text,
         "written": None if options.dry_run else str(file),
     }
-    return show(options, Answer(0, told, record))
+    return show(options, Answer(0, shown, record))

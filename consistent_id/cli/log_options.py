@@ -1,4 +1,4 @@
-"""Options that say what a log without a problem file holds."""
+"""Options that describe a log without a problem file."""
 
 import argparse
 from pathlib import Path
@@ -13,8 +13,8 @@ def add_columns(
     position: str | None = None,
     torque: str | None = None,
 ) -> None:
-    """Take the names of a log's columns; None: told from the log."""
-    guessed = "told from the log"
+    """Take the names of a log's columns; None: guessed from the log's names."""
+    guessed = "guessed from the log"
     for channel, pattern, default in (
         ("time", "time" if position else None, "time" if position else guessed),
         ("position", position, position or guessed),
@@ -37,7 +37,7 @@ def add_columns(
 
 
 def add_draft_options(command: argparse.ArgumentParser) -> None:
-    """Take what a draft of a problem file rests on."""
+    """Take what a draft of a problem file is made from."""
     add_columns(command)
     command.add_argument(
         "--base", metavar="LINK", help="link that stands still (default: the root)"

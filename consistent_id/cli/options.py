@@ -24,7 +24,7 @@ def add_command(
     run : callable
         From the options that were given to the exit code.
     more : str
-        What the command's own help says besides.
+        Further text of the command's own help.
     examples : str
         Lines, each a call that works.
     """
@@ -58,9 +58,9 @@ def add_problem(command: argparse.ArgumentParser) -> None:
 
 def add_output(command: argparse.ArgumentParser, default: str | None) -> None:
     """Take a folder for results, and leave to write nothing."""
-    told = "" if default is None else f" (default: {default})"
+    usual = "" if default is None else f" (default: {default})"
     command.add_argument(
-        "--output", type=Path, metavar="FOLDER", help=f"to write results to{told}"
+        "--output", type=Path, metavar="FOLDER", help=f"to write results to{usual}"
     )
     add_dry_run(command)
 

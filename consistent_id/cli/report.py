@@ -8,8 +8,8 @@ from typing import Any
 from consistent_id.cli.answers import Answer, show, shows_progress
 from consistent_id.cli.options import add_command, add_time_limit
 
-_MORE = """It opens with the estimate to use, and why; the data's health, parameters
-with intervals, bodies, held-out torque and residuals follow. The file needs no other
+_MORE = """It begins with the estimate to use, and why; faults of the data, parameters
+with intervals, links, validation torque and residuals follow. The file needs no other
 and no network. Exit code 1: there is no estimate to use, or the log is faulty."""
 _EXAMPLES = """
 consistent-id report problems/rx60
@@ -22,7 +22,7 @@ def add_report(commands: Any) -> None:
     command = add_command(
         commands,
         "report",
-        "write all that is found of a problem as one HTML file",
+        "write everything about a problem into one HTML file",
         run_report,
         more=_MORE,
         examples=_EXAMPLES,
@@ -44,28 +44,39 @@ def add_report(commands: Any) -> None:
 
 def run_report(options: argparse.Namespace) -> int:
     """Write a report; return the exit code."""
-    from consistent_id.cli.commands_report import report_problem
+    from consistent_id._support.files import require_writable
+    from consistent_id.cli.checks import check_problem
     from consistent_id.problems.problem import load_problem
+    from consistent_id.problems.study import run_study
+    from consistent_id.report import advise, write_report
 
     problem = load_problem(options.problem)
-    place = shlex.quote(str(options.problem))
-    reported = report_problem(
-        problem,
-        options.output or Path("results") / problem.name / "report.html",
+    file = options.output or Path("results") / problem.name / "report.html"
+    require_writable(file.parent)
+    study = run_study(problem, seed=options.seed, progress=shows_progress(options))
+    # Simulated recordings have no faults.
+    recorded = problem.table.data is not None
+    diagnosis = check_problem(problem) if recorded else None
+    write_report(
+        study,
+        file,
+        diagnosis=diagnosis,
+        uncertainty=study.uncertainty,
         seed=options.seed,
-        command=f"consistent-id report {place} --seed {options.seed}",
-        progress=shows_progress(options),
+        command=f"consistent-id report {shlex.quote(str(options.problem))} "
+        f"--seed {options.seed}",
     )
-    advice = reported.advice
+    advice = advise(study.comparison, diagnosis)
     record = {
         "level": advice.level,
         "method": advice.method or None,
         "reasons": list(advice.reasons),
         "cautions": list(advice.cautions),
-        "written": str(reported.path),
+        "written": str(file),
     }
     lines = [f"use: {advice.method or 'none of the estimates'}"]
-    lines += [f"  {said}" for said in (*advice.reasons, *advice.cautions)]
-    lines.append(f"written: {reported.path} ({reported.size / 1000:.0f} kB)")
-    code = 0 if advice.method and not reported.faults else 1
+    lines += [f"  {reason}" for reason in (*advice.reasons, *advice.cautions)]
+    lines.append(f"written: {file} ({file.stat().st_size / 1000:.0f} kB)")
+    faulty = diagnosis is not None and bool(diagnosis.faults)
+    code = 0 if advice.method and not faulty else 1
     return show(options, Answer(code, "\n".join(lines), record))

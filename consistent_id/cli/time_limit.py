@@ -12,8 +12,8 @@ from consistent_id.errors import ProblemError
 class OutOfTime(BaseException):
     """The time is over.
 
-    No `Exception`, as an interruption is none: what is tried again or told after an
-    error must not be after this.
+    Not an `Exception`, like an interruption: code that retries or reports after an
+    error must not catch it.
     """
 
 

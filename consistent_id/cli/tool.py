@@ -8,7 +8,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from consistent_id.cli.answers import told, warnings_unless
+from consistent_id.cli.answers import print_error, warnings_unless
 from consistent_id.cli.check import add_check
 from consistent_id.cli.compare import add_compare
 from consistent_id.cli.completion import add_completion
@@ -62,7 +62,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with warnings_unless(options.quiet), within(limit):
             return int(options.run(options))
     except ConsistentIdError as error:
-        return told(error)
+        return print_error(error)
     except OutOfTime:
         print(f"consistent-id: not done within {limit:g} s, given up", file=sys.stderr)
         return 3
@@ -80,8 +80,8 @@ def tool_parser() -> argparse.ArgumentParser:
 
     parser = argparse.ArgumentParser(
         prog="consistent-id",
-        description="Identify the dynamic parameters of robots, as a real body could "
-        "have them.",
+        description="Identify dynamic parameters of robots that are physically "
+        "consistent.",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

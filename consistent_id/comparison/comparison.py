@@ -111,6 +111,11 @@ class Comparison:
         known = ", ".join(report.estimate.method for report in self.reports)
         raise ProblemError(f"no estimate by {method!r}; there are: {known}")
 
+    @property
+    def certified(self) -> bool:
+        """Whether any estimate is certified."""
+        return any(report.verdict == "certified" for report in self.reports)
+
     def __repr__(self) -> str:
         verdicts = (f"{r.estimate.method!r}: {r.verdict}" for r in self.reports)
         return f"Comparison({', '.join(verdicts)})"

@@ -24,6 +24,7 @@ from consistent_id.constraints.priors import Prior
 from consistent_id.estimation.audit import FitProblem, audited
 from consistent_id.estimation.constrained_fit import constrained_fit
 from consistent_id.estimation.estimate import Estimate
+from consistent_id.estimation.method import Method
 from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
@@ -44,7 +45,7 @@ def constrained_least_squares(
     constraints: Sequence[Constraint] = DEFAULT_CONSTRAINTS,
     prior: Prior | None = None,
     base: BaseParameters | None = None,
-    method: str = "constrained",
+    method: str = Method.CONSTRAINED,
 ) -> Estimate:
     """Estimate all parameters under physical constraints.
 

@@ -13,6 +13,7 @@ import numpy as np
 from consistent_id._support.arrays import Matrix, Vector
 from consistent_id._support.threads import single_threaded
 from consistent_id.estimation.estimate import Certificate, Estimate
+from consistent_id.estimation.method import Method
 from consistent_id.regression.base import (
     BaseParameters,
     base_parameters,
@@ -33,7 +34,7 @@ def least_squares(
     regression: Regression,
     *,
     base: BaseParameters | None = None,
-    method: str = "least squares",
+    method: str = Method.LEAST_SQUARES,
 ) -> Estimate:
     """Estimate base parameters by least squares; weighted if the regression is.
 
@@ -113,7 +114,7 @@ def weighted_least_squares(
     base = base_parameters(model) if base is None else base
     weighted = regression.weighted(joint_noise(model, regression, base=base))
     estimate = least_squares(
-        model, weighted, base=base, method="weighted least squares"
+        model, weighted, base=base, method=Method.WEIGHTED_LEAST_SQUARES
     )
     return replace(estimate, seconds=perf_counter() - started)
 

@@ -11,6 +11,7 @@ from consistent_id._support.threads import single_threaded
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.estimate import Certificate, Estimate
 from consistent_id.estimation.least_squares import least_squares
+from consistent_id.estimation.method import Method
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.noise import joint_noise
@@ -77,7 +78,7 @@ def huber(
         ]
         regression = build_regression(model, recordings, row_weights=weights)
         estimate = least_squares(
-            model, regression.weighted(scale), base=base, method="Huber"
+            model, regression.weighted(scale), base=base, method=Method.HUBER
         )
         updated = _residuals(estimate, recordings)
         change = max(

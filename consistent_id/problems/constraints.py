@@ -42,7 +42,7 @@ def constraints_of(
 ) -> tuple[Constraint, ...]:
     """Return the constraints that a table asks for; meshes are files in a folder.
 
-    The tables of joints say what their motors are.
+    The tables of joints describe their motors.
 
     Raises
     ------

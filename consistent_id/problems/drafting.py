@@ -9,8 +9,9 @@ import numpy as np
 
 from consistent_id.errors import ConsistentIdError, ProblemError, RecordingError
 from consistent_id.estimation.cutoff import CutoffChoice, best_cutoff
-from consistent_id.problems.draft import VELOCITY_SCALE, Draft
+from consistent_id.problems.draft import Draft
 from consistent_id.problems.file import PreparationTable
+from consistent_id.problems.model import DEFAULT_DRIVE
 from consistent_id.problems.preparation import prepared
 from consistent_id.recordings.column_guess import guess_columns
 from consistent_id.recordings.readers import read_recording
@@ -22,12 +23,11 @@ from consistent_id.recordings.signals import (
     trimmed,
 )
 from consistent_id.recordings.signals.clocks import is_uniform, own_rate
-from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.chains import Selection
-from consistent_id.robot.loaders import load_mjcf, load_urdf
+from consistent_id.robot.loaders import load_robot
 
-_TRAINING = 0.7  # of the motion; the rest judges
+_TRAINING = 0.7  # of the motion; the rest is for validation
 _GAP = 10.0  # steps without a sample
 _CUTOFFS = (2.0, 3.0, 5.0, 7.5, 10.0, 15.0, 20.0, 30.0, 50.0)  # Hz
 _SHARE = 0.2  # of the rate, up to which a cut-off is tried
@@ -48,8 +48,8 @@ def draft_problem(
     """Draft the problem of identifying a robot from one log.
 
     Joints and columns are matched by name, the clock is made uniform, what stands still
-    at either end is left out, the last 30 % of the motion are kept to judge by, and the
-    cut-off is chosen by `best_cutoff` on the rest.
+    at either end is left out, the last 30 % of the motion are kept for validation, and
+    the cut-off is chosen by `best_cutoff` on the rest.
 
     Parameters
     ----------
@@ -59,7 +59,8 @@ def draft_problem(
         See `read_recording`.
     columns : mapping of str to str, optional
         Columns by channel, as in `Columns`, as far as they are known, such as
-        ``{"torque": "current{number}"}``; the others are told from the log.
+        ``{"torque": "current{number}"}``; the others are guessed from the
+        log's names.
     torque_joints : sequence of str
         Joints whose torque the log has, if that is known.
     selection : Selection, optional
@@ -73,28 +74,23 @@ def draft_problem(
     Raises
     ------
     ModelError, RecordingError
-        If a file cannot be read, or columns cannot be told.
+        If a file cannot be read, or columns cannot be guessed.
     """
     model, log = Path(model), Path(log)
-    load = load_mjcf if model.suffix.lower() in (".xml", ".mjcf") else load_urdf
     selection = Selection() if selection is None else selection
-    robot = load(model, **asdict(selection))
+    robot = load_robot(model, **asdict(selection))
     guess = guess_columns(log, robot.joint_names, columns, torque_joints=torque_joints)
     locked = tuple(name for name in robot.joint_names if name not in guess.joints)
     if locked:
-        robot = load(model, **asdict(replace(selection, joints=guess.joints)))
+        robot = load_robot(model, **asdict(replace(selection, joints=guess.joints)))
     gain = _gain(torque_gain, len(guess.joints))
     raw = read_recording(log, guess.joints, guess.columns, torque_gain=gain)
     known = any(link.datasheet.mass is not None for link in robot.links)
     clock = _clock(raw)
     start, stop = _moving(raw, clock)
     middle = start + _TRAINING * (stop - start)
-    drive = DriveTerms(
-        viscous=True, coulomb="tanh", velocity_scale=VELOCITY_SCALE, offset=True
-    )
-    torque_model = TorqueModel(
-        robot, drive, torque_joints=tuple(guess.columns.torque_joints)
-    )
+    measured = tuple(guess.columns.torque_joints)
+    torque_model = TorqueModel(robot, DEFAULT_DRIVE.terms, torque_joints=measured)
     cutoff, reason = _cutoff(torque_model, trimmed(raw, start, middle), clock)
     first, last, end = np.searchsorted(raw.time, [start, middle, stop]).tolist()
     return Draft(
@@ -114,6 +110,7 @@ def draft_problem(
         training=(first + 1, last),
         validation=(last + 1, end + 1),
         masses=masses if known else "free",
+        raw=raw,
         notes=guess.notes,
     )
 

@@ -51,7 +51,7 @@ class ModelTable(Table, frozen=True, kw_only=True):
 
 
 class LinkTable(Table, frozen=True, kw_only=True):
-    """What the datasheet says of a link."""
+    """A link's datasheet."""
 
     mass: NonNegative | None = None
     mass_bounds: Pair | None = None
@@ -159,7 +159,7 @@ class ConstraintsTable(Table, frozen=True, kw_only=True):
 
 
 class PriorTable(Table, frozen=True, kw_only=True):
-    """What settles the parameters that data leave open: a slack, or a weight."""
+    """The prior on parameters that are not identifiable: a slack, or a weight."""
 
     slack: Annotated[float, Meta(gt=0.0, lt=1.0)] | None = None
     distance: Literal["pullback", "euclidean", "entropic"] = "pullback"
@@ -254,7 +254,7 @@ class MotionTable(Table, frozen=True, kw_only=True):
 
 
 class SimulationTable(Table, frozen=True, kw_only=True):
-    """A simulated experiment: the published robot's nearest body as the truth."""
+    """A simulated experiment; its truth: the consistent robot nearest the published."""
 
     training: str
     validation: str

@@ -8,9 +8,9 @@ from consistent_id.problems.table_types import NonNegative, Pair, Positive, Tabl
 
 
 class PenTable(Table, frozen=True, kw_only=True):
-    """What every writing task says: which point writes, when, from which pose.
+    """What every writing task states: which point writes, when, from which pose.
 
-    The point is of a frame and stays where it is told; the other joints are locked.
+    The point is fixed in a frame; joints that are not named are locked.
     """
 
     frame: str

@@ -1,15 +1,18 @@
-"""The problems of a folder, a line each: what is there, and what is missing."""
+"""What problems consist of: the problems of a folder, a line each, or one of them."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from consistent_id._support.tables import Table
 from consistent_id.errors import ConsistentIdError
+from consistent_id.problems.folder import toml_files
 from consistent_id.problems.problem import Problem, load_problem
+from consistent_id.regression.base import base_parameters
 
 
 def list_problems(folder: Path, files: Sequence[Path]) -> Table:
-    """Return a line on each problem of a folder; what is missing is said below."""
+    """Return a line on each problem of a folder; notes name what is missing."""
     rows: list[tuple[str, ...]] = []
     notes = []
     for file in files:
@@ -23,27 +26,64 @@ def list_problems(folder: Path, files: Sequence[Path]) -> Table:
             continue
         if missing:
             notes.append(f"{place}: no {', '.join(missing)}")
-        rows.append((place, *_told(problem, missing)))
+        rows.append((place, *_row(problem, missing)))
     return Table(
         f"{folder}: {len(files)} problems",
-        ("file", "name", "robot", "joints", "learns from, judged by", "state"),
+        ("file", "name", "robot", "joints", "training, validation", "state"),
         tuple(rows),
         tuple(notes),
     )
 
 
-def _told(problem: Problem, missing: Sequence[str]) -> tuple[str, ...]:
+def _row(problem: Problem, missing: Sequence[str]) -> tuple[str, ...]:
     robot = problem.model.robot
-    state = "ready" if problem.has_data else "nothing to learn from"
+    state = "ready" if problem.has_data else "no training data"
     if missing:
         state = f"{len(missing)} recordings missing"
     return problem.name, robot.name, str(len(robot)), _data_of(problem), state
 
 
 def _data_of(problem: Problem) -> str:
-    """Say how many recordings there are to learn from and to judge by."""
+    """Return how many training and validation recordings there are."""
     table = problem.table
     if table.data is not None:
         roles = [entry.role for entry in table.data.recordings]
         return f"{roles.count('training')}, {roles.count('validation')} recordings"
     return "a simulated experiment" if problem.has_data else "-"
+
+
+def problem_tables(problem: Problem) -> list[Table]:
+    """Return what a problem consists of: robot, datasheet, base parameters."""
+    robot, model = problem.model.robot, problem.model
+    base = base_parameters(model)
+    links = Table(
+        f"Robot {robot.name}: {len(robot)} joints, gravity {robot.gravity} m/s^2",
+        ("joint", "kind", "moves", "datasheet mass [kg]", "drive terms"),
+        tuple(
+            (
+                joint.name,
+                joint.kind,
+                link.name,
+                "-" if link.datasheet.mass is None else f"{link.datasheet.mass:g}",
+                ", ".join(terms.names) or "none",
+            )
+            for joint, link, terms in zip(
+                robot.joints, robot.links, model.terms, strict=True
+            )
+        ),
+        tuple(
+            f"coupled gears: {coupling.label}, {', '.join(coupling.names)}"
+            for coupling in model.couplings
+        ),
+    )
+    here = [file.name for file in toml_files(problem.folder)]
+    if len(here) > 1:
+        note = f"problem files of this folder: {', '.join(here)}"
+        links = replace(links, notes=(*links.notes, note))
+    groups = Table(
+        f"Base parameters: {len(base)} of {len(model.layout)} (structural rank)",
+        ("leading parameter", "grouping"),
+        tuple(zip(base.names, base.groupings, strict=True)),
+        (f"without effect on torque: {', '.join(base.without_effect) or 'none'}",),
+    )
+    return [links, groups]

@@ -11,6 +11,7 @@ from consistent_id.errors import ProblemError
 from consistent_id.problems.file import (
     CouplingTable,
     DHTable,
+    DriveTable,
     LinkTable,
     ProblemTable,
 )
@@ -31,6 +32,11 @@ from consistent_id.robot.model import (
     RobotModel,
 )
 from consistent_id.robot.parameters import did_you_mean
+
+DEFAULT_DRIVE = DriveTable(
+    viscous=True, coulomb="tanh", velocity_scale=0.02, offset=True
+)
+"""Drive terms of a robot of which nothing is known; the scale in rad/s or m/s."""
 
 
 def torque_model(table: ProblemTable, file: Path) -> TorqueModel:

@@ -1,7 +1,8 @@
 """What a problem file asks to be done to its recordings, done."""
 
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -123,6 +124,44 @@ def joined(
     return aligned(recording, late, delay=delay)
 
 
+@dataclass(frozen=True, eq=False)
+class Log:
+    """A recording as it was read, and how it is to be prepared.
+
+    However many parts are cut from it, it is filtered and differentiated once.
+
+    Parameters
+    ----------
+    raw : Recording
+    table : PreparationTable
+    """
+
+    raw: Recording
+    table: PreparationTable
+
+    def cut(self, start: float = -np.inf, stop: float = np.inf) -> Recording:
+        """Return the rows ``start <= time <= stop`` [s], not prepared."""
+        return trimmed(self.raw, start, stop) if np.isfinite(start) else self.raw
+
+    def prepared(
+        self, start: float = -np.inf, stop: float = np.inf
+    ) -> tuple[Recording, ...]:
+        """Return what is prepared of ``start <= time <= stop`` [s]; see `prepared`."""
+        parts = self._parts
+        inside = [p for p in parts if _samples(p.raw, start, stop) >= 2]
+        # If there is none, trimming the first part raises the error.
+        return tuple(part.prepared(start, stop) for part in inside or parts[:1])
+
+    @cached_property
+    def _parts(self) -> tuple["_Part", ...]:
+        raw, table = self.raw, self.table
+        if table.max_gap is None:
+            return (_Part(raw, table),)
+        shortest = 1.0 if table.shortest_part is None else table.shortest_part
+        parts = split_at_gaps(raw, table.max_gap, shortest=shortest)
+        return tuple(_Part(part, table) for part in parts)
+
+
 def prepared(
     recording: Recording,
     table: PreparationTable,
@@ -152,57 +191,71 @@ def prepared(
     RecordingError
         If a step cannot be done, or nothing is left.
     """
-    parts = [recording]
-    if table.max_gap is not None:
-        shortest = 1.0 if table.shortest_part is None else table.shortest_part
-        parts = list(split_at_gaps(recording, table.max_gap, shortest=shortest))
-    inside = [p for p in parts if _samples(p, start, stop) >= 2]
-    # If there is none, trimming the first part says so.
-    return tuple(_prepared(part, table, start, stop) for part in inside or parts[:1])
+    return Log(recording, table).prepared(start, stop)
 
 
-def _prepared(
-    part: Recording, table: PreparationTable, start: float, stop: float
-) -> Recording:
-    if table.resample is not None:
-        part = resampled(part, table.resample, max_gap=table.max_gap)
-    for channel, delay in table.delays.items():
-        late = track(part, channel)
-        if delay == "estimated":
-            delay = estimate_delay(track(part, "position"), late).seconds
-        part = aligned(part, late, delay=delay)
-    if table.motion_cutoff is not None or table.torque_cutoff is not None:
-        part = low_passed(
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """What lies between two gaps of a log."""
+
+    raw: Recording
+    table: PreparationTable
+
+    def prepared(self, start: float, stop: float) -> Recording:
+        table = self.table
+        if table.method == "fourier":
+            whole = decimated(self._as_series(start, stop), table.decimate)
+        else:
+            whole = self._whole
+        part = trimmed(whole, start, stop)
+        if table.trim_standstill is False:
+            return part
+        return trim_standstill(
+            part, None if table.trim_standstill is True else table.trim_standstill
+        )
+
+    @cached_property
+    def _filtered(self) -> Recording:
+        part, table = self.raw, self.table
+        if table.resample is not None:
+            part = resampled(part, table.resample, max_gap=table.max_gap)
+        for channel, delay in table.delays.items():
+            late = track(part, channel)
+            if delay == "estimated":
+                delay = estimate_delay(track(part, "position"), late).seconds
+            part = aligned(part, late, delay=delay)
+        if table.motion_cutoff is None and table.torque_cutoff is None:
+            return part
+        return low_passed(
             part,
             motion_cutoff=table.motion_cutoff,
             torque_cutoff=table.torque_cutoff,
         )
-    part = decimated(_with_motion(part, table, start, stop), table.decimate)
-    part = trimmed(part, start, stop)
-    if table.trim_standstill is False:
-        return part
-    return trim_standstill(
-        part, None if table.trim_standstill is True else table.trim_standstill
-    )
 
+    @cached_property
+    def _whole(self) -> Recording:
+        """All of it, with velocity and acceleration."""
+        part, table = self._filtered, self.table
+        if table.method == "savitzky-golay" and table.window is not None:
+            degree = 4 if table.degree is None else table.degree
+            part = savitzky_golay_differentiated(part, table.window, degree=degree)
+        elif table.method == "smoother":
+            part = kalman_differentiated(part, motion_noise(part, order=table.order))
+        else:
+            part = differentiated(part)
+        return decimated(part, table.decimate)
 
-def _with_motion(
-    part: Recording, table: PreparationTable, start: float, stop: float
-) -> Recording:
-    if table.method == "savitzky-golay" and table.window is not None:
-        degree = 4 if table.degree is None else table.degree
-        return savitzky_golay_differentiated(part, table.window, degree=degree)
-    if table.method == "smoother":
-        return kalman_differentiated(part, motion_noise(part, order=table.order))
-    if table.method == "fourier" and table.period is not None:
+    def _as_series(self, start: float, stop: float) -> Recording:
+        """Return it with the motion of a Fourier series, fitted to what is kept."""
+        part, period = self._filtered, self.table.period
         # The way to the start of a periodic motion is not part of it.
         kept = trimmed(part, start, stop)
-        period = estimated_period(kept) if table.period == "estimated" else table.period
-        fit = fourier_fit(kept, period, table.harmonics)
+        if period is None or period == "estimated":
+            period = estimated_period(kept)
+        fit = fourier_fit(kept, period, self.table.harmonics)
         require_repeating(kept, fit)
         q, dq, ddq = fit.trajectory.evaluate(part.time)
         return replace(part, position=q, velocity=dq, acceleration=ddq)
-    return differentiated(part)
 
 
 def _samples(recording: Recording, start: float, stop: float) -> int:

@@ -1,6 +1,6 @@
 """An identification problem: robot, data, assumptions, as one value."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -25,14 +25,14 @@ from consistent_id.problems.file import (
 from consistent_id.problems.folder import problem_files
 from consistent_id.problems.model import expanded, torque_model
 from consistent_id.problems.preparation import (
+    Log,
     check_preparation,
     check_tracks,
     joined,
-    prepared,
 )
 from consistent_id.recordings.readers import Columns, read_recording, read_track
 from consistent_id.recordings.recording import Recording
-from consistent_id.recordings.signals import Track, trimmed
+from consistent_id.recordings.signals import Track
 from consistent_id.recordings.sinusoids import Sinusoid, SinusoidalMotion
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.parameters import did_you_mean
@@ -85,8 +85,8 @@ class Problem:
         if self.table.data is None:
             return "simulated data" if self.has_data else "no data"
         roles = [entry.role for entry in self.table.data.recordings]
-        learned, judged = roles.count("training"), roles.count("validation")
-        return f"{learned} recordings to learn from, {judged} to judge by"
+        training, validation = roles.count("training"), roles.count("validation")
+        return f"{training} training recordings, {validation} validation recordings"
 
     @property
     def name(self) -> str:
@@ -108,12 +108,12 @@ class Problem:
 
     @cached_property
     def training(self) -> tuple[Recording, ...]:
-        """Prepared recordings to learn from."""
+        """Prepared training recordings."""
         return self._recordings("training")
 
     @cached_property
     def validation(self) -> tuple[Recording, ...]:
-        """Prepared recordings to judge by."""
+        """Prepared validation recordings."""
         return self._recordings("validation")
 
     def motion(self, name: str) -> Recording:
@@ -141,14 +141,11 @@ class Problem:
         ----------
         role : {"training", "validation"}
         """
-        return tuple(
-            trimmed(raw, *span) if np.isfinite(span[0]) else raw
-            for raw, span in self._logged(role)
-        )
+        return tuple(log.cut(*span) for log, span in self._logged(role))
 
     @property
     def has_data(self) -> bool:
-        """Whether there is something to learn from, recorded or simulated."""
+        """Whether there are training data, recorded or simulated."""
         table = self.table
         simulated = table.simulation is not None and table.published is not None
         return table.data is not None or simulated
@@ -156,17 +153,17 @@ class Problem:
     @property
     def missing(self) -> tuple[str, ...]:
         """Recordings of the file that are not there."""
-        return tuple(f for f in self._logs if not self._path(f).exists())
+        return tuple(f for f in self._log_files if not self._path(f).exists())
 
     @property
     def files(self) -> dict[str, Path]:
         """All files that the problem consists of, by the names it gives them."""
         found = {} if self.source is None else {self.source.name: self.source}
         found |= {p.name: p for p in self.model_files.values() if p is not None}
-        return found | {file: self._path(file) for file in self._logs}
+        return found | {file: self._path(file) for file in self._log_files}
 
     @property
-    def _logs(self) -> tuple[str, ...]:
+    def _log_files(self) -> tuple[str, ...]:
         data = self.table.data
         if data is None:
             return ()
@@ -174,7 +171,7 @@ class Problem:
         return (*files, *(o.file for entry in data.recordings for o in entry.tracks))
 
     def read(self, file: str | Path, *, omit: Sequence[int] = ()) -> Recording:
-        """Read a log as the problem's own recordings are read.
+        """Read a log as the problem's own recordings are read; each log once.
 
         Parameters
         ----------
@@ -183,21 +180,22 @@ class Problem:
         omit : sequence of int
             Broken rows to leave out, counted from 1.
         """
-        data = self._data()
-        return read_recording(
-            self._path(file),
-            self.model.robot.joint_names,
-            _columns(data),
-            torque_gain=data.torque_gain,
-            topic=data.topic,
-            omit=omit,
-        )
+        data, path = self._data(), self._path(file)
+        if (path, *omit) not in self._read:
+            self._read[path, *omit] = read_recording(
+                path,
+                self.model.robot.joint_names,
+                _columns(data),
+                torque_gain=data.torque_gain,
+                topic=data.topic,
+                omit=omit,
+            )
+        return self._read[path, *omit]
 
     def prepare(self, recording: Recording) -> Recording:
         """Prepare a recording as the file asks; the longest part if it has gaps."""
         data = self._data()
-        parts = prepared(recording, data.preparation, -np.inf, np.inf)
-        return max(parts, key=len)
+        return max(Log(recording, data.preparation).prepared(), key=len)
 
     def _track(self, entry: TrackTable) -> Track:
         return read_track(
@@ -222,20 +220,35 @@ class Problem:
 
     def _recordings(self, role: str) -> tuple[Recording, ...]:
         return tuple(
-            part
-            for raw, (start, stop) in self._logged(role)
-            for part in prepared(raw, self._data().preparation, start, stop)
+            part for log, span in self._logged(role) for part in log.prepared(*span)
         )
 
-    def _logged(self, role: str) -> Iterator[tuple[Recording, tuple[float, float]]]:
-        """Yield recordings as logged, and the times between which they count."""
+    def _logged(self, role: str) -> Iterator[tuple[Log, tuple[float, float]]]:
+        """Yield logs, and the times between which they count."""
         for entry in self._data().recordings:
             if entry.role == role:
-                raw = self.read(entry.file, omit=entry.omit)
-                span = _span(raw, entry)
-                for other in entry.tracks:
-                    raw = joined(raw, self._track(other), other.delay)
-                yield raw, span
+                yield self._log(entry), _span(self._raw(entry), entry)
+
+    def _log(self, entry: RecordingTable) -> Log:
+        """Return an entry's log; entries of the same log share it."""
+        key = (entry.file, *entry.omit, *entry.tracks)
+        if key not in self._logs:
+            raw = self._raw(entry)
+            for other in entry.tracks:
+                raw = joined(raw, self._track(other), other.delay)
+            self._logs[key] = Log(raw, self._data().preparation)
+        return self._logs[key]
+
+    def _raw(self, entry: RecordingTable) -> Recording:
+        return self.read(entry.file, omit=entry.omit)
+
+    @cached_property
+    def _read(self) -> dict[tuple[Path | int, ...], Recording]:
+        return {}
+
+    @cached_property
+    def _logs(self) -> dict[tuple[object, ...], Log]:
+        return {}
 
 
 def load_problem(path: str | Path) -> Problem:
@@ -260,7 +273,9 @@ def load_problem(path: str | Path) -> Problem:
     return replace(problem_of(read_problem_table(file), file), source=file)
 
 
-def problem_of(table: ProblemTable, file: Path) -> Problem:
+def problem_of(
+    table: ProblemTable, file: Path, *, read: Mapping[str, Recording] | None = None
+) -> Problem:
     """Return the problem that a problem file's content states.
 
     Parameters
@@ -268,6 +283,8 @@ def problem_of(table: ProblemTable, file: Path) -> Problem:
     table : ProblemTable
     file : Path
         Files are named relative to its folder; it need not be there itself.
+    read : mapping of str to Recording, optional
+        Logs that have been read already, by the file's names of them.
 
     Raises
     ------
@@ -282,13 +299,16 @@ def problem_of(table: ProblemTable, file: Path) -> Problem:
         check_tracks(tracks, table.data.preparation)
     constraints = constraints_of(table.constraints, file.parent, table.joints)
     lowered(constraints, model)  # a name that is wrong is found here, not after hours
-    return Problem(
+    problem = Problem(
         folder=file.parent,
         table=table,
         model=model,
         constraints=constraints,
         prior=_prior(table.prior, file),
     )
+    for name, raw in (read or {}).items():
+        problem._read[(problem._path(name),)] = raw
+    return problem
 
 
 def load_problems(folder: str | Path) -> tuple[Problem, ...]:
@@ -319,8 +339,8 @@ def require_distinct(names: Sequence[str]) -> None:
     for name in names:
         if names.count(name) > 1:
             raise ProblemError(
-                f"two problems of the folder are named {name!r}; names tell results "
-                "apart"
+                f"two problems of the folder are named {name!r}; results are "
+                "filed under their names"
             )
 
 

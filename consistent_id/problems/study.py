@@ -1,7 +1,8 @@
-"""From a problem to its answer: identify, compare, with everything that was found."""
+"""From a problem to its answer: estimates, their comparison, costs, uncertainty."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -9,6 +10,7 @@ from consistent_id._support.progress import stages
 from consistent_id.comparison.comparison import Comparison, compare
 from consistent_id.comparison.constraint_prices import ShadowPrice, shadow_prices
 from consistent_id.comparison.fit_costs import ConstraintCost, constraint_costs
+from consistent_id.comparison.parameter_uncertainty import Uncertainty, uncertainty
 from consistent_id.constraints import PhysicalConsistency
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.constrained import constrained_least_squares
@@ -19,12 +21,15 @@ from consistent_id.estimation.cross_validation import (
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.least_squares import (
     least_squares,
-    weighted_least_squares,
 )
+from consistent_id.estimation.method import Method
 from consistent_id.estimation.robust import huber
 from consistent_id.problems.problem import Problem
-from consistent_id.problems.published import PublishedReport, check_published
-from consistent_id.problems.published_estimate import published_least_squares
+from consistent_id.problems.published import (
+    PublishedReport,
+    check_published,
+    published_least_squares,
+)
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import (
     BaseParameters,
@@ -36,7 +41,7 @@ from consistent_id.regression.base import (
 from consistent_id.regression.linear import solve_linear
 from consistent_id.regression.noise import joint_noise
 from consistent_id.regression.regression import Regression, build_regression
-from consistent_id.regression.segments import segment_regressions
+from consistent_id.regression.segments import merged, segment_regressions
 from consistent_id.regression.simulation import simulate_torque
 
 
@@ -49,11 +54,11 @@ class Excitation:
     structural_rank : int
         Number of base parameters, from random motions.
     data_rank : int
-        Of them, determined by the data.
+        How many of them the data determine.
     condition : tuple of ConditionNumber
         Of the base regressor, unscaled and with unit columns.
     undetermined : tuple of str
-        Combinations of base parameters that the data leave open.
+        Combinations of base parameters that the data do not determine.
     """
 
     structural_rank: int
@@ -62,42 +67,179 @@ class Excitation:
     undetermined: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Study:
-    """A problem worked through.
+    """A problem worked through: each part is computed once, when first asked for.
 
     Parameters
     ----------
     problem : Problem
-    base : BaseParameters
-    training, validation : tuple of Recording
-    excitation : Excitation
-    comparison : Comparison
-    costs : tuple of ConstraintCost
-        What each constraint costs in fit, with equal weights for all joints.
-    path : RegularisationPath
-        By which the weight of the cross-validated estimate's prior was chosen.
-    prices : tuple of ShadowPrice
-        What each single row or body costs, likewise.
-    published : PublishedReport, optional
-        If the problem has a paper.
+    seed : int
+        Of the bootstrap behind `uncertainty`.
+    progress : bool
+        Whether the bootstrap shows on the standard error how far it is.
+
+    Raises
+    ------
+    ProblemError, NotExcitedError, InfeasibleError, SolverError
+        Any part, if it cannot be computed.
     """
 
     problem: Problem
-    base: BaseParameters
-    training: tuple[Recording, ...]
-    validation: tuple[Recording, ...]
-    excitation: Excitation
-    comparison: Comparison
-    costs: tuple[ConstraintCost, ...]
-    prices: tuple[ShadowPrice, ...]
-    path: RegularisationPath
-    published: PublishedReport | None
+    seed: int = 0
+    progress: bool = False
+
+    @cached_property
+    def published(self) -> PublishedReport | None:
+        """The paper's printed estimates, checked, if the problem has a paper."""
+        has_paper = self.problem.table.published is not None
+        return check_published(self.problem) if has_paper else None
 
     @property
+    def training(self) -> tuple[Recording, ...]:
+        """Prepared training recordings."""
+        return self._recordings[0]
+
+    @property
+    def validation(self) -> tuple[Recording, ...]:
+        """Prepared validation recordings."""
+        return self._recordings[1]
+
+    @cached_property
+    def base(self) -> BaseParameters:
+        """The model's base parameters."""
+        return base_parameters(self.problem.model)
+
+    @cached_property
+    def segments(self) -> tuple[Regression, ...]:
+        """The training data in consecutive segments, compressed."""
+        return segment_regressions(self.problem.model, self.training)
+
+    @cached_property
+    def regression(self) -> Regression:
+        """All training data, compressed."""
+        return merged(self.segments)
+
+    @cached_property
+    def excitation(self) -> Excitation:
+        """How well the training data excite the robot."""
+        return excitation_of(self.regression, self.base)
+
+    @cached_property
+    def path(self) -> RegularisationPath:
+        """How the weight of the cross-validated estimate's prior was chosen."""
+        return regularisation_path(self.problem, self.segments, base=self.base)
+
+    @cached_property
     def estimates(self) -> tuple[Estimate, ...]:
-        """The estimates, in the order compared."""
-        return tuple(report.estimate for report in self.comparison.reports)
+        """Estimates by every method, the paper's first."""
+        own = identify(
+            self.problem,
+            self.training,
+            base=self.base,
+            path=self.path,
+            regression=self.regression,
+        )
+        if self.published is None:
+            return own
+        first = published_least_squares(self.problem, self.training[0], base=self.base)
+        return (first, *own)
+
+    @property
+    def constrained(self) -> Estimate:
+        """The constrained estimate; alone, if the others have not been asked for."""
+        if "estimates" not in self.__dict__:
+            return self._constrained
+        return next(e for e in self.estimates if e.method == Method.CONSTRAINED)
+
+    @cached_property
+    def comparison(self) -> Comparison:
+        """The estimates side by side."""
+        return compare(self.estimates, self.validation, training=self.training)
+
+    @cached_property
+    def costs(self) -> tuple[ConstraintCost, ...]:
+        """What each constraint costs in fit, with equal weights for all joints."""
+        problem = self.problem
+        return constraint_costs(
+            problem.model, self.regression, problem.constraints, base=self.base
+        )
+
+    @cached_property
+    def prices(self) -> tuple[ShadowPrice, ...]:
+        """What each single row or link condition costs, likewise."""
+        problem = self.problem
+        return shadow_prices(
+            problem.model, self.regression, problem.constraints, base=self.base
+        )
+
+    @cached_property
+    def uncertainty(self) -> Uncertainty:
+        """How well each parameter of the constrained estimate is determined."""
+        return uncertainty(
+            self.problem.model,
+            self.segments,
+            constraints=self.problem.constraints,
+            prior=self.problem.prior,
+            base=self.base,
+            seed=self.seed,
+            progress=self.progress,
+        )
+
+    @cached_property
+    def _recordings(self) -> tuple[tuple[Recording, ...], tuple[Recording, ...]]:
+        recorded = self.problem.table.data is not None
+        return recordings_of(self.problem, None if recorded else self.published)
+
+    @cached_property
+    def _constrained(self) -> Estimate:
+        problem = self.problem
+        return constrained_least_squares(
+            problem.model,
+            self.regression,
+            constraints=problem.constraints,
+            prior=problem.prior,
+            base=self.base,
+        )
+
+
+_STAGES = {
+    "recordings": "training",
+    "weight of the prior": "path",
+    "estimates": "estimates",
+    "comparison": "comparison",
+    "costs of constraints": "costs",
+    "shadow prices": "prices",
+}
+
+
+def run_study(problem: Problem, *, seed: int = 0, progress: bool = False) -> Study:
+    """Work a problem through: its paper if it has one, estimates, comparison.
+
+    Parameters
+    ----------
+    problem : Problem
+    seed : int
+        Of the bootstrap, if the study's `uncertainty` is asked for.
+    progress : bool
+        Show how far it is, on the standard error.
+
+    Returns
+    -------
+    Study
+        With everything computed but its `uncertainty`.
+
+    Raises
+    ------
+    ProblemError
+        If the problem has neither recordings nor a simulated experiment.
+    """
+    study = Study(problem, seed=seed, progress=progress)
+    with stages(len(_STAGES), progress) as begin:
+        for stage, part in _STAGES.items():
+            begin(stage)
+            getattr(study, part)
+    return study
 
 
 def identify(
@@ -106,15 +248,17 @@ def identify(
     *,
     base: BaseParameters | None = None,
     path: RegularisationPath | None = None,
+    regression: Regression | None = None,
 ) -> tuple[Estimate, ...]:
     """Estimate a problem's parameters by every method there is.
 
     Least squares and the constrained estimate come with equal weights for all joints,
     and both again weighted by each joint's noise, so that each constrained estimate has
-    a twin without constraints.  Besides come robust least squares, and ``"bounded"``:
-    the quadratic programme with every constraint but physical consistency, which shows
-    what masses, bounds and signs buy by themselves, and ``"cross-validated"``: the
-    constrained estimate with a `Penalty` whose weight is chosen from the training data.
+    a twin without constraints.  Besides come robust least squares; ``"bounded"``: the
+    quadratic programme with every constraint but physical consistency, which shows
+    what masses, bounds and signs contribute by themselves; and ``"cross-validated"``:
+    the constrained estimate with a `Penalty` whose weight is chosen from the training
+    data.
 
     Parameters
     ----------
@@ -124,117 +268,50 @@ def identify(
     base : BaseParameters, optional
     path : RegularisationPath, optional
         By default `regularisation_path` of the problem.
+    regression : Regression, optional
+        Of the training recordings.
     """
-    model = problem.model
+    model, constraints, prior = problem.model, problem.constraints, problem.prior
     training = problem.training if training is None else training
     base = base_parameters(model) if base is None else base
-    regression = build_regression(model, training)
-    weighted = regression.weighted(joint_noise(model, regression, base=base))
-    constraints, prior = problem.constraints, problem.prior
+    if regression is None:
+        regression = build_regression(model, training)
     if path is None:
-        path = regularisation_path(problem, training, base=base)
-    without_bodies = [c for c in constraints if not isinstance(c, PhysicalConsistency)]
+        segments = segment_regressions(model, training)
+        path = regularisation_path(problem, segments, base=base)
+    weighted = regression.weighted(joint_noise(model, regression, base=base))
+    linear = [c for c in constraints if not isinstance(c, PhysicalConsistency)]
     return (
         least_squares(model, regression, base=base),
-        weighted_least_squares(model, regression, base=base),
+        least_squares(model, weighted, base=base, method=Method.WEIGHTED_LEAST_SQUARES),
         huber(model, training, base=base),
-        constrained_least_squares(
-            model,
-            regression,
-            constraints=without_bodies,
-            prior=prior,
-            base=base,
-            method="bounded",
-        ),
-        constrained_least_squares(
-            model, regression, constraints=constraints, prior=prior, base=base
-        ),
-        constrained_least_squares(
-            model,
-            weighted,
-            constraints=constraints,
-            prior=prior,
-            base=base,
-            method="weighted constrained",
-        ),
-        constrained_least_squares(
-            model,
-            regression,
-            constraints=constraints,
-            prior=path.penalty,
-            base=base,
-            method="cross-validated",
+        *(
+            constrained_least_squares(
+                model, data, constraints=kept, prior=chosen, base=base, method=method
+            )
+            for method, data, kept, chosen in (
+                (Method.BOX_CONSTRAINED, regression, linear, prior),
+                (Method.CONSTRAINED, regression, constraints, prior),
+                (Method.WEIGHTED_CONSTRAINED, weighted, constraints, prior),
+                (Method.CROSS_VALIDATED, regression, constraints, path.penalty),
+            )
         ),
     )
 
 
 def regularisation_path(
     problem: Problem,
-    training: Sequence[Recording],
+    segments: Sequence[Regression],
     *,
     base: BaseParameters | None = None,
 ) -> RegularisationPath:
     """Cross-validate the weight of the problem's distance on its training data."""
     return cross_validated(
         problem.model,
-        segment_regressions(problem.model, training),
+        segments,
         constraints=problem.constraints,
         distance=problem.prior.distance,
         base=base,
-    )
-
-
-def run_study(problem: Problem, *, progress: bool = False) -> Study:
-    """Work a problem through: its paper if it has one, estimates, comparison.
-
-    Parameters
-    ----------
-    problem : Problem
-    progress : bool
-        Show how far it is, on the standard error.
-
-    Raises
-    ------
-    ProblemError
-        If the problem has neither recordings nor a simulated experiment.
-    """
-    with stages(6, progress) as begin:
-        return _run_study(problem, begin)
-
-
-def _run_study(problem: Problem, begin: Callable[[str], None]) -> Study:
-    begin("recordings")
-    published = None if problem.table.published is None else check_published(problem)
-    training, validation = recordings_of(problem, published)
-    base = base_parameters(problem.model)
-    begin("weight of the prior")
-    path = regularisation_path(problem, training, base=base)
-    begin("estimates")
-    estimates = identify(problem, training, base=base, path=path)
-    if published is not None:
-        estimates = (
-            published_least_squares(problem, training[0], base=base),
-            *estimates,
-        )
-    regression = build_regression(problem.model, training)
-    excitation = excitation_of(regression, base)
-    begin("comparison")
-    comparison = compare(estimates, validation, training=training)
-    begin("costs of constraints")
-    costs = constraint_costs(problem.model, regression, problem.constraints, base=base)
-    begin("shadow prices")
-    prices = shadow_prices(problem.model, regression, problem.constraints, base=base)
-    return Study(
-        problem=problem,
-        base=base,
-        training=training,
-        validation=validation,
-        excitation=excitation,
-        comparison=comparison,
-        costs=costs,
-        prices=prices,
-        path=path,
-        published=published,
     )
 
 
@@ -289,7 +366,7 @@ def recordings_of(
     if not problem.has_data:
         raise ProblemError(
             f"problem {problem.name!r} has neither [data] nor a [simulation] with a "
-            "[published] truth; there is nothing to learn from"
+            "[published] truth; there are no training data"
         )
     published = check_published(problem) if published is None else published
     training, validation = simulated_experiment(problem, published)

@@ -8,8 +8,9 @@ import numpy as np
 
 from consistent_id.comparison.comparison import Comparison, EstimateReport
 from consistent_id.diagnosis import Diagnosis
+from consistent_id.estimation.method import Method
 
-_FIRST = ("constrained", "weighted constrained", "cross-validated")
+_FIRST = (Method.CONSTRAINED, Method.WEIGHTED_CONSTRAINED, Method.CROSS_VALIDATED)
 _NOTABLE = 0.02  # relative difference of held-out errors
 _SUSPICIOUS = 0.2  # by which constraints may make the prediction worse than without
 
@@ -101,7 +102,7 @@ def _against(
     chosen: EstimateReport, others: Sequence[EstimateReport]
 ) -> tuple[str, ...]:
     """Say why not least squares."""
-    found = [r for r in others if r.estimate.method == "least squares"]
+    found = [r for r in others if r.estimate.method == Method.LEAST_SQUARES]
     return tuple(f"least squares: {_refusal(r)}{_compared(r)}" for r in found)
 
 
@@ -130,7 +131,7 @@ def _contradicted(
     own = held_out_error(chosen)
     for report in others:
         error = held_out_error(report)
-        plain = report.estimate.method == "least squares"
+        plain = report.estimate.method == Method.LEAST_SQUARES
         if plain and own and error and own > (1 + _SUSPICIOUS) * error:
             return (
                 f"held-out torque is predicted {own / error - 1:.0%} worse than by "

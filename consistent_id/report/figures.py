@@ -53,7 +53,7 @@ def torque_figure(recording: Recording, estimates: Sequence[Estimate]) -> Any:
         axis.set_xlabel("time [s]")
     handles, labels = axes[0].get_legend_handles_labels()
     figure.legend(
-        handles, labels, loc="outside lower center", ncol=4, fontsize=8, frameon=False
+        handles, labels, loc="lower center", ncol=4, fontsize=8, frameon=False
     )
     return figure
 
@@ -65,7 +65,7 @@ def save_figure(figure: Any, path: Path) -> Path:
     from consistent_id._support.files import write_atomically
 
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=130)
+    figure.savefig(buffer, format="png", dpi=110, pil_kwargs={"compress_level": 1})
     return write_atomically(path, buffer.getvalue())
 
 
@@ -73,12 +73,22 @@ def _panels(rows: int, title: str, columns: int = 1) -> tuple[Any, list[Any]]:
     # The object interface keeps figures out of pyplot's global state.
     from matplotlib.figure import Figure
 
-    width = 6.0 if columns == 1 else 10.0
-    figure = Figure(figsize=(width, 1.6 * rows + 1.2), layout="constrained")
+    width, height = 6.0 if columns == 1 else 10.0, 1.6 * rows + 1.4
+    figure = Figure(figsize=(width, height))
+    # Fixed margins [inch] and few ticks: a layout engine draws everything twice.
     axes = figure.subplots(rows, columns, sharex=True, squeeze=False)
-    figure.suptitle(title, fontsize=11)
+    figure.subplots_adjust(
+        left=1.0 / width,
+        right=1.0 - 0.15 / width,
+        bottom=0.8 / height,
+        top=1.0 - 0.6 / height,
+        wspace=0.14,
+        hspace=0.16,
+    )
+    figure.suptitle(title, fontsize=11, y=1.0 - 0.1 / height, va="top")
     for axis in axes.ravel():
         axis.grid(alpha=0.3)
+        axis.locator_params(nbins=5)
     return figure, list(axes.ravel())
 
 

@@ -10,6 +10,7 @@ from consistent_id.comparison.parameter_uncertainty import (
     Uncertainty,
 )
 from consistent_id.estimation.estimate import Estimate
+from consistent_id.estimation.method import Method
 from consistent_id.report.markup import (
     Html,
     folded,
@@ -49,7 +50,7 @@ def parameters_section(content: ReportContent) -> Section:
         parts = [_counts(estimate.origins), *_origins(estimate)]
     else:
         parts = [_counts([p.verdict for p in sure.parameters]), *_intervals(sure)]
-        if estimate.method != "constrained":
+        if estimate.method != Method.CONSTRAINED:
             parts.insert(0, paragraphs("Of the constrained estimate:"))
     parts.append(_base(content))
     return Section("parameters", "Parameters", joined(parts))

@@ -8,6 +8,7 @@ from consistent_id.comparison.fit_costs import ConstraintCost
 from consistent_id.comparison.parameter_uncertainty import Uncertainty
 from consistent_id.diagnosis import Diagnosis
 from consistent_id.estimation.cross_validation import RegularisationPath
+from consistent_id.estimation.method import Method
 from consistent_id.problems.problem import Problem
 from consistent_id.problems.published import PublishedReport
 from consistent_id.problems.study import Excitation
@@ -78,7 +79,10 @@ class ReportContent:
     def plain(self) -> EstimateReport | None:
         """Least squares, to compare with, if it is not the main one."""
         for report in self.comparison.reports:
-            if report.estimate.method == "least squares" and report is not self.main:
+            if (
+                report.estimate.method == Method.LEAST_SQUARES
+                and report is not self.main
+            ):
                 return report
         return None
 

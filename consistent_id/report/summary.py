@@ -6,7 +6,11 @@ from typing import Any
 import numpy as np
 
 from consistent_id._support.tables import Table
-from consistent_id.comparison.comparison import Comparison, EstimateReport
+from consistent_id.comparison.comparison import (
+    Comparison,
+    EstimateReport,
+    verdict_table,
+)
 from consistent_id.comparison.constraint_prices import ShadowPrice
 from consistent_id.comparison.fit_costs import ConstraintCost
 from consistent_id.comparison.parameter_uncertainty import Uncertainty
@@ -18,8 +22,8 @@ _PRICES = 12  # single constraints shown
 
 
 def study_tables(study: Study) -> list[Table]:
-    """Return everything that a study found, table by table."""
-    tables = []
+    """Return everything that a study found, table by table, the verdicts first."""
+    tables = [verdict_table(study.comparison)]
     if study.published is not None:
         tables += published_tables(study.published, study.problem.table.published)
     tables.append(excitation_table(study.excitation, study.training))

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from consistent_id import ConsistentIdError, Estimate, load_problem
+from consistent_id import ConsistentIdError, Estimate, Study, load_problem
 from consistent_id.cli import main
 
 RX60 = "problems/rx60"
@@ -106,7 +106,7 @@ def test_an_interrupt_ends_with_130_and_leaves_nothing_half_written(
     def interrupted(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("consistent_id.cli.commands.run_study", interrupted)
+    monkeypatch.setattr("consistent_id.problems.study.run_study", interrupted)
     assert main(["compare", RX60, "--output", str(tmp_path / "out")]) == 130
     assert not (tmp_path / "out").exists()
     capsys.readouterr()
@@ -168,9 +168,7 @@ def test_what_is_refused_is_not_exported_unless_told(rx60_estimate, capsys):
 
 @pytest.fixture(scope="module")
 def _rx60_estimate(tmp_path_factory):
-    from consistent_id.cli.commands_export import estimate_for_export
-
-    estimate = estimate_for_export(load_problem(RX60))
+    estimate = Study(load_problem(RX60)).constrained
     return estimate.save(tmp_path_factory.mktemp("rx60") / "estimate.json")
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from logged import write_arm
 
-from consistent_id import load_problem
+from consistent_id import load_problem, uncertainty
 from consistent_id.cli import main
 from consistent_id.cli.colour import coloured, wants_colour
 from consistent_id.cli.time_limit import OutOfTime, within
@@ -123,11 +123,26 @@ def test_what_the_problem_file_says_is_not_taken_from_the_shell(capsys):
 
 
 @pytest.mark.slow
-def test_one_command_goes_from_a_robot_and_a_log_to_a_report(arm, tmp_path, capsys):
+def test_one_command_goes_from_a_robot_and_a_log_to_a_report(
+    arm, tmp_path, capsys, monkeypatch
+):
+    calls = []
+
+    def counted(*arguments, **options):
+        calls.append(options["seed"])
+        return uncertainty(*arguments, **options)
+
+    monkeypatch.setattr("consistent_id.problems.study.uncertainty", counted)
     file = tmp_path / "report.html"
-    assert main(["identify", *arm, "--report", str(file)]) == 0
-    assert file.read_text().lower().startswith("<!doctype html>")
-    assert f"written: {file}" in capsys.readouterr().out
+    more = ["--uncertainty", "--seed", "3", "--report", str(file)]
+    assert main(["identify", *arm, *more]) == 0
+    html = file.read_text()
+    assert html.lower().startswith("<!doctype html>")
+    assert "bootstrap 95 %" in html
+    out = capsys.readouterr().out
+    assert "bootstrap 95 %" in out
+    assert f"written: {file}" in out
+    assert calls == [3]
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -166,7 +181,7 @@ def test_work_that_takes_too_long_is_given_up_with_3(arm, capsys, monkeypatch):
     def slow(*_, **__):
         time.sleep(5.0)
 
-    monkeypatch.setattr("consistent_id.cli.commands.run_study", slow)
+    monkeypatch.setattr("consistent_id.problems.study.run_study", slow)
     limit = ["--time-limit", "0.2", "--dry-run"]
     assert main(["compare", "problems/rx60", *limit]) == 3
     assert "not done within 0.2 s" in capsys.readouterr().err

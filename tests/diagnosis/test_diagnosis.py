@@ -341,7 +341,8 @@ def _arm_in(folder):
 
 def test_a_problem_whose_validation_repeats_its_training_is_found(tmp_path):
     from consistent_id import load_problem
-    from consistent_id.cli.commands import check_problem
+    from consistent_id.cli.checks import check_problem
+    from consistent_id.diagnosis.diagnosis_table import diagnosis_table
 
     log = _arm_in(tmp_path)
     # The elbow's torque was not recorded: there is no column for it.
@@ -349,10 +350,10 @@ def test_a_problem_whose_validation_repeats_its_training_is_found(tmp_path):
     names = "time,q_shoulder,q_elbow,tau_shoulder"
     np.savetxt(tmp_path / "log.csv", table, delimiter=",", header=names, comments="")
     (tmp_path / "problem.toml").write_text(PROBLEM)
-    found, shown = check_problem(load_problem(tmp_path))
+    found = check_problem(load_problem(tmp_path))
     assert [f.kind for f in found.suspicious] == ["leak"]
     assert "log.csv (10 to 20 s)" in found.findings[0].recording
-    assert "repeats log.csv (0 to 9.995 s)" in shown.text()
+    assert "repeats log.csv (0 to 9.995 s)" in diagnosis_table(found).text()
 
 
 @pytest.mark.parametrize(("sign", "code"), [(1.0, 0), (-1.0, 1)])

@@ -7,8 +7,7 @@ import pinocchio as pin
 import pytest
 from estimates import rigid
 
-from consistent_id import load_problem, load_urdf, to_mjcf, to_urdf
-from consistent_id.cli.commands_export import estimate_for_export
+from consistent_id import Study, load_problem, load_urdf, to_mjcf, to_urdf
 from consistent_id.export.export_formats import exported
 
 pytestmark = pytest.mark.skipif(
@@ -21,7 +20,7 @@ pytestmark = pytest.mark.skipif(
 @pytest.mark.parametrize("robot", ["ur10e", "tiago"])
 def test_the_estimates_torque_is_in_the_file_and_mujoco_loads_it(robot, tmp_path):
     problem = load_problem(f"problems/{robot}")
-    estimate = estimate_for_export(problem)
+    estimate = Study(problem).constrained
     source = problem.model_files["urdf"]
     export = exported(estimate, "urdf", source=source)
     assert to_urdf(estimate, source) == export

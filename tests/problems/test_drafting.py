@@ -11,7 +11,17 @@ from consistent_id import (
     RecordingError,
     load_problem,
 )
+from consistent_id.problems import preparation as preparation_module
+from consistent_id.problems import problem as problem_module
 from consistent_id.problems.drafting import draft_problem
+from consistent_id.problems.file import (
+    ConstraintsTable,
+    ModelTable,
+    ProblemTable,
+    RelationTable,
+    problem_table,
+)
+from consistent_id.problems.toml_text import toml_text
 from consistent_id.recordings.column_guess import guess_columns
 from consistent_id.recordings.readers.recording_file import column_names
 from consistent_id.robot.chains import Selection
@@ -60,6 +70,64 @@ def test_the_file_loads_as_the_problem_that_was_drafted(arm):
     for role in ("training", "validation"):
         (a,), (b,) = getattr(loaded, role), getattr(drafted, role)
         np.testing.assert_array_equal(a.torque, b.torque)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{}, {"masses": "free", "torque_gain": (2.0, 0.5)}, {"torque_joints": ["elbow"]}],
+)
+def test_the_text_holds_exactly_what_was_drafted(arm, options):
+    folder, _ = arm
+    draft = draft_problem(folder / "arm.urdf", folder / "log.csv", **options)
+    file = folder / "problem.toml"
+    assert problem_table(draft.text(folder), file) == draft.table(folder)
+
+
+def test_values_of_every_kind_are_written_as_toml_reads_them(tmp_path):
+    table = ProblemTable(
+        name="x",
+        description='a "quoted" \\ text with tab\t and umlaut ü',
+        model=ModelTable(
+            urdf="arm.urdf", locked={"a.b": 0.1}, gravity=(0.0, 0.0, 1e-9)
+        ),
+        constraints=ConstraintsTable(
+            drive_signs=False,
+            relations=[RelationTable(terms={"link.m": 1.0}, upper=2.0)] * 2,
+        ),
+        links={},
+    )
+    text = toml_text(table, {"constraints": "one\ntwo", "constraints.margin": "beside"})
+    assert problem_table(text, tmp_path) == table
+    assert "# one\n# two\n[constraints]\n" in text
+    assert "margin = 1e-06  # beside" in text
+    assert "shared_motors" not in text
+
+
+def test_a_log_is_read_and_prepared_once(arm, monkeypatch):
+    folder, _ = arm
+    counts = {"read": 0, "differentiated": 0}
+
+    def counted(name, module, function):
+        work = getattr(module, function)
+
+        def run(*args, **options):
+            counts[name] += 1
+            return work(*args, **options)
+
+        monkeypatch.setattr(module, function, run)
+
+    counted("read", problem_module, "read_recording")
+    counted("differentiated", preparation_module, "differentiated")
+    draft = draft_problem(folder / "arm.urdf", folder / "log.csv")
+    counts.update(differentiated=0)
+    problem = draft.problem()
+    assert len(problem.training) == len(problem.validation) == 1
+    assert len(problem.logs("training")) == len(problem.logs("validation")) == 1
+    assert counts == {"read": 0, "differentiated": 1}
+    (folder / "problem.toml").write_text(draft.text(folder))
+    loaded = load_problem(folder)
+    assert loaded.training[0].time[0] < loaded.validation[0].time[0]
+    assert counts == {"read": 1, "differentiated": 2}
 
 
 def test_the_file_says_what_is_a_guess(arm):
@@ -124,7 +192,7 @@ def test_a_joint_that_the_log_does_not_have_is_held(tmp_path):
     draft = draft_problem(urdf, log)
     assert (draft.joints, draft.locked) == (("shoulder",), ("elbow",))
     assert draft.problem().model.robot.joint_names == ("shoulder",)
-    assert "Held at zero" in draft.text(tmp_path)
+    assert "Locked at zero: elbow." in draft.text(tmp_path)
 
 
 def test_the_part_that_moves_can_be_said(tmp_path):

@@ -34,7 +34,6 @@ from consistent_id import (
     write_report,
 )
 from consistent_id.cli import main
-from consistent_id.cli.commands import uncertainty_of
 from consistent_id.diagnosis.findings import Finding
 from consistent_id.report.advice import held_out_error
 from consistent_id.report.downsampling import buckets, extremes, packed
@@ -87,7 +86,7 @@ def study():
 
 @pytest.fixture(scope="module")
 def sure(study):
-    return uncertainty_of(study.problem)[0]
+    return study.uncertainty
 
 
 @pytest.fixture(scope="module")

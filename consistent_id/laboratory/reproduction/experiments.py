@@ -15,6 +15,7 @@ from consistent_id._support.arrays import Matrix, Vector, frozen
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.constrained import constrained_least_squares
 from consistent_id.estimation.estimate import Estimate
+from consistent_id.estimation.method import Method
 from consistent_id.laboratory import (
     ExperimentLog,
     SynchronisedLog,
@@ -28,8 +29,11 @@ from consistent_id.laboratory.from_problem import (
 )
 from consistent_id.problems.parametrisation import Parametrisation
 from consistent_id.problems.problem import Problem
-from consistent_id.problems.published import parametrisation_of, published_table
-from consistent_id.problems.published_estimate import published_least_squares
+from consistent_id.problems.published import (
+    parametrisation_of,
+    published_least_squares,
+    published_table,
+)
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import base_parameters, linear_combination
 from consistent_id.regression.drive.drive_terms import DriveTerms
@@ -278,9 +282,11 @@ def identify_experiment(
     with_friction = TorqueModel(problem.model.robot, drive)
     estimates = (
         published_least_squares(problem, recording),
-        _constrained(problem, problem.model, recording, "constrained"),
+        _constrained(problem, problem.model, recording, Method.CONSTRAINED),
         published_least_squares(problem, recording, drive=drive),
-        _constrained(problem, with_friction, recording, "constrained, with friction"),
+        _constrained(
+            problem, with_friction, recording, Method.CONSTRAINED_WITH_FRICTION
+        ),
     )
     size = problem.model.layout.inertial_size
     C = mine.matrix[:, :size]

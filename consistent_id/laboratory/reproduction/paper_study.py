@@ -7,6 +7,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Array, Vector
 from consistent_id.errors import ProblemError
+from consistent_id.estimation.method import Method
 from consistent_id.excitation.request import design_request
 from consistent_id.laboratory import Laboratory
 from consistent_id.laboratory.from_problem import (
@@ -151,7 +152,7 @@ class PaperStudy:
             for done in reproductions.values()
             for experiment in done.experiments
             for estimate in experiment.estimates
-            if estimate.method.startswith("constrained")
+            if estimate.method in (Method.CONSTRAINED, Method.CONSTRAINED_WITH_FRICTION)
         )
 
 

@@ -1,0 +1,49 @@
+"""The files that a study is written to."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+from consistent_id._support.files import write_atomically
+from consistent_id._support.tables import Table
+from consistent_id.estimation.estimate import Estimate
+from consistent_id.estimation.method import Method
+from consistent_id.problems.study import Study
+from consistent_id.report.figures import motion_figure, save_figure, torque_figure
+from consistent_id.report.study_record import study_record
+
+_DRAWN = (Method.LEAST_SQUARES, Method.CONSTRAINED)
+
+
+def write_comparison(study: Study, tables: Sequence[Table], folder: Path) -> list[Path]:
+    """Write a study as ``comparison.md``, ``comparison.json`` and figures."""
+    text = "\n".join(
+        [f"# {study.problem.name}", "", *(table.markdown() for table in tables)]
+    )
+    record = json.dumps(study_record(study), indent=1, allow_nan=False)
+    return [
+        write_atomically(folder / "comparison.md", text),
+        write_atomically(folder / "comparison.json", record + "\n"),
+        *_figures(study, folder),
+    ]
+
+
+def write_estimates(estimates: Sequence[Estimate], folder: Path) -> list[Path]:
+    """Write each estimate to a JSON file that is named after its method."""
+    return [e.save(folder / f"{e.method.replace(' ', '_')}.json") for e in estimates]
+
+
+def _figures(study: Study, folder: Path) -> list[Path]:
+    drawn = [e for e in study.estimates if e.method in _DRAWN]
+    paths = []
+    if study.published is not None:
+        motion = motion_figure(study.problem.model.robot, study.published.motion)
+        paths.append(save_figure(motion, folder / "motion.png"))
+    for role, recordings in (
+        ("training", study.training),
+        ("validation", study.validation),
+    ):
+        for i, recording in enumerate(recordings, start=1):
+            figure = torque_figure(recording, drawn)
+            paths.append(save_figure(figure, folder / f"torque_{role}_{i}.png"))
+    return paths

@@ -1,0 +1,59 @@
+"""The text of a problem file, written from its content, with comments."""
+
+import json
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import msgspec
+
+from consistent_id.problems.table_types import Table
+
+
+def toml_text(table: Table, comments: Mapping[str, str]) -> str:
+    """Return a table as TOML.
+
+    Parameters
+    ----------
+    table : Table
+    comments : mapping of str to str
+        By the path of a key, such as ``"drive.viscous"``: beside a value, or above a
+        table.  A key with its default value is left out if it has none; ``""`` is
+        enough.
+    """
+    return "\n".join(_lines(table, "", comments)).strip() + "\n"
+
+
+def _lines(table: Table, path: str, comments: Mapping[str, str]) -> Iterator[str]:
+    """Yield a table's own keys, then the tables in it."""
+    tables = []
+    for key, value, default in _fields(table):
+        inner = f"{path}.{key}".lstrip(".")
+        if isinstance(value, Table):
+            tables.append((inner, [value], f"[{inner}]"))
+        elif isinstance(value, list) and value and isinstance(value[0], Table):
+            tables.append((inner, value, f"[[{inner}]]"))
+        elif value is not None and (value != default or inner in comments):
+            beside = comments.get(inner)
+            yield f"{key} = {_value(value)}" + (f"  # {beside}" if beside else "")
+    for inner, members, header in sorted(tables, key=lambda t: t[2].startswith("[[")):
+        for member in members:
+            lines = list(_lines(member, inner, comments))
+            above = [f"# {line}" for line in comments.get(inner, "").splitlines()]
+            if lines or above:
+                yield from ["", *above, header, *lines]
+
+
+def _fields(table: Table) -> Iterator[tuple[str, Any, Any]]:
+    """Yield a table's keys, values and defaults."""
+    for field in msgspec.structs.fields(table):
+        default = field.default
+        if field.default_factory is not msgspec.NODEFAULT:
+            default = field.default_factory()
+        yield field.encode_name, getattr(table, field.name), default
+
+
+def _value(value: object) -> str:
+    if isinstance(value, Mapping):
+        pairs = (f"{_value(key)} = {_value(item)}" for key, item in value.items())
+        return f"{{{', '.join(pairs)}}}"
+    return json.dumps(value, ensure_ascii=False)

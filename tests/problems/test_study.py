@@ -1,0 +1,70 @@
+"""A study computes each of its parts once, whoever asks for it."""
+
+from collections import Counter
+
+import pytest
+
+from consistent_id import load_problem
+from consistent_id.estimation.method import Method
+from consistent_id.problems import study as study_module
+from consistent_id.problems.study import Study, identify, run_study
+
+PARTS = (
+    "base_parameters",
+    "check_published",
+    "compare",
+    "constraint_costs",
+    "cross_validated",
+    "huber",
+    "published_least_squares",
+    "recordings_of",
+    "segment_regressions",
+    "shadow_prices",
+)
+
+
+@pytest.fixture
+def calls(monkeypatch):
+    counts = Counter()
+
+    def counted(name, work):
+        def run(*args, **options):
+            counts[name] += 1
+            return work(*args, **options)
+
+        return run
+
+    for name in (*PARTS, "build_regression", "constrained_least_squares"):
+        work = getattr(study_module, name)
+        monkeypatch.setattr(study_module, name, counted(name, work))
+    return counts
+
+
+def test_each_part_is_computed_once(calls):
+    study = run_study(load_problem("problems/rx60"))
+    for part in ("published", "excitation", "comparison", "costs", "prices", "path"):
+        assert getattr(study, part) is getattr(study, part)
+    assert study.constrained in study.estimates
+    assert {name: calls[name] for name in PARTS} == dict.fromkeys(PARTS, 1)
+    assert calls["build_regression"] == 0  # the segments' sum is the regression
+    assert calls["constrained_least_squares"] == 4
+
+
+def test_the_constrained_estimate_alone_needs_no_other(calls):
+    study = Study(load_problem("problems/rx60"))
+    assert study.constrained.method == Method.CONSTRAINED
+    assert study.constrained is study.constrained
+    assert calls["constrained_least_squares"] == 1
+    assert calls["compare"] == calls["cross_validated"] == calls["huber"] == 0
+
+
+def test_a_study_estimates_what_identify_does():
+    problem = load_problem("problems/rx60")
+    study = Study(problem)
+    paper, *own = study.estimates
+    assert paper.method == Method.AS_PUBLISHED
+    alone = identify(problem, study.training)
+    assert [e.method for e in own] == [e.method for e in alone]
+    # Base values, as the prior's choice is only as sharp as the slack.
+    for mine, other in zip(own, alone, strict=True):
+        assert mine.base_values == pytest.approx(other.base_values, rel=1e-4, abs=1e-4)
