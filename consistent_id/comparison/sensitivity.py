@@ -116,12 +116,12 @@ def _response_root(fitted: ConstrainedFit) -> Matrix:
     rows = [scaled.M, np.sqrt(fit.weight) * fitted.distance.local(u).G]
     domain = scaled.domain
     slack = domain.b_in - domain.A_in @ u
-    held = [domain.A_eq, domain.A_in[slack <= _ACTIVE]]
+    active = [domain.A_eq, domain.A_in[slack <= _ACTIVE]]
     for block, Z in zip(domain.blocks, multipliers.blocks, strict=True):
         kept, bent = _surface(block, Z, u)
-        held.append(kept)
+        active.append(kept)
         rows.append(bent)
-    T = row_spaces(np.vstack(held)).steps
+    T = row_spaces(np.vstack(active)).steps
     _, R = np.linalg.qr(np.vstack(rows) @ T)
     return np.asarray(np.linalg.solve(R.T, T.T).T)
 

@@ -5,7 +5,7 @@ differentiation of the position makes large.  Which is best for a robot and a lo
 shows in torque that was left out of the fit.  Three precautions make that a fair test:
 
 - The raw recording is cut before anything is filtered, so that no filter carries torque
-  from what is tested into what is learned from.  What was assumed beyond the ends of a
+  from validation into training.  What was assumed beyond the ends of a
   part, a period of the lowest cut-off, is dropped for all candidates alike.
 - All candidates predict the same torque, filtered once and lightly.  If each were
   judged on torque filtered as it asks, low cut-offs would win: smoother torque is
@@ -165,10 +165,10 @@ def best_cutoff(
 
 
 class _Sides(NamedTuple):
-    """Regressions of each part, to learn from and to be tested on."""
+    """Regressions of each part, for training and for validation."""
 
-    learned: list[Regression]
-    tested: list[Regression]
+    training: list[Regression]
+    validation: list[Regression]
 
 
 def _parts(
@@ -204,28 +204,29 @@ def _sides(
 ) -> _Sides:
     def both(part: Recording) -> tuple[Regression, Regression]:
         motion, torque = pair
-        learn = differentiated(
+        training = differentiated(
             low_passed(part, motion_cutoff=motion, torque_cutoff=torque)
         )
         light = low_passed(part, torque_cutoff=target).torque
+        lightly = replace(training, torque=light)
         start, stop = part.time[0] + margin, part.time[-1] - margin
         return (
-            build_regression(model, trimmed(learn, start, stop)),
-            build_regression(model, trimmed(replace(learn, torque=light), start, stop)),
+            build_regression(model, trimmed(training, start, stop)),
+            build_regression(model, trimmed(lightly, start, stop)),
         )
 
     with ThreadPoolExecutor(2) as pool:
-        learned, tested = zip(*pool.map(both, parts), strict=True)
-    return _Sides(list(learned), list(tested))
+        training, validation = zip(*pool.map(both, parts), strict=True)
+    return _Sides(list(training), list(validation))
 
 
 def _held_out(model: TorqueModel, sides: _Sides, estimator: Estimator) -> Array:
     """Return the error on each part, fitted to all others."""
-    whole = merged(sides.tested).torque_rms
+    whole = merged(sides.validation).torque_rms
     errors = []
-    for k, tested in enumerate(sides.tested):
-        others = [side for i, side in enumerate(sides.learned) if i != k]
+    for k, validation in enumerate(sides.validation):
+        others = [side for i, side in enumerate(sides.training) if i != k]
         x = estimator(model, merged(others)).parameters
-        relative = tested.residual_rms(x) / whole
+        relative = validation.residual_rms(x) / whole
         errors.append(np.sqrt(np.mean(relative**2)))
     return np.array(errors)

@@ -4,43 +4,37 @@ The unknowns are ``u = x / unit``, pure numbers near one.  Half the squared misf
 units of least squares' residual norm, plus the prior, is minimised over the package's
 constraints; a researcher adds convex terms and constraints, or takes another objective.
 
-What is proven of the optimum is recomputed.  Of the problem as it stands, by the
-certificate of every other estimate.  With own terms, on the cone programme that CVXPY
-makes of them, ``min f(y) = 1/2 y.P y + q.y  s.t.  b - A y in K``: with ``g = P y + q``
-and multipliers ``z`` in the dual cone, no feasible ``y'`` of a ball has less than
-``f(y) + g.(y' - y)``, and `lower_bound` says what ``g.y'`` is at the least.
+What is proven of the optimum is recomputed: of the problem as it stands, by the
+certificate of every other estimate; with own terms, on the cone programme that CVXPY
+makes of them (`cvxpy_cones`).
 """
 
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from time import perf_counter
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from consistent_id._support.arrays import Array, Matrix, Vector
+from consistent_id._support.arrays import Array, Vector
 from consistent_id._support.threads import single_threaded
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.cones.certificate import (
     FEASIBILITY_TOLERANCE,
     GAP_TOLERANCE,
-    ball_about,
 )
+from consistent_id.constraints.cones.cvxpy_cones import ConicOptimum, conic_optimum
 from consistent_id.constraints.cones.least_norm import ConeSolution
-from consistent_id.constraints.cones.matrices import lengths, stacked
+from consistent_id.constraints.cones.matrices import stacked
 from consistent_id.constraints.cones.programmes import (
-    ConeKind,
-    ConeRows,
     Multipliers,
-    lower_bound,
     set_multipliers,
 )
 from consistent_id.constraints.cones.sets import ConicSet
 from consistent_id.constraints.distances import EntropicDistance, NominalDistance
 from consistent_id.constraints.priors import Prior
-from consistent_id.errors import InfeasibleError, ProblemError, SolverError
+from consistent_id.errors import ProblemError
 from consistent_id.estimation.audit import FitProblem, Proof, audited
 from consistent_id.estimation.constrained import DEFAULT_CONSTRAINTS
 from consistent_id.estimation.constrained_fit import constrained_fit
@@ -53,7 +47,6 @@ from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.inertia import PSEUDO_INERTIA_BASIS
 
 _ALLOWED = f"{GAP_TOLERANCE:.0e} of the optimum, {FEASIBILITY_TOLERANCE:.0e}"
-_CLARABEL = {"tol_gap_abs": 1e-10, "tol_gap_rel": 1e-10, "tol_feas": 1e-10}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -289,7 +282,7 @@ def _solved(
             "the problem is not convex by CVXPY's rules; terms must be convex scalars, "
             f"constraints convex: {problem}"
         )
-    programme = _conic_optimum(problem)
+    programme = conic_optimum(problem)
     u = form.scaled.domain.snapped(np.asarray(form.variable.value))
     if own:
         before, form.variable.value = float(problem.value), u
@@ -311,68 +304,6 @@ def _solved(
     )
 
 
-class _Programme(NamedTuple):
-    """``minimise 1/2 y.P y + q.y`` over rows, and a point with multipliers."""
-
-    rows: tuple[ConeRows, ...] | None
-    slope: Vector
-    y: Vector
-    duals: list[Vector]
-
-
-def _conic_optimum(problem: Any) -> _Programme:
-    """Solve by Clarabel; the variables of the problem get their values.
-
-    The programme has no rows where it needs other cones than ours.
-    """
-    import cvxpy as cp
-
-    try:
-        options = dict(_CLARABEL)
-        data, chain, inverse = problem.get_problem_data(
-            cp.CLARABEL, solver_opts=options
-        )
-        found = chain.solve_via_data(problem, data, solver_opts=options)
-        with warnings.catch_warnings():
-            # "Solution may be inaccurate": the proof says so, with figures.
-            warnings.simplefilter("ignore", UserWarning)
-            problem.unpack_results(found, chain, inverse)
-    except (cp.error.SolverError, ValueError) as cause:
-        raise SolverError(f"CVXPY found no point: {cause}") from None
-    if "infeasible" in problem.status:
-        raise InfeasibleError(
-            "no parameters satisfy the package's constraints and your own together; "
-            "loosen your own, which CVXPY gives no names"
-        )
-    y, z = np.asarray(found.x), np.asarray(found.z)
-    if problem.status not in ("optimal", "optimal_inaccurate"):
-        raise SolverError(
-            f"CVXPY ended {problem.status!r}; is the objective bounded from below?"
-        )
-    P = data.get("P")
-    slope = data["c"] if P is None else data["c"] + P @ y
-    rows = _cone_rows(data["A"].toarray(), data["b"], data["dims"])
-    ends = np.cumsum([len(block.b) for block in rows or ()])[:-1]
-    return _Programme(rows, slope, y, np.split(z, ends))
-
-
-def _cone_rows(A: Matrix, b: Vector, dims: Any) -> tuple[ConeRows, ...] | None:
-    """Return CVXPY's rows, zero cone first, as ours; None if others are among them."""
-    kinds: list[tuple[ConeKind, int, tuple[int, ...]]] = [
-        ("zero", dims.zero, ()),
-        ("nonnegative", dims.nonneg, ()),
-        *(("second order", size, ()) for size in dims.soc),
-        ("semidefinite", sum(lengths(dims.psd)), tuple(dims.psd)),
-    ]
-    ends = np.cumsum([size for _, size, _ in kinds])
-    if ends[-1] != len(b):
-        return None
-    return tuple(
-        ConeRows(kind, A[end - size : end], b[end - size : end], orders)
-        for (kind, size, orders), end in zip(kinds, ends, strict=True)
-    )
-
-
 def _proof(form: CvxpyProblem, u: Vector) -> Proof:
     """Return what is proven of the problem as it stands."""
     domain = form.scaled.domain
@@ -390,7 +321,7 @@ def _proof(form: CvxpyProblem, u: Vector) -> Proof:
 def _own_proof(
     form: CvxpyProblem,
     problem: Any,
-    programme: _Programme,
+    programme: ConicOptimum,
     moved: float,
     constraints: Sequence[Any],
 ) -> Proof:
@@ -411,11 +342,8 @@ def _own_proof(
     if programme.rows is None:
         statement = f"own terms need cones that no proof is made of; {held}"
         return Proof(False, statement, "no such cones", figures)
-    y, slope = programme.y, programme.slope
-    bound = lower_bound(slope, programme.rows, programme.duals, ball_about(y))
-    gap = max(float(slope @ y) - bound, 0.0) + moved
-    relative = gap / max(abs(float(problem.value)), REFERENCE)
-    missed = max(block.violation(y) for block in programme.rows)
+    size = max(abs(float(problem.value)), REFERENCE)
+    relative, missed = (programme.gap() + moved) / size, programme.violation()
     figures = {"relative gap": relative, "violation by CVXPY's rows": missed, **figures}
     certified = relative <= GAP_TOLERANCE and max(violation, missed) <= (
         FEASIBILITY_TOLERANCE

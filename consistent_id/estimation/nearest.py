@@ -68,8 +68,8 @@ def nearest_within(best: BestFit, distance: NominalDistance, slack: float) -> Ne
             closest = found
         if excess <= allowed:
             short = (allowed - excess) / weight + found.distance_gap
-            share = short / max(found.squared_distance, _SMALL)
-            now = Nearest(found, share, allowed)
+            gap = short / max(found.squared_distance, _SMALL)
+            now = Nearest(found, gap, allowed)
             certified = found.optimality.verdict == "certified"
             if kept is None or (certified and now.distance_gap < kept.distance_gap):
                 kept = now

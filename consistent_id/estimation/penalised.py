@@ -142,7 +142,7 @@ def _newton(
         shortest = min(shortest, length)
         if length <= _STILL or idle == 2:
             break
-        ahead = u + _share(fit, distance, weight, u, step, length) * step
+        ahead = u + _step_length(fit, distance, weight, u, step, length) * step
         if not np.isfinite(distance.squared(ahead)):
             break  # the constraints lead out of all bodies
         u = ahead
@@ -150,7 +150,7 @@ def _newton(
     return solution if whole else replace(solution, u=u)
 
 
-def _share(
+def _step_length(
     fit: ScaledFit,
     distance: EntropicDistance,
     weight: float,
@@ -233,7 +233,7 @@ def certify_penalised(
     problem = _stacked(fit, rows, weight)
     objective = (fit.excess(u) + weight * squared) / 2
 
-    def judged(curvature: Matrix) -> Optimality:
+    def certified_with(curvature: Matrix) -> Optimality:
         return certify(
             problem,
             solution,
@@ -248,5 +248,5 @@ def certify_penalised(
     E = equalities(fit.domain).steps
     steep = np.linalg.lstsq((rows.G @ E).T, E.T @ rest, rcond=0.0)[0]
     if np.linalg.norm(steep) > weight / 2:
-        return judged(fit.M)
-    return judged(np.vstack([fit.M, np.sqrt(weight / 2) * rows.G]))
+        return certified_with(fit.M)
+    return certified_with(np.vstack([fit.M, np.sqrt(weight / 2) * rows.G]))

@@ -79,7 +79,7 @@ def smooth_fit(
     return SmoothFit(
         u=u,
         misfit=float(np.linalg.norm(residual)),
-        gradient=float(np.linalg.norm(gradient[~_held(variables, v, gradient)])),
+        gradient=float(np.linalg.norm(gradient[~_at_bound(variables, v, gradient)])),
         pulled=float(PULLS[-1] * (v - origin) @ (v - origin)),
         steps=steps,
     )
@@ -137,7 +137,7 @@ def _step(problem: _Pulled, v: Vector, value: float, damping: float) -> _Trial |
     """
     bounds = problem.variables
     gradient, hessian = problem.derivatives(v)
-    free = ~_held(bounds, v, gradient)
+    free = ~_at_bound(bounds, v, gradient)
     curvatures, axes = np.linalg.eigh(hessian[np.ix_(free, free)])
     along = axes.T @ gradient[free]
     for _ in range(_TRIALS):
@@ -155,7 +155,7 @@ def _step(problem: _Pulled, v: Vector, value: float, damping: float) -> _Trial |
     return None
 
 
-def _held(bounds: BodyVariables, v: Vector, gradient: Vector) -> BoolArray:
+def _at_bound(bounds: BodyVariables, v: Vector, gradient: Vector) -> BoolArray:
     """Return which variables are at a bound and would go beyond."""
     below = (v <= bounds.lower) & (gradient > 0.0)
     return np.asarray(below | ((v >= bounds.upper) & (gradient < 0.0)))

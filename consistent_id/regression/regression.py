@@ -165,16 +165,16 @@ def build_regression(
         motion_of(model, recording, None if row_weights is None else row_weights[i])
         for i, recording in enumerate(recordings)
     ]
-    thin = RowFilter(decimate)
-    kept = [_centres(recording, thin) for recording in recordings]
+    row_filter = RowFilter(decimate)
+    kept = [_centres(recording, row_filter) for recording in recordings]
     pieces = [
         (motion, piece)
         for motion, centres in zip(motions, kept, strict=True)
-        for piece in thin.pieces(centres)
+        for piece in row_filter.pieces(centres)
     ]
 
     def compressed(piece: tuple[Motion, slice]) -> list[Matrix]:
-        return _compress(model, structure, *piece, thin)
+        return _compress(model, structure, *piece, row_filter)
 
     # NumPy and LAPACK free the interpreter's lock, so pieces run side by side; threads
     # inside a factorisation of this size make it slower, and change its last bits.
@@ -292,11 +292,11 @@ def motion_of(
     return Motion(recording.position, dq, ddq, tau, weights)
 
 
-def _centres(recording: Recording, thin: RowFilter) -> range:
+def _centres(recording: Recording, row_filter: RowFilter) -> range:
     """Return the samples whose rows are kept."""
-    if thin.factor > 1:
+    if row_filter.factor > 1:
         uniform_rate(recording)  # else rows around a sample are not evenly around it
-    return thin.centres(len(recording), recording.name)
+    return row_filter.centres(len(recording), recording.name)
 
 
 def _counts(motion: Motion, centres: range) -> IntArray:
@@ -311,14 +311,14 @@ def _compress(
     structure: Sequence[tuple[IntArray, Matrix]],
     motion: Motion,
     piece: slice,
-    thin: RowFilter,
+    row_filter: RowFilter,
 ) -> list[Matrix]:
     """Return, per joint, the triangular factor of its rows in a piece of a motion."""
     tau = motion.torque[piece]
     weights = None if motion.weights is None else motion.weights[piece]
     factors = [np.zeros((0, len(kept) + 1)) for kept, _ in structure]
     # Rows to be mixed with each other come in one chunk.
-    size = CHUNK if thin.factor == 1 else len(tau)
+    size = CHUNK if row_filter.factor == 1 else len(tau)
     state = motion.q[piece], motion.dq[piece], motion.ddq[piece]
     for part, Y in model.chunks(*state, size=size):
         for j, (kept, _) in enumerate(structure):
@@ -329,7 +329,7 @@ def _compress(
             rows[done:, -1] = tau[part, j]
             if weights is not None:
                 rows[done:] *= weights[part, j, None]
-            factors[j] = triangle(thin(rows))
+            factors[j] = triangle(row_filter(rows))
     return factors
 
 

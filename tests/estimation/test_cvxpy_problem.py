@@ -139,7 +139,7 @@ def test_an_own_objective_is_minimised():
 def test_a_wrong_optimum_is_not_certified(monkeypatch):
     form, _ = problem(0)
     short = {"max_iter": 4}
-    monkeypatch.setattr("consistent_id.estimation.cvxpy_problem._CLARABEL", short)
+    monkeypatch.setattr("consistent_id.constraints.cones.cvxpy_cones.CLARABEL", short)
     try:
         estimate = form.solve(terms=[0.1 * cp.norm1(form.variable)])
     except SolverError:

@@ -22,7 +22,7 @@ from consistent_id import (
 from consistent_id.constraints.cones.programmes import Multipliers
 from consistent_id.constraints.distances import nominal_distance
 from consistent_id.constraints.priors import Distance
-from consistent_id.estimation.penalised import _certified, _proven, penalised_fit
+from consistent_id.estimation.penalised import _proven, certify_penalised, penalised_fit
 from consistent_id.estimation.scaled_fit import REFERENCE, scaled_fit
 from consistent_id.regression.base import base_parameters
 from consistent_id.robot.inertia import PSEUDO_INERTIA_BASIS, pseudo_inertia
@@ -146,7 +146,7 @@ def test_the_gap_bounds_what_any_point_is_worse_than_the_best(seed):
         excess = objective(fit, distance, weight, u) - least
         for multipliers in (duals, coarse):
             wrong = replace(best.solution, u=u, multipliers=multipliers)
-            judged = _certified(fit, distance, weight, wrong)
+            judged = certify_penalised(fit, distance, weight, wrong)
             gap = judged.gap * max(judged.objective, REFERENCE)
             assert gap >= excess * (1 - 1e-6) - 1e-9
             if excess > 1e-5 * max(judged.objective, REFERENCE):
@@ -157,7 +157,7 @@ def test_a_point_that_is_no_body_is_not_certified():
     model, regression = noisy(5, joints=2)
     fit, distance = dimensionless(model, regression)
     solution = penalised_fit(fit, distance, 1.0).solution
-    judged = _certified(fit, distance, 1.0, replace(solution, u=-solution.u))
+    judged = certify_penalised(fit, distance, 1.0, replace(solution, u=-solution.u))
     assert judged.verdict == "uncertified"
 
 
@@ -166,7 +166,7 @@ def test_multipliers_too_coarse_for_a_proof_are_asked_for_again():
     fit, distance = dimensionless(model, regression)
     solution = penalised_fit(fit, distance, 1e-3).solution
     coarse = replace(solution, multipliers=solution.multipliers.times(0.9))
-    assert _certified(fit, distance, 1e-3, coarse).verdict == "uncertified"
+    assert certify_penalised(fit, distance, 1e-3, coarse).verdict == "uncertified"
     again, optimality = _proven(fit, distance, 1e-3, coarse)
     assert optimality.verdict == "certified"
     assert again.u == pytest.approx(solution.u, abs=1e-5)

@@ -117,16 +117,16 @@ def profile(
 def _least_at(
     misfit: Callable[[Vector], Misfit], place: int, u: float, start: Vector, box: Array
 ) -> tuple[Vector, float]:
-    """Return the least misfit with one shape held."""
-    held = np.array(start)
-    held[place] = u
+    """Return the least misfit with one shape fixed."""
+    fixed = np.array(start)
+    fixed[place] = u
     free = [i for i in range(len(start)) if i != place]
     if not free:
-        return held, misfit(held).half_log
+        return fixed, misfit(fixed).half_log
     from scipy.optimize import minimize
 
     def value(v: Vector) -> tuple[float, Vector]:
-        full = held.copy()
+        full = fixed.copy()
         full[free] = v
         found = misfit(full)
         return found.half_log, found.slope[free]
@@ -134,14 +134,14 @@ def _least_at(
     options = {"ftol": 1e-10, "gtol": 1e-6, "maxiter": 30}
     result = minimize(
         value,
-        held[free],
+        fixed[free],
         jac=True,
         method="L-BFGS-B",
         bounds=box[free],
         options=options,
     )
-    held[free] = result.x
-    return held, float(result.fun)
+    fixed[free] = result.x
+    return fixed, float(result.fun)
 
 
 def _crossing(side: Array, level: float) -> tuple[float, bool]:
