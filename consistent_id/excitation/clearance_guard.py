@@ -45,12 +45,6 @@ class ClearanceGuard:
         sample, which = (index.ravel() for index in every)
         return self._near(motion[0], sample, which).value.reshape(every.shape[1:])
 
-    def values(self, motion: Array, items: IntArray) -> Vector:
-        """Return the chosen pairs, or a smooth maximum over all."""
-        chosen = _chosen(motion[0], items, len(self.scene.pairs))
-        near = self._near(chosen.poses, chosen.sample, chosen.which).value
-        return _smooth_largest(near[chosen.query], chosen.starts).value
-
     def rows(self, motion: Array, items: IntArray) -> ItemRows:
         """Return the chosen pairs, or a smooth maximum over all, with derivatives."""
         chosen = _chosen(motion[0], items, len(self.scene.pairs))

@@ -37,9 +37,6 @@ class Guard(Protocol):
     def measure(self, motion: Array) -> Matrix:
         """Return how far each item is above what is allowed, (samples, items)."""
 
-    def values(self, motion: Array, items: IntArray) -> Vector:
-        """Return one item per sample."""
-
     def rows(self, motion: Array, items: IntArray) -> "ItemRows":
         """Return one item per sample, with its derivatives."""
 
@@ -78,11 +75,6 @@ class TorqueGuard:
         """Return how far each torque is above its limit."""
         torque = self._kernel(motion).torque(motion)
         return (abs(torque) / self.effort - self.reach).reshape(len(torque), -1)
-
-    def values(self, motion: Array, items: IntArray) -> Vector:
-        """Return the sizes of the chosen torques."""
-        samples = np.arange(motion.shape[1])
-        return np.asarray(self.measure(motion)[samples, items])
 
     def rows(self, motion: Array, items: IntArray) -> ItemRows:
         """Return the sizes of the chosen torques, with derivatives."""
@@ -160,18 +152,6 @@ def guard_rows(
             jacobian[:, 1:] += columns[order, :, :, None] * pull[:, None]
     jacobian[:, 0] = slopes[:, 0] * basis.limits.derivative(0)
     return values, jacobian.reshape(len(places), -1)
-
-
-def guard_values(
-    guard: Guard,
-    places: list[Place],
-    basis: FourierBasis,
-    time: Vector,
-    variables: Matrix,
-) -> Vector:
-    """Return the values of `guard_rows` alone, which takes less time."""
-    _, motion, items = _at(places, basis, time, variables)
-    return guard.values(motion, items)
 
 
 def _at(

@@ -25,6 +25,7 @@ _REFINED = 2  # paths that go on to the second stage, however many workers there
 _ATTEMPTS = 4  # at a proof, each with less of the limits to use
 
 RunSearches = Callable[..., tuple[Candidate, ...]]
+Prove = Callable[[FourierTrajectory], Proof]
 
 
 def design_stages(
@@ -51,10 +52,11 @@ def design_stages(
     run = partial(
         run_searches, workers=workers, interrupted=interrupted, progress=progress
     )
+    prove = _proving_once(demands)
 
     def stage(problem: SearchProblem, starts: Sequence[Candidate], end: float) -> Stage:
         deadline, more = began + end * time_limit, _MORE * time_limit
-        return _stage(problem, starts, demands, aim, run, interrupted, deadline, more)
+        return _stage(problem, starts, prove, aim, run, interrupted, deadline, more)
 
     refine = None if aim.refine == aim.objective else aim.refine
     random = [Candidate(number) for number in range(starts)]
@@ -71,10 +73,23 @@ def design_stages(
         return (first,)  # a proven path is there already
 
 
+def _proving_once(demands: Demands) -> Prove:
+    """Return what proves paths, each once: a second stage may end where it began."""
+    proofs: dict[bytes, Proof] = {}
+
+    def prove(path: FourierTrajectory) -> Proof:
+        key = np.vstack([path.offset, path.sine, path.cosine]).tobytes()
+        if key not in proofs:
+            proofs[key] = demands.proof(path)
+        return proofs[key]
+
+    return prove
+
+
 def _stage(
     problem: SearchProblem,
     starts: Sequence[Candidate],
-    demands: Demands,
+    prove: Prove,
     aim: Aim,
     run: RunSearches,
     interrupted: Interrupted,
@@ -97,7 +112,7 @@ def _stage(
         paths = [problem.basis.trajectory(np.asarray(c.variables)) for c in usable]
         proofs = []
         for one, path in zip(usable, paths, strict=True):
-            proofs.append(demands.proof(path))
+            proofs.append(prove(path))
             if proofs[-1].holds:
                 others = (other for other in usable if other is not one)
                 candidates = (one, *others)
