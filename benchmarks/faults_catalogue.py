@@ -90,12 +90,12 @@ def experiment(robot: Robot, rng: np.random.Generator, load_urdf) -> Experiment:
     for j, terms in enumerate(model.terms):
         share = size[j] * rng.uniform(0.5, 1.0)
         values = {
-            "viscous": 0.3 * share / speed[j],
-            "coulomb": 0.25 * share,
-            "stribeck": 0.08 * share,
-            "load_friction": 0.04,
-            "offset": 0.03 * share * rng.normal(),
-            "rotor_inertia": 0.25 * share / quick[j],
+            "viscous": 0.2 * share / speed[j],
+            "coulomb": 0.12 * share,
+            "stribeck": 0.03 * share,
+            "load_friction": 0.01,
+            "offset": 0.02 * share * rng.normal(),
+            "rotor_inertia": 0.03 * share / quick[j],
         }
         drive += [values[name] for name in terms.names]
     parameters = np.append(bodies, drive)

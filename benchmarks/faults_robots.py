@@ -112,7 +112,7 @@ def _arm(name: str, table: Sequence[tuple[str, float, float]]) -> Robot:
                 mass=mass,
                 com=(0.02, -0.015, 0.45 * length),
                 size=(width, 0.8 * width, length),
-                effort=60.0 * sum(m for *_, m in table[i:]),
+                effort=15.0 * sum(m for *_, m in table[i:]),
             )
         )
         below = length
