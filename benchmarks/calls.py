@@ -80,6 +80,8 @@ def _print_tables(trees: Sequence[Path]) -> None:
         _line(what, [str(column.get(what, 0)) for column in columns])
     print("\nCPU seconds of a process, user and system")
     _line("", [*header, "ratio"][: len(header) + len(trees) - 1])
+    for tree in trees:
+        _seconds(tree, TIMED[1])  # compiles the libraries
     for command in TIMED:
         seconds = [_seconds(tree, command) for tree in trees]
         ratio = [f"{seconds[0] / s:.2f}" for s in seconds[1:]]
