@@ -54,7 +54,8 @@ def numbers_of(column: Any, where: str) -> np.ndarray:
     kind = column.type
     if not (pa.types.is_floating(kind) or pa.types.is_integer(kind)):
         raise RecordingError(f"{where} holds {kind}, expected numbers in SI units")
-    column = column.cast(pa.float64(), safe=False).combine_chunks()
+    column = column.combine_chunks()
     if column.null_count:
-        column = column.fill_null(np.nan)
-    return np.from_dlpack(column)  # to_numpy() would import pandas
+        column = column.cast(pa.float64(), safe=False).fill_null(np.nan)
+    # Casts import pyarrow.compute, and to_numpy() pandas, which take their time.
+    return np.asarray(np.from_dlpack(column), dtype=np.float64)
