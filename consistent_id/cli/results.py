@@ -9,7 +9,7 @@ from consistent_id._support.tables import Table
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.method import Method
 from consistent_id.problems.study import Study
-from consistent_id.report.figures import motion_figure, save_figure, torque_figure
+from consistent_id.report.figures import motion_figure, save_figure, torque_figures
 from consistent_id.report.study_record import study_record
 
 _DRAWN = (Method.LEAST_SQUARES, Method.CONSTRAINED)
@@ -39,11 +39,12 @@ def _figures(study: Study, folder: Path) -> list[Path]:
     if study.published is not None:
         motion = motion_figure(study.problem.model.robot, study.published.motion)
         paths.append(save_figure(motion, folder / "motion.png"))
-    for role, recordings in (
-        ("training", study.training),
-        ("validation", study.validation),
-    ):
-        for i, recording in enumerate(recordings, start=1):
-            figure = torque_figure(recording, drawn)
-            paths.append(save_figure(figure, folder / f"torque_{role}_{i}.png"))
+    recordings = {
+        f"torque_{role}_{i}.png": recording
+        for role in ("training", "validation")
+        for i, recording in enumerate(getattr(study, role), start=1)
+    }
+    figures = torque_figures(list(recordings.values()), drawn)
+    for name, figure in zip(recordings, figures, strict=True):
+        paths.append(save_figure(figure, folder / name))
     return paths

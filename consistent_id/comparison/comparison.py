@@ -20,6 +20,7 @@ from consistent_id.regression.mass_matrix import (
     least_mass_eigenvalue,
     random_poses,
 )
+from consistent_id.regression.regression import Regression, build_regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.scaling import reference_bodies
 
@@ -189,11 +190,15 @@ def compare(
     if any(e.model.fingerprint != model.fingerprint for e in estimates):
         raise ProblemError("the estimates have different parameters, or are of others")
     poses = random_poses(model, POSES, seed)
+    learnt, held_out = (
+        [_compressed(model, recording) for recording in recordings]
+        for recordings in (training, validation)
+    )
     reports = (
         EstimateReport(
             estimate=estimate,
-            training=tuple(torque_error(estimate, r) for r in training),
-            validation=tuple(torque_error(estimate, r) for r in validation),
+            training=tuple(one.error(estimate) for one in learnt),
+            validation=tuple(one.error(estimate) for one in held_out),
             links=link_conditions(model, estimate.parameters),
             base_feasibility=base_feasibility(
                 model,
@@ -220,17 +225,32 @@ def compare(
 
 def torque_error(estimate: Estimate, recording: Recording) -> TorqueError:
     """Return the prediction error of an estimate along a recording."""
-    measured = recording.of(estimate.model.torque_joints).torque
+    return _compressed(estimate.model, recording).error(estimate)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Compressed:
+    """A recording's regression, of which every estimate's error is a product."""
+
+    recording: str
+    regression: Regression
+
+    def error(self, estimate: Estimate) -> TorqueError:
+        counts = np.array(self.regression.counts)
+        rms = self.regression.residual_rms(estimate.parameters)
+        size = self.regression.torque_rms
+        return TorqueError(
+            self.recording,
+            rms,
+            rms / np.where(size > 0.0, size, np.nan),
+            float(np.sqrt(counts @ rms**2 / (counts @ size**2))),
+        )
+
+
+def _compressed(model: TorqueModel, recording: Recording) -> _Compressed:
+    measured = recording.of(model.torque_joints).torque
     if measured is None:
         raise ProblemError(f"{recording.name} has no torque to compare with")
     if not measured.any():
         raise ProblemError(f"{recording.name}: its torque is zero throughout")
-    error = measured - estimate.predict(recording)
-    rms = np.sqrt(np.mean(error**2, axis=0))
-    size = np.sqrt(np.mean(measured**2, axis=0))
-    return TorqueError(
-        recording.name,
-        rms,
-        rms / np.where(size > 0.0, size, np.nan),
-        float(np.linalg.norm(error) / np.linalg.norm(measured)),
-    )
+    return _Compressed(recording.name, build_regression(model, recording))

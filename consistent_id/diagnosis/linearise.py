@@ -7,11 +7,13 @@ import numpy as np
 from consistent_id._support.arrays import Array, Matrix, Vector
 from consistent_id.diagnosis.jackknife import Jackknife, jackknife, solution
 from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.signals.butterworth import zero_phase
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.regression import triangle
 from consistent_id.regression.regressor import TorqueModel
 
 _STEP = 1e-4  # rad or m, of the finite differences
+_PAD = 15  # samples by which the filter continues either end
 _BAND = 8.0  # times the motion's bandwidth: torque beyond it is noise and friction's
 _POWER = 0.99  # of the velocity, within the bandwidth
 _LEAST = 1e-3  # of a joint's torque, below which its misfit is not believed
@@ -97,12 +99,12 @@ def _bandwidth(velocity: Array, rate: float) -> float:
 
 def _smooth(values: Array, cutoff: float, rate: float) -> Array:
     """Low-pass along samples, both ways; as it is where there is nothing to take."""
-    from scipy.signal import butter, sosfiltfilt
-
     if cutoff >= 0.4 * rate:
         return values
-    sections = butter(4, cutoff / (rate / 2.0), output="sos")
-    return np.asarray(sosfiltfilt(sections, values, axis=-1))
+    columns = values.reshape(-1, values.shape[-1]).T
+    pad = min(len(columns) - 1, _PAD)
+    smooth = zero_phase(columns, cutoff=cutoff, rate=rate, order=4, pad=pad)
+    return smooth.T.reshape(values.shape)
 
 
 def _misfits(rows: Array, torque: Matrix) -> Vector:

@@ -82,7 +82,8 @@ def _of_drives(model: TorqueModel, parameters: Vector) -> Matrix:
     drives = parameters.copy()
     drives[: model.layout.inertial_size] = 0.0
     rest, unit = np.zeros((n + 1, n)), np.eye(n + 1, n)
-    every_joint = replace(model, torque_joints=())
+    whole = model.torque_joints == model.robot.joint_names
+    every_joint = model if whole else replace(model, torque_joints=())
     torque = every_joint.predict(drives, rest, rest, unit)
     return np.asarray((torque[:n] - torque[n]).T)
 

@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from consistent_id._support.arrays import Vector
+from consistent_id._support.arrays import Matrix, Vector
 from consistent_id._support.threads import single_threaded
 from consistent_id.errors import ProblemError
 from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.linear import solve_linear
-from consistent_id.regression.regression import Regression, require_match
+from consistent_id.regression.regression import Regression, require_match, triangle
 from consistent_id.regression.regressor import TorqueModel
 
 
@@ -30,13 +30,21 @@ def joint_noise(
     if iterations < 1:
         raise ProblemError(f"iterations is {iterations}, expected 1 or more")
     floor = 1e-6 * np.maximum(regression.torque_rms, 1e-12)
-    columns = list(base.independent)
-    sigma = regression.sigma
+    counts = np.array(regression.counts, dtype=np.float64)
+    columns = [*base.independent, -1]
+    factors = [factor[:, columns] for factor in regression.factors]
+    sigma, rank = regression.sigma, 0
     for _ in range(iterations):
-        R = regression.weighted(sigma).stacked()
-        solution = solve_linear(R[:, columns], R[:, -1])
-        x = base.lift(solution.x)
-        updated = np.maximum(residual_sigma(regression, x, solution.rank), floor)
+        rows = [factor / s for factor, s in zip(factors, sigma, strict=True)]
+        R = triangle(np.asfortranarray(np.vstack(rows)))
+        if rank == len(base):  # as before: weights are positive
+            x = _solved(R)
+        else:
+            solution = solve_linear(R[:, :-1], R[:, -1])
+            x, rank = solution.x, solution.rank
+        norms = [np.linalg.norm(factor @ np.append(x, -1.0)) for factor in factors]
+        rms = np.array(norms) / np.sqrt(counts)
+        updated = np.maximum(_less_freedom(rms, rank, counts), floor)
         converged = np.all(abs(updated - sigma) <= 1e-3 * sigma)
         sigma = updated
         if converged:
@@ -47,7 +55,17 @@ def joint_noise(
 def residual_sigma(regression: Regression, x: Vector, rank: int) -> Vector:
     """Residual standard deviation of each joint, less the degrees of freedom spent."""
     counts = np.array(regression.counts, dtype=np.float64)
+    return _less_freedom(regression.residual_rms(x), rank, counts)
+
+
+def _less_freedom(rms: Vector, rank: int, counts: Vector) -> Vector:
     spent = rank / counts.sum()
-    if spent >= 1.0:
-        return regression.residual_rms(x)
-    return np.asarray(regression.residual_rms(x) / np.sqrt(1.0 - spent))
+    return rms if spent >= 1.0 else np.asarray(rms / np.sqrt(1.0 - spent))
+
+
+def _solved(R: Matrix) -> Vector:
+    """Return the least-squares solution of a factor of full rank, torque last."""
+    from scipy.linalg import solve_triangular
+
+    n = R.shape[1] - 1
+    return np.asarray(solve_triangular(R[:n, :n], R[:n, n]))

@@ -1,13 +1,15 @@
 """Figures: joint motion, and measured beside predicted torque."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.recordings.recording import Recording
+from consistent_id.regression.regression import motion_of
 from consistent_id.robot.model import Joint, RobotModel
 
 _POINTS = 2000  # samples drawn per curve; more would not be seen
@@ -26,36 +28,52 @@ def motion_figure(robot: RobotModel, recording: Recording) -> Any:
     return figure
 
 
-def torque_figure(recording: Recording, estimates: Sequence[Estimate]) -> Any:
-    """Return a figure of measured and predicted torque, and of what is left."""
+def torque_figures(
+    recordings: Sequence[Recording], estimates: Sequence[Estimate]
+) -> Iterator[Any]:
+    """Yield each recording's figure of measured and predicted torque, and of the rest.
+
+    It is one figure, whose curves change: to set up axes takes longer than to draw.
+    """
     model = estimates[0].model
     joints = [j for j in model.robot.joints if j.name in model.torque_joints]
-    figure, axes = _panels(len(joints), "torque: " + recording.name, columns=2)
-    keep = _downsampled(recording)
-    time = recording.time[keep]
-    measured = recording.of(model.torque_joints).torque
-    for j, joint in enumerate(joints):
-        left = axes[2 * j]
-        left.set_ylabel(f"{joint.name}\n[{_unit(joint, 'N m', 'N')}]")
-        if measured is not None:
-            left.plot(time, measured[keep, j], color="0.6", lw=2.5, label="measured")
-    for estimate, colour in zip(estimates, _cycle(len(estimates)), strict=True):
-        predicted = estimate.predict(recording)
-        for j in range(len(joints)):
-            label = estimate.method
-            axes[2 * j].plot(time, predicted[keep, j], color=colour, lw=1, label=label)
-            if measured is not None:
-                rest = measured[keep, j] - predicted[keep, j]
-                axes[2 * j + 1].plot(time, rest, color=colour, lw=0.8, label=label)
+    figure, axes = _panels(len(joints), "", columns=2)
+    left, right = axes[::2], axes[1::2]
+    for axis, joint in zip(left, joints, strict=True):
+        axis.set_ylabel(f"{joint.name}\n[{_unit(joint, 'N m', 'N')}]")
+    given = [_curve(axis, "0.6", 2.5, "measured") for axis in left]
+    pairs = [
+        (
+            [_curve(axis, colour, 1, estimate.method) for axis in left],
+            [_curve(axis, colour, 0.8, estimate.method) for axis in right],
+        )
+        for estimate, colour in zip(estimates, _cycle(len(estimates)), strict=True)
+    ]
     axes[0].set_title("measured and predicted", fontsize=10)
     axes[1].set_title("measured less predicted", fontsize=10)
     for axis in axes[-2:]:
         axis.set_xlabel("time [s]")
-    handles, labels = axes[0].get_legend_handles_labels()
     figure.legend(
-        handles, labels, loc="lower center", ncol=4, fontsize=8, frameon=False
+        *axes[0].get_legend_handles_labels(),
+        loc="lower center",
+        ncol=4,
+        fontsize=8,
+        frameon=False,
     )
-    return figure
+    for recording in recordings:
+        _title(figure, "torque: " + recording.name)
+        keep = _downsampled(recording)
+        time = recording.time[keep]
+        measured = motion_of(model, recording, None).torque[keep]
+        _draw(given, time, measured)
+        for estimate, (predictions, rests) in zip(estimates, pairs, strict=True):
+            predicted = estimate.predict(recording)[keep]
+            _draw(predictions, time, predicted)
+            _draw(rests, time, measured - predicted)
+        for axis in axes:
+            axis.relim()
+            axis.autoscale_view()
+        yield figure
 
 
 def save_figure(figure: Any, path: Path) -> Path:
@@ -85,11 +103,27 @@ def _panels(rows: int, title: str, columns: int = 1) -> tuple[Any, list[Any]]:
         wspace=0.14,
         hspace=0.16,
     )
-    figure.suptitle(title, fontsize=11, y=1.0 - 0.1 / height, va="top")
+    _title(figure, title)
     for axis in axes.ravel():
         axis.grid(alpha=0.3)
         axis.locator_params(nbins=5)
     return figure, list(axes.ravel())
+
+
+def _title(figure: Any, title: str) -> None:
+    y = 1.0 - 0.1 / figure.get_figheight()
+    figure.suptitle(title, fontsize=11, y=y, va="top")
+
+
+def _curve(axis: Any, colour: str, width: float, label: str) -> Any:
+    """Return a curve without points as yet."""
+    (line,) = axis.plot([], [], color=colour, lw=width, label=label)
+    return line
+
+
+def _draw(lines: Sequence[Any], time: Vector, values: Matrix) -> None:
+    for line, series in zip(lines, values.T, strict=True):
+        line.set_data(time, series)
 
 
 def _unit(joint: Joint, turning: str, sliding: str) -> str:

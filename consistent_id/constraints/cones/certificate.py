@@ -15,9 +15,10 @@ centre (the nominal robot) that is `RADIUS` times as large as the centre itself,
 reaches `RADIUS` times as far as ``u`` is from it.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache, partial
+from itertools import chain
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -179,18 +180,24 @@ def solve_certified(
     def best() -> tuple[ConeSolution, Optimality]:
         return min(found, key=_quality)
 
-    def about_the_best(tolerance: float) -> ConeSolution:
-        origin = best()[0].u if found else None
-        return solve(tolerance=tolerance, within=within, origin=origin)
+    def about_the_best() -> Iterator[Callable[[], ConeSolution]]:
+        tried: set[tuple[int, float]] = set()
+        for tolerance in 2 * _FINE:
+            if not found:
+                return
+            start = best()[0]
+            # The same programme has the same solution: only a better start is new.
+            if (id(start), tolerance) not in tried:
+                tried.add((id(start), tolerance))
+                yield partial(solve, tolerance=tolerance, within=within, origin=start.u)
 
     wide = Ball(centre, RADIUS * within.radius)
     ways: list[Callable[[], ConeSolution]] = [
         *(partial(solve, tolerance=t) for t in TOLERANCES),
         *(partial(solve, tolerance=t, within=within) for t in _FINE),
         *(partial(solve, tolerance=t, within=wide) for t in _FINE),
-        *(partial(about_the_best, t) for t in 2 * _FINE),
     ]
-    for way in ways:
+    for way in chain(ways, about_the_best()):
         try:
             solution = way()
         except SolverError as failure:

@@ -24,7 +24,7 @@ def read_arrays(path: Path, names: Sequence[str]) -> Arrays:
 
     require(str(path), names, array_names(path))
     try:
-        table = pq.read_table(path, columns=list(names))
+        table = pq.ParquetFile(path).read(columns=list(names))
     except (pa.ArrowException, OSError) as cause:
         raise RecordingError(f"{path}: not readable as Parquet: {cause}") from None
     return {name: numbers_of(table[name], f"{path}: column {name!r}") for name in names}
@@ -54,4 +54,8 @@ def numbers_of(column: Any, where: str) -> np.ndarray:
     kind = column.type
     if not (pa.types.is_floating(kind) or pa.types.is_integer(kind)):
         raise RecordingError(f"{where} holds {kind}, expected numbers in SI units")
-    return np.asarray(column.to_numpy(), dtype=np.float64)
+    column = column.combine_chunks()
+    if column.null_count:
+        column = column.cast(pa.float64(), safe=False).fill_null(np.nan)
+    # Casts import pyarrow.compute, and to_numpy() pandas, which take their time.
+    return np.asarray(np.from_dlpack(column), dtype=np.float64)

@@ -10,6 +10,7 @@ from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.clocks import is_uniform, own_rate, resampled
 from consistent_id.recordings.signals.cuts import trimmed
 from consistent_id.recordings.signals.filters import low_passed
+from consistent_id.recordings.signals.spline import cubic_spline
 from consistent_id.recordings.signals.track import CHANNELS, Track
 
 _SAME = 1.05  # ratio of rates up to which two clocks count as equally fast
@@ -95,8 +96,6 @@ def _without_gap(recording: Recording) -> None:
 
 def _onto(clock: Vector, time: Vector, values: Matrix) -> Matrix:
     """Return values between their own stamps, by a cubic spline."""
-    from scipy.interpolate import CubicSpline
-
     if clock is time or np.array_equal(clock, time):
         return values
-    return np.asarray(CubicSpline(time, values)(clock))
+    return cubic_spline(time, values, clock)

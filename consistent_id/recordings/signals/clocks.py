@@ -7,6 +7,7 @@ import numpy as np
 from consistent_id._support.arrays import Matrix
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.signals.spline import cubic_spline
 
 _SLOWEST = 0.8  # new rate over old, below which resampling needs a filter first
 _FASTEST = 1.25  # new rate over old, above which samples are invented
@@ -39,8 +40,6 @@ def resampled(
         the rate is so low that signals would fold back, or so high that samples would
         be invented.
     """
-    from scipy.interpolate import CubicSpline
-
     _positive(rate, "rate")
     if rate < _SLOWEST * recording.rate:
         raise RecordingError(
@@ -72,12 +71,12 @@ def resampled(
     clock[-1] = min(clock[-1], time[-1])
 
     def onto(values: Matrix | None) -> Matrix | None:
-        return None if values is None else CubicSpline(time, values)(clock)
+        return None if values is None else cubic_spline(time, values, clock)
 
     return replace(
         recording,
         time=clock,
-        position=CubicSpline(time, recording.position)(clock),
+        position=cubic_spline(time, recording.position, clock),
         velocity=onto(recording.velocity),
         acceleration=onto(recording.acceleration),
         torque=onto(recording.torque),

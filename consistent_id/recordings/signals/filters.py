@@ -5,6 +5,7 @@ from dataclasses import replace
 from consistent_id._support.arrays import Matrix
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.signals.butterworth import zero_phase
 from consistent_id.recordings.signals.clocks import uniform_rate
 
 _LOWEST = 1e-5  # cut-off over sampling rate
@@ -34,8 +35,6 @@ def low_passed(
     RecordingError
         If the clock is not uniform or a cut-off is not below half the sampling rate.
     """
-    from scipy.signal import butter, sosfiltfilt
-
     rate = uniform_rate(recording)
     if not isinstance(order, int) or order < 1:
         raise RecordingError(f"filter order is {order!r}, expected 1, 2, 3, ...")
@@ -49,9 +48,8 @@ def low_passed(
                 f"{_LOWEST * rate:.2g} Hz (below, the filter loses its digits; "
                 f"decimate first) and half of the sampling rate, {rate / 2:.6g} Hz"
             )
-        sections = butter(order, cutoff, fs=rate, output="sos")
         pad = min(len(values) - 1, int(3 * order * rate / cutoff))
-        return sosfiltfilt(sections, values, axis=0, padlen=pad)  # type: ignore[no-any-return]
+        return zero_phase(values, cutoff=cutoff, rate=rate, order=order, pad=pad)
 
     position = smooth(recording.position, motion_cutoff)
     return replace(
