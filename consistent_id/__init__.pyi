@@ -71,6 +71,7 @@ from consistent_id.export.c_source import to_c
 from consistent_id.export.casadi_functions import to_casadi
 from consistent_id.export.exported_file import Export
 from consistent_id.export.json_record import robot_record, to_json
+from consistent_id.export.lint import LintFinding, lint_robot
 from consistent_id.export.mjcf_export import mujoco_spec, to_mjcf
 from consistent_id.export.numpy_source import to_numpy
 from consistent_id.export.pinocchio_model import to_pinocchio
@@ -259,6 +260,7 @@ __all__ = [
     "LinearRelation",
     "Link",
     "LinkCondition",
+    "LintFinding",
     "MassBounds",
     "ModelError",
     "MotionLimits",
@@ -354,6 +356,7 @@ __all__ = [
     "kalman_differentiated",
     "least_squares",
     "link_conditions",
+    "lint_robot",
     "lint_urdf",
     "load_mjcf",
     "load_problem",

@@ -8,13 +8,15 @@ from consistent_id.cli.answers import Answer, show
 from consistent_id.cli.options import add_command, add_dry_run
 from consistent_id.errors import ProblemError
 
-_MORE = """Masses, centres of mass and axes stay; moments of inertia move to the
-nearest physically consistent ones. Nothing else in the file changes by a byte. A value
-that cannot be known is refused unless an option states it. Exit code 1: something was
-refused, and nothing was written."""
+_MORE = """The mistake that explains an inconsistent inertia is undone: a decimal point,
+a sign, the order of entries, units. If none does, it moves to the nearest consistent
+one. If several do, they are listed, and --choose takes one. Nothing else in the file
+changes by a byte. A value that cannot be known is refused unless an option states it.
+Exit code 1: something was refused, and nothing was written."""
 _EXAMPLES = """
 consistent-id repair robot.urdf --dry-run
 consistent-id repair robot.urdf --output good.urdf --mass tool=0.4
+consistent-id repair robot.urdf --choose forearm=2
 consistent-id repair robot.urdf --density 1000 --thickness 0.001
 """
 
@@ -24,7 +26,7 @@ def add_repair(commands: Any) -> None:
     command = add_command(
         commands,
         "repair",
-        "make the inertials of a URDF physically consistent, with the least change",
+        "make the inertials of a URDF physically consistent, by undoing mistakes",
         run_repair,
         more=_MORE,
         examples=_EXAMPLES,
@@ -40,6 +42,14 @@ def add_repair(commands: Any) -> None:
         default=[],
         metavar="LINK=KG",
         help="a link's mass, in place of the file's; may be repeated",
+    )
+    command.add_argument(
+        "--choose",
+        action="append",
+        default=[],
+        metavar="LINK=N",
+        help="which of a link's suggestions it gets; 0: the nearest consistent "
+        "inertia; may be repeated",
     )
     command.add_argument(
         "--density",
@@ -67,6 +77,7 @@ def run_repair(options: argparse.Namespace) -> int:
         masses=dict(_mass(text) for text in options.mass),
         density=options.density,
         thickness=options.thickness,
+        choices=dict(_choice(text) for text in options.choose),
     )
     written = None
     changed = repair.content != repair.original
@@ -86,4 +97,14 @@ def _mass(text: str) -> tuple[str, float]:
     except ValueError:
         raise ProblemError(
             f"--mass {text!r}: expected a link and its mass in kg, such as tool=0.4"
+        ) from None
+
+
+def _choice(text: str) -> tuple[str, int]:
+    link, _, number = text.rpartition("=")
+    try:
+        return link, int(number)
+    except ValueError:
+        raise ProblemError(
+            f"--choose {text!r}: expected a link and a number, such as tool=1"
         ) from None

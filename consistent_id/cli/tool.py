@@ -17,6 +17,7 @@ from consistent_id.cli.export import add_export
 from consistent_id.cli.identify import add_identify
 from consistent_id.cli.info import add_info
 from consistent_id.cli.init import add_init
+from consistent_id.cli.lint import add_lint
 from consistent_id.cli.repair import add_repair
 from consistent_id.cli.report import add_report
 from consistent_id.cli.reproduce import add_reproduce
@@ -32,6 +33,7 @@ _COMMANDS = (
     add_compare,
     add_report,
     add_export,
+    add_lint,
     add_repair,
     add_reproduce,
     add_completion,
@@ -45,6 +47,7 @@ _EPILOG = """examples:
   consistent-id compare problems/rx60
   consistent-id report problems/ur10e --output ur10e.html
   consistent-id export problems/ur10e --format urdf --output ur10e.urdf
+  consistent-id lint robot.urdf
   consistent-id repair robot.urdf --dry-run
   consistent-id reproduce problems/rx60 --quick
 

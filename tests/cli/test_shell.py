@@ -25,6 +25,7 @@ COMMANDS = [
     "identify",
     "compare",
     "export",
+    "lint",
     "repair",
     "report",
     "reproduce",

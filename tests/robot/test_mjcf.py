@@ -1,6 +1,8 @@
 """MJCF: MuJoCo's inverse dynamics as the truth, and what is refused."""
 
+import os
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -288,3 +290,58 @@ def test_a_problem_file_may_name_an_mjcf_file(written):
     robot = load_problem(file).model.robot
     assert robot.joint_names == ("roll", "lift", "pitch")
     assert np.allclose(robot.gravity, [0.5, -0.3, -9.7])
+
+
+MESHED = """
+<mujoco>
+  <compiler meshdir="shapes"/>
+  <asset>
+    <mesh file="arm.stl"/>
+    <texture name="skin" type="2d" file="skin.png"/>
+    <material name="paint" texture="skin"/>
+  </asset>
+  <worldbody><geom type="mesh" mesh="arm"/><body name="arm">
+    <joint name="lift" axis="0 1 0"/>
+    <inertial pos="0.2 0 0" mass="3" diaginertia="0.01 0.1 0.1"/>
+    <geom type="mesh" mesh="arm" material="paint"/>
+  </body></worldbody>
+</mujoco>
+"""
+
+
+def test_meshes_that_are_only_looked_at_may_be_missing(written):
+    (link,) = load_mjcf(written(text=MESHED)).links
+    assert np.allclose(link.nominal.com, [0.2, 0, 0])
+    assert np.allclose(link.nominal.central_inertia, np.diag([0.01, 0.1, 0.1]))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        ('<inertial pos="0.2 0 0" mass="3" diaginertia="0.01 0.1 0.1"/>', ""),
+        ('meshdir="shapes"', 'meshdir="shapes" inertiafromgeom="true"'),
+    ],
+)
+def test_a_missing_mesh_that_weighs_is_named(written, change):
+    message = r"mesh file 'arm\.stl' is not there, and the inertia of body 'arm'"
+    with pytest.raises(ModelError, match=message):
+        load_mjcf(written(change, text=MESHED))
+
+
+@pytest.mark.parametrize(
+    ("file", "masses"),
+    [
+        ("unitree_go2/go2.xml", {"FL_calf": 0.241352}),
+        ("unitree_z1/z1.xml", {"link02": 1.19132}),
+    ],
+)
+def test_published_files_load_without_their_meshes(file, masses):
+    folder = os.environ.get("CONSISTENT_ID_DATASETS")
+    if folder is None:
+        pytest.skip("CONSISTENT_ID_DATASETS is not set")
+    base = {"base": "base"} if "go2" in file else {}
+    robot = load_mjcf(Path(folder) / file, **base)
+    found = {link.name: link.nominal.mass for link in robot.links}
+    assert len(robot) >= 6
+    for name, mass in masses.items():
+        assert found[name] >= mass

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from consistent_id._support.arrays import Matrix
+from consistent_id.export.repair.cause_search import NEAREST
 from consistent_id.export.repair.consistent_inertia import (
     ROUNDING,
     ball_inertia,
@@ -13,7 +14,13 @@ from consistent_id.export.repair.consistent_inertia import (
     point_mass,
     second_moments,
 )
-from consistent_id.export.repair.link_repair import LinkRepair, RepairOptions
+from consistent_id.export.repair.fault_causes import Candidate
+from consistent_id.export.repair.file_evidence import FileEvidence, Remedy
+from consistent_id.export.repair.link_repair import (
+    LinkRepair,
+    RepairOptions,
+    Status,
+)
 from consistent_id.export.repair.stated_inertial import (
     StatedInertial,
     moments_in_words,
@@ -23,11 +30,16 @@ from consistent_id.robot.loaders.splice import Document, Edit
 from consistent_id.robot.loaders.urdf_inertial import inertia_attributes, number
 from consistent_id.robot.loaders.xml import Element
 
+_NOISE = 1e-14  # relative
 _UNTOUCHED = 1e-9  # of the largest entry; what moves less keeps the file's digits
 
 
 def repaired_link(
-    document: Document, link: Element, inertial: Element, options: RepairOptions
+    document: Document,
+    link: Element,
+    inertial: Element,
+    options: RepairOptions,
+    known: FileEvidence,
 ) -> tuple[LinkRepair, list[Edit]]:
     """Return one link's record, and the edits that repair it."""
     stated = stated_inertial(inertial)
@@ -42,28 +54,50 @@ def repaired_link(
         before=_moments(stated.inertia),
         after=_moments(stated.inertia),
     )
-    if stated.displaced:
-        remedy = "where the centre of mass is cannot be known; correct it"
-        return replace(record, status="refused", remedy=remedy), []
-    if mass is None or mass < 0.0:
-        remedy = "which mass it has cannot be known; state it"
-        return replace(record, status="refused", remedy=remedy), []
-    if stated.inertia is None and options.density is None and mass > 0.0:
-        remedy = "its inertia cannot be known; state a density, to make it a ball"
-        return replace(record, status="refused", remedy=remedy), []
-    if not fault and mass == stated.mass:
-        return replace(record, remedy=_advice(stated, mass)), []
-    inertia, change, remedy = _remedy(stated, mass, bool(fault), options)
+    refusal = _refusal(stated, mass, options)
+    if refusal or mass is None:
+        return replace(record, status="refused", remedy=refusal), []
+    found = known.explained(link.name, mass, fixed=link.name in options.masses)
+    record = replace(record, suggestions=found.suggestions)
+    chosen = options.choices.get(link.name)
+    if not fault and mass == stated.mass and not chosen:
+        doubt = found.doubt if chosen is None else ""
+        status: Status = "doubtful" if doubt else "consistent"
+        return replace(record, status=status, remedy=doubt or _advice(stated, mass)), []
+    if fault and chosen is None and found.several:
+        return replace(record, status="refused", remedy=_several(link.name)), []
+    done = _remedy(stated, mass, bool(fault), options, found.chosen(link.name, chosen))
+    remedy = done.text
     if mass != stated.mass:
         remedy = f"mass set to {mass:g} kg" + (f"; {remedy}" if remedy else "")
     after = replace(
         record,
         status="repaired",
         remedy=remedy,
-        after=_moments(inertia),
-        change=change,
+        mass=done.mass,
+        after=_moments(done.inertia),
+        change=done.change,
+        warning=known.warning(link.name, done) if done.nearest else "",
     )
-    return after, _edits(document, inertial, stated, mass, inertia)
+    return after, _edits(document, inertial, stated, done)
+
+
+def _refusal(stated: StatedInertial, mass: float | None, options: RepairOptions) -> str:
+    """Say what the user has to state; empty if nothing would have to be made up."""
+    if stated.displaced:
+        return "where the centre of mass is cannot be known; correct it"
+    if mass is None or mass < 0.0:
+        return "which mass it has cannot be known; state it"
+    if stated.inertia is None and options.density is None and mass > 0.0:
+        return "its inertia cannot be known; state a density, to make it a ball"
+    return ""
+
+
+def _several(name: str) -> str:
+    return (
+        f"several mistakes explain it; see the suggestions, and choose: {name}=1, or "
+        f"{name}=0 for the nearest consistent inertia"
+    )
 
 
 def _fault(stated: StatedInertial, mass: float | None, options: RepairOptions) -> str:
@@ -100,20 +134,38 @@ def _advice(stated: StatedInertial, mass: float) -> str:
 
 
 def _remedy(
-    stated: StatedInertial, mass: float, faulty: bool, options: RepairOptions
-) -> tuple[Matrix, float, str]:
-    """Return inertia, relative change and what was done, of a link with a mass."""
+    stated: StatedInertial,
+    mass: float,
+    faulty: bool,
+    options: RepairOptions,
+    chosen: Candidate | None,
+) -> Remedy:
+    """Return what a link with a mass gets."""
     if mass == 0.0:
         change = 1.0 if stated.inertia is not None and stated.inertia.any() else 0.0
-        return np.zeros((3, 3)), change, "without mass there is no inertia: set to zero"
+        text = "without mass there is no inertia: set to zero"
+        return Remedy(mass, np.zeros((3, 3)), change, text)
     if stated.inertia is None:
         density = float(options.density or 0.0)
         ball = ball_inertia(mass, density)
-        return ball, np.inf, f"a ball of {density:g} kg/m^3"
-    if not faulty or (mass != stated.mass and _keeps(stated.inertia, mass, options)):
-        return stated.inertia, 0.0, ""
-    found = nearest_inertia(mass, stated.inertia, thickness=options.thickness)
-    return found.inertia, found.change, "the nearest physically consistent inertia"
+        return Remedy(mass, ball, np.inf, f"a ball of {density:g} kg/m^3")
+    inertia, text = stated.inertia, ""
+    if chosen is not None:
+        mass, inertia, text = chosen.mass, chosen.inertia, chosen.cause
+        faulty = not _keeps(inertia, mass, options)
+    if not faulty or (mass != stated.mass and _keeps(inertia, mass, options)):
+        return Remedy(mass, inertia, _change(stated.inertia, inertia), text)
+    found = nearest_inertia(mass, inertia, thickness=options.thickness)
+    text = f"{text}; {NEAREST}" if text else NEAREST
+    change = found.change if chosen is None else _change(stated.inertia, found.inertia)
+    return Remedy(mass, found.inertia, change, text, nearest=chosen is None)
+
+
+def _change(before: Matrix, after: Matrix) -> float:
+    """Return the relative change of the second moments of mass."""
+    S0, S = second_moments(before), second_moments(after)
+    size = float(np.linalg.norm(S0))
+    return float(np.linalg.norm(S - S0)) / size if size > 0.0 else np.inf
 
 
 def _keeps(inertia: Matrix, mass: float, options: RepairOptions) -> bool:
@@ -122,21 +174,17 @@ def _keeps(inertia: Matrix, mass: float, options: RepairOptions) -> bool:
 
 
 def _edits(
-    document: Document,
-    inertial: Element,
-    stated: StatedInertial,
-    mass: float,
-    inertia: Matrix,
+    document: Document, inertial: Element, stated: StatedInertial, done: Remedy
 ) -> list[Edit]:
     edits, missing = [], []
     old = {} if stated.inertia is None else inertia_attributes(stated.inertia)
-    size = float(abs(inertia).max())
+    size = float(abs(done.inertia).max())
     entries = {
-        name: f"{value + 0.0:.12g}"
-        for name, value in inertia_attributes(inertia).items()
+        name: _digits(value + 0.0)
+        for name, value in inertia_attributes(done.inertia).items()
         if name not in old or abs(value - old[name]) > _UNTOUCHED * size
     }
-    masses = {} if mass == stated.mass else {"value": number(mass)}
+    masses = {} if done.mass == stated.mass else {"value": number(done.mass)}
     for tag, values in (("mass", masses), ("inertia", entries)):
         element = inertial.child(tag)
         if element is None:
@@ -147,6 +195,12 @@ def _edits(
     if missing:
         edits.append(document.insert(inertial, missing))
     return edits
+
+
+def _digits(value: float) -> str:
+    """Return all digits, but for the noise of arithmetic behind the twelfth."""
+    text = f"{value:.12g}"
+    return text if abs(float(text) - value) <= _NOISE * abs(value) else number(value)
 
 
 def _moments(inertia: Matrix | None) -> tuple[float, ...]:

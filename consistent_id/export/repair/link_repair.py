@@ -1,14 +1,35 @@
 """What was wrong with a file's links, and what was done about it."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
 from consistent_id._support.files import write_atomically
 from consistent_id.errors import ModelError
 
-Status = Literal["consistent", "repaired", "refused"]
+Status = Literal["consistent", "repaired", "doubtful", "refused"]
+
+
+@dataclass(frozen=True, slots=True)
+class Suggestion:
+    """What an inertial may have been meant to be.
+
+    Parameters
+    ----------
+    cause : str
+        What would have gone wrong; what is proposed if it is none that is known.
+    mass : float, [kg]
+    inertia : tuple of float, [kg m^2]
+        ``ixx, ixy, ixz, iyy, iyz, izz``.
+    cost : float
+        Minus a logarithm of odds; differences count.
+    """
+
+    cause: str
+    mass: float
+    inertia: tuple[float, ...]
+    cost: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,8 +41,10 @@ class LinkRepair:
     link : str
     line : int
         Of its ``<inertial>``.
-    status : {"consistent", "repaired", "refused"}
-        Refused is what cannot be repaired without being made up.
+    status : {"consistent", "repaired", "doubtful", "refused"}
+        Refused is what cannot be repaired without being made up, or has several likely
+        causes.  Doubtful is what is consistent, and left as it is, but far from the
+        link's shapes or its twins.
     fault : str
         Empty if there is none.
     remedy : str
@@ -32,6 +55,10 @@ class LinkRepair:
         Principal moments of inertia, empty where there is none to be read.
     change : float
         Relative change of the second moments of mass; see `nearest_inertia`.
+    warning : str
+        Why the repaired inertia should be looked at.
+    suggestions : tuple of Suggestion
+        What it may have been meant to be, the likeliest first.
     """
 
     link: str
@@ -43,6 +70,8 @@ class LinkRepair:
     before: tuple[float, ...] = ()
     after: tuple[float, ...] = ()
     change: float = 0.0
+    warning: str = ""
+    suggestions: tuple[Suggestion, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +96,11 @@ class Repair:
     def repaired(self) -> tuple[LinkRepair, ...]:
         """Links that were changed."""
         return tuple(link for link in self.links if link.status == "repaired")
+
+    @property
+    def doubtful(self) -> tuple[LinkRepair, ...]:
+        """Links that are consistent, but probably not what was meant."""
+        return tuple(link for link in self.links if link.status == "doubtful")
 
     @property
     def refused(self) -> tuple[LinkRepair, ...]:
@@ -102,8 +136,11 @@ class RepairOptions:
         Of a ball that stands for an inertia which is missing or unreadable.
     thickness : float, [m]
         Least standard deviation of mass along each axis of a link with mass.
+    choices : mapping of str to int
+        Which suggestion a link gets, counted from 1; 0 is the nearest inertia.
     """
 
     masses: Mapping[str, float]
     density: float | None = None
     thickness: float = 0.0
+    choices: Mapping[str, int] = field(default_factory=dict)

@@ -20,6 +20,10 @@ def repair_table(repair: Repair) -> Table:
         if wrong
         else f"nothing to repair: {count} inertials are physically consistent"
     ]
+    for link in repair.links:
+        notes += [f"{link.link}: {link.warning}"] if link.warning else []
+        if link.status in ("refused", "doubtful"):
+            notes += _suggested(link)
     for remedy in dict.fromkeys(link.remedy for link in advised):
         names = [link.link for link in advised if link.remedy == remedy]
         notes.append(f"{', '.join(names)}: {remedy}")
@@ -31,13 +35,23 @@ def repair_table(repair: Repair) -> Table:
     )
 
 
+def _suggested(link: LinkRepair) -> list[str]:
+    """Return the suggestions for a link, with the numbers by which to choose them."""
+    return [
+        f"{link.link}={k}: {one.cause}: mass {one.mass:.6g}, inertia "
+        f"{' '.join(f'{value:.6g}' for value in one.inertia)}"
+        + (f" ({np.exp(-one.cost):.2g} times as likely)" if k > 1 else "")
+        for k, one in enumerate(link.suggestions, start=1)
+    ]
+
+
 def _row(link: LinkRepair) -> tuple[str, ...]:
-    refused = link.status == "refused"
+    refused = link.status in ("refused", "doubtful")
     return (
         link.link,
         str(link.line),
         link.fault,
-        f"refused: {link.remedy}" if refused else link.remedy,
+        f"{link.status}: {link.remedy}" if refused else link.remedy,
         "-" if refused else _moments(link.after),
         "-" if refused or not np.isfinite(link.change) else f"{link.change:.2g}",
     )

@@ -5,8 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from consistent_id._support.arrays import Matrix
-from consistent_id.robot.loaders.urdf_inertial import inertia_matrix
+from consistent_id._support.arrays import Matrix, Vector
+from consistent_id.robot.loaders.urdf_inertial import (
+    inertia_matrix,
+    numbers,
+    rotation_of,
+)
 from consistent_id.robot.loaders.urdf_lint import readable_numbers
 from consistent_id.robot.loaders.urdf_parts import INERTIA_ENTRIES
 from consistent_id.robot.loaders.xml import Element
@@ -17,13 +21,16 @@ class StatedInertial:
     """A link's mass and inertia as stated; None where they cannot be read.
 
     `unreadable` says what stands in their place, `displaced` what stands in that of a
-    readable origin.
+    readable origin.  The inertia is about the centre of mass `com`, in `axes`, whose
+    columns are directions in the link's frame.
     """
 
     mass: float | None
     inertia: Matrix | None
     unreadable: tuple[str, ...]
-    displaced: str = ""
+    displaced: str
+    com: Vector
+    axes: Matrix
 
 
 def stated_inertial(inertial: Element) -> StatedInertial:
@@ -45,8 +52,17 @@ def stated_inertial(inertial: Element) -> StatedInertial:
                 found[name] = value
     whole = all(entry in found for entry in INERTIA_ENTRIES)
     inertia = inertia_matrix([found[e] for e in INERTIA_ENTRIES]) if whole else None
-    displaced = _displaced(inertial.child("origin"))
-    return StatedInertial(found.get("value"), inertia, tuple(unreadable), displaced)
+    origin = inertial.child("origin")
+    displaced = _displaced(origin)
+    where = {} if origin is None or displaced else origin.attributes
+    return StatedInertial(
+        found.get("value"),
+        inertia,
+        tuple(unreadable),
+        displaced,
+        numbers(where.get("xyz", "0 0 0")),
+        rotation_of(numbers(where.get("rpy", "0 0 0")).tolist()),
+    )
 
 
 def _displaced(origin: Element | None) -> str:

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from consistent_id.errors import ModelError
+from consistent_id.export.repair.file_evidence import FileEvidence
 from consistent_id.export.repair.inertial_repair import repaired_link
 from consistent_id.export.repair.link_repair import Repair, RepairOptions
 from consistent_id.robot.loaders.splice import Document
@@ -20,13 +21,20 @@ def repair_urdf(
     masses: Mapping[str, float] | None = None,
     density: float | None = None,
     thickness: float = 0.0,
+    choices: Mapping[str, int] | None = None,
 ) -> Repair:
-    """Make the inertials of a URDF physically consistent, with the least change.
+    """Make the inertials of a URDF physically consistent, by undoing what went wrong.
 
-    Mass, centre of mass and axes of a link stay; moments of inertia move to the nearest
-    consistent ones (`nearest_inertia`).  A link stated to have no
-    mass gets no inertia.  Nothing else in the file changes by a byte, and a file in
-    which nothing is wrong does not change at all.
+    The mistake is looked for that explains an inconsistent inertial: a decimal point, a
+    sign, the order of the entries, units, the point or the axes that it refers to.
+    What the link may have been meant to be is judged by its shapes, by links that
+    mirror it, and by how common the mistake is.  If none explains it, mass, centre of
+    mass and axes stay, and moments of inertia move to the nearest consistent ones
+    (`nearest_inertia`).  If several do, the link is refused until one is chosen.
+
+    A consistent inertial is never changed unasked; where a mistake is likely, its link
+    is doubtful.  A link stated to have no mass gets no inertia.  Nothing else in the
+    file changes by a byte, and a file in which nothing is wrong does not change at all.
 
     What would have to be made up is refused, unless it is stated: a mass that is
     missing, not a number or negative, by `masses`; an inertia that is missing or not
@@ -44,6 +52,9 @@ def repair_urdf(
         Least standard deviation of mass along each axis of a link with mass.  Point
         masses and plates are on the boundary of the consistency cone; a thickness makes
         them links that simulators take.
+    choices : mapping of str to int, optional
+        Which of a link's suggestions it gets, counted from 1; 0 is the nearest
+        consistent inertia.
 
     Returns
     -------
@@ -63,10 +74,11 @@ def repair_urdf(
         raise ModelError(f"{path}, {fault}") from None
     except ModelError as fault:
         raise ModelError(f"{path}: {fault}") from None
-    options = RepairOptions(dict(masses or {}), density, thickness)
+    options = RepairOptions(dict(masses or {}), density, thickness, dict(choices or {}))
     _check(path, document.root, options)
+    known = FileEvidence.of(path, document.root)
     found = [
-        repaired_link(document, link, inertial, options)
+        repaired_link(document, link, inertial, options, known)
         for link in document.root.all("link")
         if (inertial := link.child("inertial")) is not None
     ]
@@ -82,10 +94,14 @@ def _check(path: Path, root: Element, options: RepairOptions) -> None:
     for finding in unexpanded(root):
         raise ModelError(f"{path}, {finding}")
     names = [link.name for link in root.all("link") if link.child("inertial")]
-    for name, mass in options.masses.items():
+    for name in (*options.masses, *options.choices):
         if name not in names:
             near = did_you_mean(name, names)
             raise ModelError(f"{path}: no link {name!r} with an <inertial>; {near}")
+    for name, choice in options.choices.items():
+        if choice < 0:
+            raise ModelError(f"choice of {name!r} is {choice}, expected 0 or more")
+    for name, mass in options.masses.items():
         if not 0.0 <= mass < np.inf:
             raise ModelError(f"mass of {name!r} is {mass} kg, expected 0 or more")
     if options.density is not None and not 0.0 < options.density < np.inf:

@@ -1,6 +1,6 @@
 """Bodies from a URDF: its collision shapes, or visual ones where it has no others."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Literal
@@ -59,18 +59,36 @@ def urdf_bodies(
         root = parse(read_bytes(path))
     except XmlFault as fault:
         raise ModelError(f"{path}, {fault}") from None
+    return tuple(
+        body
+        for link in root.all("link")
+        for body in link_bodies(path, link, folders, elements, pieces)
+    )
+
+
+def link_bodies(
+    path: Path,
+    link: Element,
+    folders: Sequence[Path] | None = None,
+    elements: Elements = "collision",
+    pieces: int = 1,
+) -> tuple[Body, ...]:
+    """Return the shapes of one link; see `urdf_bodies`.
+
+    `folders` are looked through for packages, by default those above the file.
+    """
+    folders = list(path.absolute().parents) if folders is None else list(folders)
+    other = "visual" if elements == "collision" else "collision"
     bodies: list[Body] = []
-    for link in root.all("link"):
-        other = "visual" if elements == "collision" else "collision"
-        found: list[tuple[Shape, Element]] = []
-        for element in list(link.all(elements)) or list(link.all(other)):
-            with _naming(f"{path}, line {element.line}: link {link.name!r}"):
-                shapes = _shapes(element, path, folders, pieces)
-                found += [(shape, element) for shape in shapes]
-        for k, (shape, element) in enumerate(found):
-            name = link.name if len(found) == 1 else f"{link.name}:{k + 1}"
-            with _naming(f"{path}, line {element.line}: link {link.name!r}"):
-                bodies.append(Body(name, shape, link.name, *_origin(element)))
+    found: list[tuple[Shape, Element]] = []
+    for element in list(link.all(elements)) or list(link.all(other)):
+        with _naming(f"{path}, line {element.line}: link {link.name!r}"):
+            shapes = _shapes(element, path, folders, pieces)
+            found += [(shape, element) for shape in shapes]
+    for k, (shape, element) in enumerate(found):
+        name = link.name if len(found) == 1 else f"{link.name}:{k + 1}"
+        with _naming(f"{path}, line {element.line}: link {link.name!r}"):
+            bodies.append(Body(name, shape, link.name, *_origin(element)))
     return tuple(bodies)
 
 

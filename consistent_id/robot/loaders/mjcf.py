@@ -11,6 +11,7 @@ from consistent_id._support.extras import needed
 from consistent_id.errors import ModelError
 from consistent_id.robot.chains import Place, Selection, selected, snapped, turn
 from consistent_id.robot.inertia import InertialParameters
+from consistent_id.robot.loaders.mjcf_assets import read_spec
 from consistent_id.robot.loaders.mjcf_checks import joint_name, refuse_unsupported
 from consistent_id.robot.model import (
     Datasheet,
@@ -41,6 +42,9 @@ def load_mjcf(
     massless links named ``body/joint``.  Bodies without joints are merged into their
     parents (`Link.merged`).
 
+    A mesh or texture that is not there is no obstacle where the body's inertial is
+    explicit.
+
     Armature, damping, friction loss, springs and gravity compensation are no part of a
     `RobotModel`; they are ignored.
 
@@ -56,7 +60,8 @@ def load_mjcf(
     Raises
     ------
     ModelError
-        If MuJoCo is not installed or refuses the file, or if something that moves has
+        If MuJoCo is not installed or refuses the file, if the inertia of a body comes
+        from a mesh that is not there, or if something that moves has
         a free or ball joint, is coupled by an equality constraint, or pulled by a
         tendon.
     """
@@ -71,8 +76,8 @@ def load_mjcf(
 
 def _compiled(path: Path) -> Any:
     mujoco = needed("mujoco", "mjcf", f"{path}: reading MJCF", ModelError)
+    spec = read_spec(path, mujoco)
     try:
-        spec = mujoco.MjSpec.from_file(str(path))
         model = spec.compile()
     except (ValueError, mujoco.FatalError) as cause:
         raise ModelError(f"{path}: MuJoCo refuses it: {cause}") from None

@@ -1,0 +1,58 @@
+"""``consistent-id lint FILE``: its options, and what it prints."""
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+from consistent_id.cli.answers import Answer, show, warnings_unless
+from consistent_id.cli.options import add_command
+
+_MORE = """Looks for what simulators refuse, and for what they take and should not:
+masses outside the link's shapes, gravity beyond effort limits, placeholders, vanishing
+masses, left and right that differ, probable mistakes. Exit code 1: there are errors, or
+with --strict warnings."""
+_EXAMPLES = """
+consistent-id lint robot.urdf
+consistent-id lint robot.xml --strict
+consistent-id lint left.urdf right.urdf --sarif findings.sarif
+"""
+
+
+def add_lint(commands: Any) -> None:
+    """Add the command to a parser's commands."""
+    command = add_command(
+        commands,
+        "lint",
+        "find what is wrong or odd in a URDF or MJCF file",
+        run_lint,
+        more=_MORE,
+        examples=_EXAMPLES,
+    )
+    command.add_argument("files", type=Path, nargs="+", metavar="FILE")
+    command.add_argument(
+        "--strict", action="store_true", help="warnings end with exit code 1, too"
+    )
+    command.add_argument(
+        "--sarif", type=Path, metavar="FILE", help="file to write, in SARIF 2.1.0"
+    )
+
+
+def run_lint(options: argparse.Namespace) -> int:
+    """Look through files; return the exit code."""
+    from consistent_id import __version__
+    from consistent_id._support.files import write_atomically
+    from consistent_id.export.lint.lint_report import lint_record, lint_text, sarif
+    from consistent_id.export.lint.lint_robot import lint_robot
+
+    with warnings_unless(True):  # the findings say the same
+        found = {str(path): lint_robot(path) for path in options.files}
+    refused = any(
+        options.strict or finding.severity == "error"
+        for findings in found.values()
+        for finding in findings
+    )
+    if options.sarif is not None:
+        text = json.dumps(sarif(found, __version__), indent=1, allow_nan=False)
+        write_atomically(options.sarif, text + "\n")
+    return show(options, Answer(int(refused), lint_text(found), lint_record(found)))

@@ -1,0 +1,190 @@
+"""What is odd about a described robot: one function for each rule."""
+
+import re
+from collections.abc import Iterator
+
+import numpy as np
+
+from consistent_id._support.arrays import Vector
+from consistent_id.export.lint.described import (
+    DescribedLink,
+    DescribedRobot,
+    LintFinding,
+)
+from consistent_id.regression.regressor import TorqueModel
+from consistent_id.robot.inertia import InertialParameters
+from consistent_id.robot.model import JointLimits, RobotModel
+
+RULES = {
+    "structure": "The file describes one tree of links and joints, in numbers",
+    "inconsistent-inertia": "Some body has this mass and inertia",
+    "probable-mistake": "The inertia fits the link's shapes and its twins",
+    "radius-of-gyration": "The mass is within the link's shapes, or near its joints",
+    "point-mass": "A link that moves has an inertia, as simulators demand",
+    "vanishing-mass": "A joint moves something that has mass",
+    "placeholder-inertia": "Links of different masses have different inertias",
+    "twins-differ": "Links on the left and on the right are alike",
+    "gravity-torque": "The joints can hold the robot against gravity",
+}
+
+_BEYOND_SHAPES = 1.0  # radius of gyration over the reach: no body inside has more
+_BEYOND_JOINTS = 3.0  # over the distance to the joints, which bounds it only roughly
+_POINT = 1e-6  # [m]; what is smaller has no extent
+_VANISHING = 1e-5  # of the robot's mass
+_SAME_MASS = 0.01  # relative
+_SAME_DIGITS = 1e-9  # relative
+_TWIN_MASS = 0.02  # relative; cables and castings differ by so much
+_TWIN_MOMENTS = 0.1  # relative
+_POSTURES = 400
+_SIDES = (("left", "right"), ("Left", "Right"), ("LEFT", "RIGHT"))
+_LETTER = re.compile(r"(?<![A-Za-z])([FRBHMfrbhm]?)([LRlr])(?=[_./-]|[A-Z][a-z]|$)")
+
+
+def all_findings(robot: DescribedRobot) -> Iterator[LintFinding]:
+    """Yield what every rule of this module finds."""
+    for link in robot.links:
+        yield from _radius(link)
+    yield from _placeholders(robot)
+    yield from _twins(robot)
+    if robot.robot is not None:
+        yield from _vanishing(robot, robot.robot)
+        yield from _gravity(robot, robot.robot)
+
+
+def _radius(link: DescribedLink) -> Iterator[LintFinding]:
+    reach, factor, what = link.joints, _BEYOND_JOINTS, "its joints are within"
+    if link.reach is not None:
+        reach, factor, what = link.reach, _BEYOND_SHAPES, "its shapes reach"
+    if reach > 0.0 and link.radius > factor * reach:
+        yield _warning(
+            link,
+            "radius-of-gyration",
+            f"radius of gyration is {link.radius:.3g} m, but {what} {reach:.3g} m of "
+            "its centre of mass",
+        )
+
+
+def _placeholders(robot: DescribedRobot) -> Iterator[LintFinding]:
+    for k, link in enumerate(robot.links):
+        size = float(abs(link.inertia).max())
+        same = [
+            other.name
+            for other in robot.links[:k]
+            if abs(other.inertia - link.inertia).max() <= _SAME_DIGITS * size
+            and abs(other.mass - link.mass) > _SAME_MASS * max(link.mass, other.mass)
+        ]
+        if same and size > link.mass * _POINT**2:
+            yield _warning(
+                link,
+                "placeholder-inertia",
+                f"the inertia is that of {same[0]!r}, but the mass is another",
+            )
+
+
+def _twins(robot: DescribedRobot) -> Iterator[LintFinding]:
+    links = {link.name: link for link in robot.links}
+    for link in robot.links:
+        other = links.get(mirrored_name(link.name))
+        if other is None or other.line >= link.line:
+            continue
+        if abs(link.mass - other.mass) > _TWIN_MASS * max(link.mass, other.mass):
+            sentence = (
+                f"mass is {link.mass:g} kg, that of {other.name!r} {other.mass:g}"
+            )
+            yield _warning(link, "twins-differ", sentence)
+            continue
+        mine, its = _moments(link), _moments(other)
+        if abs(mine - its).max() > _TWIN_MOMENTS * max(abs(mine).max(), abs(its).max()):
+            yield _warning(
+                link,
+                "twins-differ",
+                f"principal moments are {_words(mine)} kg m^2, those of "
+                f"{other.name!r} {_words(its)}",
+            )
+
+
+def mirrored_name(name: str) -> str:
+    """Return the name with its first word for a side changed to the other side.
+
+    Examples
+    --------
+    >>> mirrored_name("left_knee"), mirrored_name("FL_hip"), mirrored_name("tool")
+    ('right_knee', 'FR_hip', '')
+    """
+    for left, right in _SIDES:
+        for one, other in ((left, right), (right, left)):
+            if one in name:
+                return name.replace(one, other, 1)
+    found = _LETTER.search(name)
+    if found is None:
+        return ""
+    other = {"L": "R", "R": "L", "l": "r", "r": "l"}[found[2]]
+    return name[: found.start(2)] + other + name[found.end(2) :]
+
+
+def _vanishing(described: DescribedRobot, robot: RobotModel) -> Iterator[LintFinding]:
+    bodies = [link.nominal or InertialParameters(np.zeros(10)) for link in robot.links]
+    masses = [body.mass for body in bodies]
+    total = sum(masses)
+    parents = {joint.parent for joint in robot.joints}
+    for k, (joint, mass) in enumerate(zip(robot.joints, masses, strict=True)):
+        line = described.joint_lines.get(joint.name, 1)
+        what = f"joint {joint.name!r} moves link {robot.links[k].name!r} of {mass:g} kg"
+        if mass <= _VANISHING * total:
+            last = k not in parents
+            yield LintFinding(
+                line,
+                "vanishing-mass",
+                "error" if last else "warning",
+                f"{what}; {'nothing resists it' if last else 'simulators want mass'}",
+            )
+            continue
+        inertia = bodies[k].central_inertia
+        if abs(inertia).max() <= mass * _POINT**2:
+            sentence = f"{what}, all in one point; MuJoCo refuses that"
+            yield LintFinding(line, "point-mass", "error", sentence)
+
+
+def _gravity(described: DescribedRobot, robot: RobotModel) -> Iterator[LintFinding]:
+    efforts = np.array([joint.limits.effort for joint in robot.joints])
+    q = _postures(robot)
+    if robot.nominal is None:
+        return
+    still = np.zeros_like(q)
+    torque = abs(TorqueModel(robot).predict(robot.nominal, q, still, still))
+    for k, joint in enumerate(robot.joints):
+        worst = float(torque[:, k].max(initial=0.0))
+        if 0.0 < efforts[k] < worst:
+            unit = "N" if joint.kind == "prismatic" else "N m"
+            yield LintFinding(
+                described.joint_lines.get(joint.name, 1),
+                "gravity-torque",
+                "warning",
+                f"joint {joint.name!r}: gravity takes {worst:.3g} {unit} in some "
+                f"posture, and the effort limit is {efforts[k]:g} {unit}",
+            )
+
+
+def _postures(robot: RobotModel) -> np.ndarray:
+    """Return postures within the limits, shape (postures, joints), the same always."""
+    rng = np.random.default_rng(0)
+    draws = rng.uniform(size=(_POSTURES, len(robot)))
+    lower, upper = np.array([_range(joint.limits) for joint in robot.joints]).T
+    return np.asarray(lower + (upper - lower) * draws)
+
+
+def _range(limits: JointLimits) -> Vector:
+    stated = np.array([limits.lower, limits.upper])
+    return stated if np.isfinite(stated).all() else np.array([-np.pi, np.pi])
+
+
+def _warning(link: DescribedLink, rule: str, sentence: str) -> LintFinding:
+    return LintFinding(link.line, rule, "warning", f"link {link.name!r}: {sentence}")
+
+
+def _moments(link: DescribedLink) -> Vector:
+    return np.asarray(np.linalg.eigvalsh(link.inertia), dtype=np.float64)
+
+
+def _words(moments: Vector) -> str:
+    return ", ".join(f"{moment:.4g}" for moment in moments)
