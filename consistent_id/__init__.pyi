@@ -192,6 +192,7 @@ from consistent_id.robot.log_cholesky import (
     log_cholesky_from_body,
     log_cholesky_jacobian,
 )
+from consistent_id.robot.mimic import Mimic
 from consistent_id.robot.model import (
     Datasheet,
     FixedFrame,
@@ -260,6 +261,7 @@ __all__ = [
     "Link",
     "LinkCondition",
     "MassBounds",
+    "Mimic",
     "ModelError",
     "MotionLimits",
     "MotionMargins",
