@@ -73,7 +73,8 @@ def problem_tables(problem: Problem) -> list[Table]:
             )
             for joint, link in zip(robot.joints, robot.links, strict=True)
         ),
-        tuple(
+        base.near
+        + tuple(
             f"coupled gears: {coupling.label}, {', '.join(coupling.names)}"
             for coupling in model.couplings
         ),
