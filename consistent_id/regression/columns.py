@@ -132,8 +132,8 @@ def _split(norms: Vector, unit: Matrix, tolerance: float | Vector) -> ColumnSpli
     K: Matrix = np.zeros((len(independent), len(dependent)))
     if independent and dependent:
         R = Q.T @ unit[:, independent]
-        K = np.linalg.solve(R, Q.T @ unit[:, dependent])
-        K = np.asarray(K * norms[dependent] / norms[independent, None])
+        K[:] = np.linalg.solve(R, Q.T @ unit[:, dependent])
+        K[:] = K * norms[dependent] / norms[independent, None]
     nearest = np.round(K)
     K = np.asarray(np.where(abs(K - nearest) < _ROUND, nearest, K))
     return ColumnSplit(tuple(independent), tuple(dependent), K)
