@@ -193,6 +193,7 @@ from consistent_id.robot.log_cholesky import (
     log_cholesky_from_body,
     log_cholesky_jacobian,
 )
+from consistent_id.robot.mimic import Mimic
 from consistent_id.robot.model import (
     Datasheet,
     FixedFrame,
@@ -262,6 +263,7 @@ __all__ = [
     "LinkCondition",
     "LintFinding",
     "MassBounds",
+    "Mimic",
     "ModelError",
     "MotionLimits",
     "MotionMargins",

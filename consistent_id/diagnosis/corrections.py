@@ -112,7 +112,7 @@ def corrections(robot: RobotModel, torque_joints: Sequence[str]) -> list[Correct
     return [
         Correction(fault, change, ", ".join(names[j] for j in change.joints) or _ALL)
         for fault in FAULT_KINDS
-        for change in fault.changes(robot.joints, places[fault.channels])
+        for change in fault.changes(robot.driven, places[fault.channels])
     ]
 
 

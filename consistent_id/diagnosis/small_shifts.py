@@ -103,7 +103,7 @@ def moved_zeros(
     linearised_at : callable
         From offsets of all joints [rad or m] to the rows with positions so corrected.
     """
-    joints, least = model.robot.joints, _small(model)
+    joints, least = model.robot.driven, _small(model)
     moved = np.zeros(len(joints))
     off: tuple[int, ...] = ()
     while True:
@@ -142,7 +142,7 @@ def shift_findings(model: TorqueModel, zeros: Zeros) -> list[Finding]:
     found = [
         _zero(joint, d, score)
         for joint, d, score in zip(
-            model.robot.joints, zeros.offsets, zeros.scores, strict=True
+            model.robot.driven, zeros.offsets, zeros.scores, strict=True
         )
         if d != 0.0
     ]
@@ -155,7 +155,7 @@ def hidden_zeros(model: TorqueModel, zeros: Zeros) -> list[Finding]:
     hidden = [
         f"{joint.name} ({_from_where(joint, size)})"
         for joint, size, least in zip(
-            model.robot.joints, reach, _small(model), strict=True
+            model.robot.driven, reach, _small(model), strict=True
         )
         if size >= _BLIND * least
     ]
@@ -182,7 +182,7 @@ def _from_where(joint: Joint, size: float) -> str:
 
 def _small(model: TorqueModel) -> Vector:
     """Return what of each joint's zero is too small to be reported, [rad or m]."""
-    slides = [joint.kind == "prismatic" for joint in model.robot.joints]
+    slides = [joint.kind == "prismatic" for joint in model.robot.driven]
     return np.where(slides, _SLIDE, _ANGLE)
 
 

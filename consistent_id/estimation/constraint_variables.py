@@ -46,7 +46,7 @@ def body_variables(
             "search is among bodies; or use constrained_least_squares"
         )
     # Quantities that may be bounded: parameters first, then centres of mass.
-    links, p = len(model.robot), len(model.layout)
+    links, p = len(model.robot.links), len(model.layout)
     low, high = np.full((2, p + 3 * links), [[-np.inf], [np.inf]])
     for constraint in constraints:
         if isinstance(constraint, PhysicalConsistency):
@@ -132,7 +132,7 @@ def _within(
         low[masses] = np.log(np.maximum(low[masses] - margin, 0.0))
         high[masses] = np.log(high[masses] - margin)
     return BodyVariables(
-        links=len(model.robot),
+        links=len(model.robot.links),
         margin=margin,
         known=known[:p],
         centres=known[p:].reshape(-1, 3),

@@ -75,6 +75,7 @@ def least_squares(
     notes = ["standard errors are for white noise"]
     if not redundant:
         notes = ["no more rows than parameters: the noise is unknown, so are errors"]
+    notes += base.near
     if undetermined:
         notes.append(
             f"the data determine {solution.rank} of {len(base)} base parameters; this "

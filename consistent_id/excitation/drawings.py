@@ -127,9 +127,9 @@ def _sticks(server: Any, robot: RobotModel) -> Show:
         _add(server, f"{_node(robot, k)}/axis", hub, _JOINT)
     handles = {
         k: server.scene.add_frame(_node(robot, k), show_axes=False)
-        for k in range(len(robot))
+        for k in range(len(robot.links))
     }
-    tip = len(robot) - 1
+    tip = len(robot.links) - 1
     axes = {"axes_length": 4.0 * thick, "axes_radius": thick / 4.0}
     server.scene.add_frame(f"{_node(robot, tip)}/axes", **axes)
 

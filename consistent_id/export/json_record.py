@@ -1,6 +1,7 @@
 """An identified robot as a record that needs no other file: JSON, and so YAML."""
 
 import json
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,7 @@ def robot_record(estimate: Estimate, *, allow_refused: bool = False) -> dict[str
 
     SI units.  A joint's frame is placed in its parent link's; a link's frame is that of
     its joint; inertias are about the centre of mass, in the link's axes.  Infinite
-    limits are null.
+    limits are null.  A joint that follows another has ``mimic``, and no drive.
 
     Raises
     ------
@@ -79,6 +80,7 @@ def _joint(joint: Joint, links: tuple[str, ...]) -> dict[str, Any]:
         "rotation": joint.rotation.tolist(),
         "translation": joint.translation.tolist(),
         "axis": joint.axis.tolist(),
+        **({} if joint.mimic is None else {"mimic": asdict(joint.mimic)}),
         "limits": {
             name: float(value) if np.isfinite(value) else None
             for name in ("lower", "upper", "velocity", "effort")
@@ -101,7 +103,7 @@ def _frame(frame: FixedFrame) -> dict[str, Any]:
 
 
 def _drives(estimate: Estimate) -> dict[str, Any]:
-    slides = {j.name: j.kind == "prismatic" for j in estimate.model.robot.joints}
+    slides = {j.name: j.kind == "prismatic" for j in estimate.model.robot.driven}
     return {
         drive.joint: {
             "coulomb_shape": drive.terms.coulomb,

@@ -16,6 +16,7 @@ from consistent_id.export.mjcf_text import exact_xml
 from consistent_id.export.mjcf_tree import spec_tree
 from consistent_id.export.provenance import provenance, require_usable
 from consistent_id.robot.inertia import InertialParameters
+from consistent_id.robot.mimic import Mimic
 from consistent_id.robot.model import Joint
 
 _EXPRESSED = ("damping", "friction", "armature", "stiffness")
@@ -117,7 +118,17 @@ def _built(estimate: Estimate, mujoco: Any) -> tuple[Any, list[str]]:
             where = {"pos": frame.translation, "quat": quaternion(frame.rotation)}
             body.add_site(name=frame.name, **where)
         bodies.append(body)
+    for joint in robot.joints:
+        if joint.mimic is not None:
+            _add_follower(spec, joint.name, joint.mimic, mujoco)
     return spec, notes
+
+
+def _add_follower(spec: Any, name: str, mimic: Mimic, mujoco: Any) -> None:
+    made = spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, name1=name)
+    made.objtype, made.name2 = mujoco.mjtObj.mjOBJ_JOINT, mimic.joint
+    made.data[:2] = mimic.offset, mimic.multiplier
+    made.data[2:5] = 0.0
 
 
 def _add_joint(body: Any, joint: Joint, mujoco: Any) -> None:

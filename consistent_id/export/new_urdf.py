@@ -1,6 +1,7 @@
 """A URDF written from nothing, for robots that have none: bodies, joints, no shapes."""
 
 from collections.abc import Iterator
+from dataclasses import astuple
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -35,9 +36,11 @@ def urdf_text(estimate: Estimate) -> str:
     for frame in robot.ground:
         lines += _fixed(frame, root)
     parents = {-1: root} | dict(enumerate(robot.link_names))
-    for joint, link, vector, drive in zip(
-        robot.joints, robot.links, estimate.links, joint_drives(estimate), strict=True
+    drives = {drive.joint: drive for drive in joint_drives(estimate)}
+    for joint, link, vector in zip(
+        robot.joints, robot.links, estimate.links, strict=True
     ):
+        drive = drives.get(joint.name)
         lines += _joint(joint, parents[joint.parent], link.name, drive)
         lines += _link(link.name, InertialParameters(vector))
         for frame in link.merged:
@@ -99,7 +102,9 @@ def _fixed(frame: FixedFrame, parent: str) -> Iterator[str]:
     yield "  </joint>"
 
 
-def _joint(joint: Joint, parent: str, child: str, drive: JointDrive) -> Iterator[str]:
+def _joint(
+    joint: Joint, parent: str, child: str, drive: JointDrive | None
+) -> Iterator[str]:
     limits = joint.limits
     bounded = bool(np.isfinite([limits.lower, limits.upper]).all())
     kind = joint.kind if bounded or joint.kind == "prismatic" else "continuous"
@@ -117,7 +122,13 @@ def _joint(joint: Joint, parent: str, child: str, drive: JointDrive) -> Iterator
     ]
     if kind != "continuous" or min(values.values()) < np.inf:
         yield f"    <limit {' '.join(pairs)}/>"
-    if drive.terms.names:
+    if joint.mimic is not None:
+        leader, ratio, offset = astuple(joint.mimic)
+        yield (
+            f"    <mimic joint={quoteattr(leader)} multiplier={_numbers((ratio,))} "
+            f"offset={_numbers((offset,))}/>"
+        )
+    if drive is not None and drive.terms.names:
         damping = number(drive.simulated("damping") or 0.0)
         friction = number(drive.simulated("friction") or 0.0)
         yield f'    <dynamics damping="{damping}" friction="{friction}"/>'

@@ -12,6 +12,7 @@ from consistent_id.export.numpy_template import BODY, HEAD
 from consistent_id.export.provenance import provenance, require_usable
 from consistent_id.export.source_text import SourceText
 from consistent_id.regression.regressor import drive_entries
+from consistent_id.robot.model import RobotModel
 
 
 def to_numpy(estimate: Estimate, *, allow_refused: bool = False) -> Export:
@@ -30,8 +31,17 @@ def to_numpy(estimate: Estimate, *, allow_refused: bool = False) -> Export:
     head = HEAD.format(
         provenance=_harmless(provenance(estimate)), n=n, data="\n".join(_data(estimate))
     )
-    text = head + BODY.replace("{n}", str(n)) + _drive(estimate)
+    text = head + _body(estimate.model.robot).replace("{n}", str(n)) + _drive(estimate)
     return Export("numpy", text.encode())
+
+
+def _body(robot: RobotModel) -> str:
+    """Return the recursion; where joints follow others, RATES takes q to all joints."""
+    joints = coordinates = ""
+    if len(robot) < len(robot.joints):
+        joints = "\n    q, dq, ddq = q @ RATES.T + OFFSETS, dq @ RATES.T, ddq @ RATES.T"
+        coordinates = " @ RATES"
+    return BODY.replace("{joints}", joints).replace("{coordinates}", coordinates)
 
 
 def _data(estimate: Estimate) -> Iterator[str]:
@@ -45,6 +55,9 @@ def _data(estimate: Estimate) -> Iterator[str]:
     yield _array("TRANSLATION", np.array([joint.translation for joint in joints]))
     yield _array("AXIS", np.array([joint.axis for joint in joints]))
     yield _array("BODIES", estimate.links)
+    if len(robot) < len(joints):
+        yield _array("RATES", robot.joint_rates)
+        yield _array("OFFSETS", np.array([t.offset for t in robot.transmissions]))
     if reference is not None:
         yield _array("LOAD_BODIES", reference.reshape(-1, 10))
     yield _array("ROTORS", _rotors(estimate))

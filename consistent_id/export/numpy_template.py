@@ -38,7 +38,7 @@ def mass_matrix(q):
 
 def rigid_body(q, dq, ddq, bodies=BODIES, gravity=GRAVITY):
     """Return joint torques of the bodies alone (recursive Newton-Euler)."""
-    q, dq, ddq = (np.asarray(x, float) for x in (q, dq, ddq))
+    q, dq, ddq = (np.asarray(x, float) for x in (q, dq, ddq)){joints}
     state, turns, arms, wrenches = [], [], [], []
     zero = np.zeros((*q.shape[:-1], 3))
     for k, parent in enumerate(PARENT):
@@ -69,7 +69,7 @@ def rigid_body(q, dq, ddq, bodies=BODIES, gravity=GRAVITY):
             f, n = wrenches[PARENT[k]]
             force, moment = _out_of(turns[k], force), _out_of(turns[k], moment)
             wrenches[PARENT[k]] = (f + force, n + moment + np.cross(arms[k], force))
-    return tau
+    return tau{coordinates}
 
 
 def _inertia(body):

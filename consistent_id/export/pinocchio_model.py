@@ -4,12 +4,13 @@ from typing import Any
 
 import numpy as np
 
+from consistent_id.errors import ProblemError
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.export.drive_values import joint_drives, not_expressed
 from consistent_id.export.exported_file import Export
 from consistent_id.export.provenance import require_usable
 from consistent_id.robot.inertia import InertialParameters
-from consistent_id.robot.model import Joint
+from consistent_id.robot.model import Joint, RobotModel
 
 _EXPRESSED = ("damping", "friction", "armature")
 
@@ -25,12 +26,14 @@ def to_pinocchio(estimate: Estimate, *, allow_refused: bool = False) -> Any:
     Raises
     ------
     ProblemError
-        If the estimate is refused and `allow_refused` is false.
+        If the estimate is refused and `allow_refused` is false, or a joint follows
+        another.
     """
     import pinocchio as pin
 
     require_usable(estimate, allow_refused)
     robot = estimate.model.robot
+    _require_no_followers(robot)
     model = pin.Model()
     model.name = robot.name
     model.gravity.linear = robot.gravity
@@ -54,6 +57,17 @@ def to_pinocchio(estimate: Estimate, *, allow_refused: bool = False) -> Any:
         model.damping[i] = drive.simulated("damping") or 0.0
         _set_friction(model, i, drive.simulated("friction") or 0.0)
     return model
+
+
+def _require_no_followers(robot: RobotModel) -> None:
+    """Refuse followers: Pinocchio's do not go through its own text format."""
+    followers = [joint.name for joint in robot.joints if joint.mimic is not None]
+    if followers:
+        raise ProblemError(
+            f"{', '.join(followers)} follow other joints, which a model that is made "
+            "here cannot say. Export a URDF, and read it with "
+            "pinocchio.buildModelFromUrdf(path, mimic=True)"
+        )
 
 
 def _set_friction(model: Any, i: int, level: float) -> None:

@@ -124,7 +124,7 @@ def _tick(
     error = q_wanted - reading
     slope = slope + gains.share * ((error - last) / tick - slope)
     tau = feedforward + gains.stiffness * error + gains.damping * slope
-    effort = np.array([joint.limits.effort for joint in robot.model.robot.joints])
+    effort = np.array([joint.limits.effort for joint in robot.model.robot.driven])
     tau = ca.fmax(ca.fmin(tau, effort), -effort)
     h, x = tick / substeps, ca.vertcat(q, dq)
 

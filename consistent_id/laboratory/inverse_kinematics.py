@@ -142,7 +142,7 @@ def follow(
 
 
 def _middle(robot: RobotModel) -> Vector:
-    ends = np.array([(j.limits.lower, j.limits.upper) for j in robot.joints])
+    ends = np.array([(j.limits.lower, j.limits.upper) for j in robot.driven])
     # Without a range zero; with one end, zero if it is allowed.
     ends = np.where(
         np.isfinite(ends).all(axis=1)[:, None], ends, np.clip(0.0, *ends.T)[:, None]
@@ -154,8 +154,8 @@ def _first(writer: Writer, task: WritingTask, home: Vector) -> Vector:
     """Return a pose at the path's start, within limits if there is one."""
     robot, places = writer.robot, writer.places
     rng = np.random.default_rng(0)
-    lower = np.array([max(j.limits.lower, -np.pi) for j in robot.joints])
-    upper = np.array([min(j.limits.upper, np.pi) for j in robot.joints])
+    lower = np.array([max(j.limits.lower, -np.pi) for j in robot.driven])
+    upper = np.array([min(j.limits.upper, np.pi) for j in robot.driven])
     outside: Vector | None = None
     nearest = np.inf
     for number in range(1 + _TRIES):
@@ -177,7 +177,7 @@ def _first(writer: Writer, task: WritingTask, home: Vector) -> Vector:
 def _wound(robot: RobotModel, q: Vector, home: Vector) -> Vector:
     """Turn joints by whole turns: to near `home`, and into their range if possible."""
     q = q.copy()
-    for k, joint in enumerate(robot.joints):
+    for k, joint in enumerate(robot.driven):
         if joint.kind == "prismatic":
             continue
         q[k] -= 2.0 * np.pi * np.round((q[k] - home[k]) / (2.0 * np.pi))
@@ -190,8 +190,8 @@ def _wound(robot: RobotModel, q: Vector, home: Vector) -> Vector:
 
 def _excess(robot: RobotModel, q: Array) -> Array:
     """Return by how much positions are out of range, below zero where they are not."""
-    lower = np.array([joint.limits.lower for joint in robot.joints])
-    upper = np.array([joint.limits.upper for joint in robot.joints])
+    lower = np.array([joint.limits.lower for joint in robot.driven])
+    upper = np.array([joint.limits.upper for joint in robot.driven])
     return np.asarray(np.maximum(lower - q, q - upper))
 
 
@@ -245,7 +245,7 @@ def _check(path: TaskPath, worst_condition: float) -> None:
     if near.any():
         i = int(np.argmax(near))
         raise _singular(task, float(u[i]), float(found.condition[i]), worst_condition)
-    speed = np.array([joint.limits.velocity for joint in robot.joints])
+    speed = np.array([joint.limits.velocity for joint in robot.driven])
     excess = {
         "position": _excess(robot, found.motion[0]),
         "velocity": abs(found.motion[1]) - speed,
@@ -264,7 +264,7 @@ def _beyond(
     task: WritingTask, u: float, robot: RobotModel, k: int, what: str, value: float
 ) -> PathError:
     """Return the error of a joint beyond its range, or too fast."""
-    joint = robot.joints[k]
+    joint = robot.driven[k]
     unit = "m" if joint.kind == "prismatic" else "rad"
     allowed = f"from {joint.limits.lower:.4g} to {joint.limits.upper:.4g} {unit}"
     cure = "start from another pose, or move the curve"

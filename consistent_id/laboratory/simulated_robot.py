@@ -126,7 +126,7 @@ def with_friction(
         See `DriveTerms`.
     """
     n = len(robot)
-    known = frozen(inertial, (10 * n,), "inertial parameters")
+    known = frozen(inertial, (10 * len(robot.links),), "inertial parameters")
     pairs = np.empty((n, 2))
     for column, (values, what) in enumerate(
         ((viscous, "viscous"), (coulomb, "coulomb"))

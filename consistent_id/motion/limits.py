@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Vector, freeze, freeze_arrays
 from consistent_id.errors import ProblemError
+from consistent_id.robot.mimic import limits_with_followers
 from consistent_id.robot.model import Joint, RobotModel
 from consistent_id.robot.parameters import did_you_mean
 
@@ -134,8 +135,11 @@ def motion_limits(
     >>> motion_limits(arm, velocity=1.5).middle.tolist()
     [0.5]
     """
-    names, own = robot.joint_names, [joint.limits for joint in robot.joints]
-    span = {joint.name: _own_range(joint) for joint in robot.joints}
+    names, own = robot.joint_names, limits_with_followers(robot.joints)
+    span = {
+        joint.name: _own_range(replace(joint, limits=limits))
+        for joint, limits in zip(robot.driven, own, strict=True)
+    }
     span |= _known(position or {}, names, "position")
     unlimited = [np.inf] * len(names)
     return MotionLimits(

@@ -56,6 +56,10 @@ def problem_tables(problem: Problem) -> list[Table]:
     """Return what a problem consists of: robot, datasheet, base parameters."""
     robot, model = problem.model.robot, problem.model
     base = base_parameters(model)
+    drives = {
+        name: ", ".join(terms.names) or "none"
+        for name, terms in zip(robot.joint_names, model.terms, strict=True)
+    }
     links = Table(
         f"Robot {robot.name}: {len(robot)} joints, gravity {robot.gravity} m/s^2",
         ("joint", "kind", "moves", "datasheet mass [kg]", "drive terms"),
@@ -65,13 +69,12 @@ def problem_tables(problem: Problem) -> list[Table]:
                 joint.kind,
                 link.name,
                 "-" if link.datasheet.mass is None else f"{link.datasheet.mass:g}",
-                ", ".join(terms.names) or "none",
+                drives.get(joint.name) or f"follows {joint.mimic}",
             )
-            for joint, link, terms in zip(
-                robot.joints, robot.links, model.terms, strict=True
-            )
+            for joint, link in zip(robot.joints, robot.links, strict=True)
         ),
-        tuple(
+        base.near
+        + tuple(
             f"coupled gears: {coupling.label}, {', '.join(coupling.names)}"
             for coupling in model.couplings
         ),

@@ -5,23 +5,17 @@ of the robot.  The independent ones carry the base parameters [Gautier1991]_: wi
 ``W_dep = W_ind K``, torque depends on ``x_ind + K x_dep`` alone.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays
 from consistent_id._support.threads import single_threaded
 from consistent_id.errors import NotExcitedError
+from consistent_id.regression.columns import STRUCTURAL_TOLERANCE, split_at_gap
 from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.parameters import ParameterLayout
-
-STRUCTURAL_TOLERANCE = 1e-9
-"""A unit column nearer than this to the span of those before it is dependent.
-
-On random motions of random robots of up to nine joints, dependent columns come within
-1e-11 and independent ones stay beyond 1e-5.
-"""
 
 _PURE = 1e-6  # part of a unit vector outside a row space, or in it, that is rounding
 _ROUND = 1e-10  # entries of K below this are rounding errors
@@ -41,6 +35,9 @@ class BaseParameters:
         ``K`` in ``x_base = x_ind + K x_dep``.
     fingerprint : str
         Of the torque model they are of, if known.
+    near : tuple of str
+        Sentences on what is regrouped though a small part of it is independent, as
+        rounded angles of the robot's file make it.
     """
 
     layout: ParameterLayout
@@ -48,6 +45,7 @@ class BaseParameters:
     dependent: tuple[int, ...]
     regrouping: Matrix
     fingerprint: str = ""
+    near: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         shape = (len(self.independent), len(self.dependent))
@@ -97,12 +95,34 @@ def base_parameters(model: TorqueModel, *, seed: int = 0) -> BaseParameters:
     """Find the base parameters of a robot from random motions, deterministically.
 
     Columns are taken from left to right: the first of several dependent ones leads the
-    group, as in [Gautier1991]_.
+    group, as in [Gautier1991]_.  What is independent by a rounded number of the robot's
+    file alone is regrouped too, and `BaseParameters.near` says so.
     """
     W = random_regressor(model, seed=seed)
     columns = np.concatenate(list(W), axis=1).T
-    split = independent_columns(columns)
-    return BaseParameters(model.layout, *split, fingerprint=model.fingerprint)
+    split, near = split_at_gap(columns, column_kinds(model.layout))
+    exact = BaseParameters(model.layout, *split, fingerprint=model.fingerprint)
+    nearly = ((i, c) for i, c in enumerate(split.dependent) if c in near)
+    sentences = [_near_sentence(exact, i, near[c]) for i, c in nearly]
+    return replace(exact, near=tuple(sentences))
+
+
+def _near_sentence(base: BaseParameters, place: int, part: float) -> str:
+    name = base.layout.names[base.dependent[place]]
+    alike = linear_combination(base.regrouping[:, place], base.names)
+    like = "has no effect" if alike == "0" else f"acts like {alike}"
+    return (
+        f"{name} {like} but for {part:.1g} of what such a parameter can do, as a "
+        "rounded number in the robot's geometry makes it; that is taken for zero"
+    )
+
+
+def column_kinds(layout: ParameterLayout) -> tuple[str, ...]:
+    """Return the kind of each parameter: its unit, and of drive terms the name too."""
+    inertial = layout.inertial_size
+    drive = (name.rpartition(".")[2] for name in layout.names[inertial:])
+    units = zip(layout.units[inertial:], drive, strict=True)
+    return (*layout.units[:inertial], *(" ".join(pair) for pair in units))
 
 
 def random_regressor(model: TorqueModel, *, seed: int = 0) -> Array:
@@ -124,51 +144,6 @@ def _slow(terms: DriveTerms) -> float:
     """Return what slows a joint's random velocity, so that fading friction shows."""
     fading = (term.fading_velocity for term in terms.terms)
     return min((v for v in fading if v is not None), default=1.0)
-
-
-def independent_columns(
-    W: Matrix, tolerance: float = STRUCTURAL_TOLERANCE
-) -> tuple[tuple[int, ...], tuple[int, ...], Matrix]:
-    """Split columns into independent and dependent ones, from left to right.
-
-    Parameters
-    ----------
-    W : ndarray, shape (rows, columns)
-    tolerance : float
-        Distance of a unit column from the span of the independent ones before it, at
-        or below which it counts as dependent.  Columns whose norm is below this
-        fraction of the largest count as zero.
-
-    Returns
-    -------
-    independent, dependent : tuple of int
-    K : ndarray, shape (independent, dependent)
-        ``W[:, dependent] = W[:, independent] @ K``.
-    """
-    norms = np.linalg.norm(W, axis=0)
-    negligible = norms <= tolerance * norms.max(initial=0.0)
-    unit = W / np.where(negligible, 1.0, norms)
-    Q = np.empty((len(W), 0))
-    independent: list[int] = []
-    for column in range(W.shape[1]):
-        if negligible[column]:
-            continue
-        rest = unit[:, column]
-        for _ in range(2):  # twice is enough for orthogonality to rounding
-            rest = rest - Q @ (Q.T @ rest)
-        distance = np.linalg.norm(rest)
-        if distance > tolerance:
-            Q = np.column_stack([Q, rest / distance])
-            independent.append(column)
-    dependent = [i for i in range(W.shape[1]) if i not in set(independent)]
-    K = np.zeros((len(independent), len(dependent)))
-    if independent and dependent:
-        R = Q.T @ unit[:, independent]
-        K = np.linalg.solve(R, Q.T @ W[:, dependent]) / norms[independent, None]
-        K[:, negligible[dependent]] = 0.0
-    nearest = np.round(K)
-    K = np.where(abs(K - nearest) < _ROUND, nearest, K)
-    return tuple(independent), tuple(dependent), K
 
 
 @dataclass(frozen=True, slots=True)

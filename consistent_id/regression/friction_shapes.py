@@ -58,14 +58,14 @@ def shapes_of(model: TorqueModel) -> tuple[Shape, ...]:
     """
     robot = model.robot
     found: list[Shape] = []
-    for joint, terms in zip(robot.joints, model.terms, strict=True):
+    for joint, terms in zip(robot.driven, model.terms, strict=True):
         if joint.name in model.torque_joints:
             slides = joint.kind == "prismatic"
             found += _shapes(joint.name, terms.terms, slides)
     for coupling in model.couplings:
         if {coupling.first, coupling.second} & set(model.torque_joints):
             first, _ = coupled_joints(robot, coupling)
-            slides = robot.joints[first].kind == "prismatic"
+            slides = robot.driven[first].kind == "prismatic"
             found += _shapes(coupling.label, coupling.terms, slides)
     return tuple(found)
 

@@ -1,11 +1,12 @@
-"""A robot's joints in the plain Python numbers that the recursion takes."""
+"""A robot's joints, and their motion, as the recursion takes them."""
 
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
 from consistent_id._support.arrays import Array, Vector
-from consistent_id.regression.newton_euler import JointGeometry
+from consistent_id.regression.newton_euler import JointGeometry, JointMotion, Scalar
 from consistent_id.robot.model import Joint, RobotModel
 
 
@@ -21,6 +22,27 @@ def joint_geometry(robot: RobotModel) -> tuple[JointGeometry, ...]:
         )
         for joint in robot.joints
     )
+
+
+def joint_motions(
+    robot: RobotModel,
+    state: Sequence[Sequence[Scalar] | Array],
+    sine_and_cosine: Callable[[Scalar], tuple[Scalar, Scalar]],
+) -> list[JointMotion]:
+    """Return the motion of all joints, from that of the generalised coordinates.
+
+    `state` holds their positions and the two derivatives; `sine_and_cosine` is that of
+    the scalars, whatever they are.
+    """
+    motions, (q, dq, ddq) = [], state
+    for j, ratio, offset in robot.transmissions:
+        position, rate, push = q[j], dq[j], ddq[j]
+        if (ratio, offset) != (1.0, 0.0):
+            position = ratio * position + offset
+            rate, push = ratio * rate, ratio * push
+        turned = sine_and_cosine(position)
+        motions.append(JointMotion(position, *turned, rate, push, j, ratio))
+    return motions
 
 
 def _basis_with_axis(joint: Joint) -> Array:

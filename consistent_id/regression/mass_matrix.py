@@ -28,7 +28,7 @@ def random_poses(model: TorqueModel, count: int, seed: int) -> Array:
     """Return random positions within the joints' limits, shape (count, joints)."""
     rng = np.random.default_rng(seed)
     lower, upper = [], []
-    for joint in model.robot.joints:
+    for joint in model.robot.driven:
         reach = 1.0 if joint.kind == "prismatic" else np.pi
         low, high = joint.limits.lower, joint.limits.upper
         low = low if np.isfinite(low) else min(-reach, high - reach)
@@ -47,7 +47,7 @@ def mass_matrices(model: TorqueModel, parameters: Vector, q: Array) -> Array:
     links = parameters[: model.layout.inertial_size].reshape(-1, 10)
     for start in range(0, len(q), CHUNK):
         part = slice(start, start + CHUNK)
-        _add_links(M[:, :, part], model.robot, links, np.ascontiguousarray(q[part].T))
+        M[:, :, part] = _of_links(model.robot, links, q[part])
     M += _of_drives(model, parameters)[:, :, None]
     return np.moveaxis(M, 2, 0)
 
@@ -88,8 +88,21 @@ def _of_drives(model: TorqueModel, parameters: Vector) -> Matrix:
     return np.asarray((torque[:n] - torque[n]).T)
 
 
-def _add_links(M: Array, robot: RobotModel, links: Array, q: Array) -> None:
-    """Add the links' part to matrices of shape (joints, joints, poses)."""
+def _of_links(robot: RobotModel, links: Array, q: Array) -> Array:
+    """Return the links' part, shape (joints, joints, poses)."""
+    every = _of_all_joints(
+        robot, links, np.ascontiguousarray(robot.joint_positions(q).T)
+    )
+    if len(robot) == len(robot.joints):
+        return every
+    G = robot.joint_rates
+    return np.asarray(np.einsum("ia,ijn,jb->abn", G, every, G, optimize=True))
+
+
+def _of_all_joints(robot: RobotModel, links: Array, q: Array) -> Array:
+    """Return the links' part as if every joint moved by itself."""
+    n = len(robot.joints)
+    M = np.zeros((n, n, q.shape[1]))
     masses = links[:, 0].tolist()
     poses: list[Array] = []
     twists: list[Array] = []
@@ -103,7 +116,7 @@ def _add_links(M: Array, robot: RobotModel, links: Array, q: Array) -> None:
         poses.append(pose)
         moments.append(_moments(x, pose))
         twists.append(_twist(joint, pose))
-    for j in reversed(range(len(robot))):
+    for j in reversed(range(n)):
         momentum = _momentum(masses[j], moments[j], twists[j])
         path = list(ancestors(robot, j))
         M[path, j] = M[j, path] = np.einsum(
@@ -113,6 +126,7 @@ def _add_links(M: Array, robot: RobotModel, links: Array, q: Array) -> None:
         if parent >= 0:
             masses[parent] += masses[j]
             moments[parent] += moments[j]
+    return M
 
 
 def _relative_pose(joint: Joint, q: Array) -> Array:

@@ -7,9 +7,10 @@ number type, and structural zeros stay Python numbers, which cost nothing.
 Link ``k`` moves with angular velocity ``w``, angular acceleration ``dw`` and linear
 acceleration less gravity ``a``, all of its frame's origin and in its own axes.  Its
 wrench is ``f = m a + W h`` and ``n = I dw + w x I w + h x a``, where
-``W h = dw x h + w x (w x h)``.  A unit rate of an ancestor joint moves the frame with
-the screw ``(e, v)``, so by virtual power that joint feels ``v.f + e.n``, which is
-linear in ``(m, h, I)``.  No backward pass is needed.
+``W h = dw x h + w x (w x h)``.  A unit rate of a generalised coordinate moves the frame
+with the screw ``(e, v)``, so by virtual power that coordinate feels ``v.f + e.n``,
+which is linear in ``(m, h, I)``.  No backward pass is needed.  A coordinate is a joint
+that moves by itself, with those that follow it: their screws add.
 """
 
 from collections.abc import Iterator, Sequence
@@ -18,6 +19,8 @@ from typing import Any, NamedTuple
 Scalar = Any
 Vec = tuple[Scalar, Scalar, Scalar]
 Matrix = tuple[Vec, Vec, Vec]
+
+_Screw = tuple[int, Vec, Vec]
 
 _NONE: Vec = (0.0, 0.0, 0.0)
 
@@ -38,32 +41,39 @@ class JointGeometry(NamedTuple):
 
 
 class JointMotion(NamedTuple):
-    """One joint's position, as sine and cosine too, and its two derivatives."""
+    """One joint's position, as sine and cosine too, and its two derivatives.
+
+    All of them follow from the robot's generalised coordinate of number `coordinate`,
+    whose unit rate is the rate `ratio` of the joint.
+    """
 
     q: Scalar
     sin: Scalar
     cos: Scalar
     dq: Scalar
     ddq: Scalar
+    coordinate: int
+    ratio: float = 1.0
 
 
 class _State(NamedTuple):
-    """A link's motion, and the unit screws ``(joint, e, v)`` of its ancestors."""
+    """A link's motion, and the unit screws ``(coordinate, e, v)`` that move it."""
 
     w: Vec
     dw: Vec
     a: Vec
-    screws: tuple[tuple[int, Vec, Vec], ...]
+    screws: tuple[_Screw, ...]
     W: Matrix
 
 
 def regressor_entries(
     joints: Sequence[JointGeometry], gravity: Vec, motion: Sequence[JointMotion]
 ) -> Iterator[tuple[int, int, tuple[Scalar, ...]]]:
-    """Yield ``(joint, link, entries)`` for each link and each of its ancestor joints.
+    """Yield ``(coordinate, link, entries)`` for each link and what moves it.
 
-    `entries` are the coefficients of ``m, hx, hy, hz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz`` of
-    the link in the joint's torque (force, for a sliding joint).
+    `motion` is that of the joints, one by one.  `entries` are the coefficients of
+    ``m, hx, hy, hz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz`` of the link in the coordinate's
+    torque (force, for a sliding joint).
     """
     for k, state in enumerate(_states(joints, gravity, motion)):
         for j, e, v in state.screws:
@@ -76,7 +86,7 @@ def torque_parts(
     motion: Sequence[JointMotion],
     bodies: Sequence[Sequence[Scalar]],
 ) -> Iterator[tuple[int, int, Scalar]]:
-    """Yield ``(joint, link, torque)``: what each link asks of its ancestor joints.
+    """Yield ``(coordinate, link, torque)``: what each link asks of what moves it.
 
     `bodies` holds the ten inertial parameters of each link.  The sum over links is the
     torque; with parameters known, that costs a fraction of `regressor_entries`.
@@ -94,9 +104,9 @@ def _states(
     at_rest = (-gravity[0], -gravity[1], -gravity[2])
     base = _State(_NONE, _NONE, at_rest, (), (_NONE, _NONE, _NONE))
     states: list[_State] = []
-    for k, (joint, moves) in enumerate(zip(joints, motion, strict=True)):
+    for joint, moves in zip(joints, motion, strict=True):
         parent = base if joint.parent < 0 else states[joint.parent]
-        states.append(_child(k, joint, moves, parent))
+        states.append(_child(joint, moves, parent))
         yield states[-1]
 
 
@@ -110,8 +120,8 @@ def _wrench(link: _State, body: Sequence[Scalar]) -> tuple[Vec, Vec]:
     return f, _add(n, _cross(h, link.a))
 
 
-def _child(k: int, joint: JointGeometry, moves: JointMotion, parent: _State) -> _State:
-    """Carry the parent's state over joint `k` into its link's frame."""
+def _child(joint: JointGeometry, moves: JointMotion, parent: _State) -> _State:
+    """Carry the parent's state over a joint into its link's frame."""
     axis = (joint.align[0][2], joint.align[1][2], joint.align[2][2])
     arm = joint.translation
     if joint.slides:
@@ -127,11 +137,22 @@ def _child(k: int, joint: JointGeometry, moves: JointMotion, parent: _State) -> 
     coupled = _cross(w, rate)
     if joint.slides:
         a = _add(_add(a, push), _scaled(2.0, coupled))
-        screws += ((k, _NONE, axis),)
     else:
         w, dw = _add(w, rate), _add(_add(dw, push), coupled)
-        screws += ((k, axis, _NONE),)
-    return _State(w, dw, a, screws, _spin(w, dw))
+    return _State(w, dw, a, _moved(screws, joint.slides, axis, moves), _spin(w, dw))
+
+
+def _moved(
+    screws: tuple[_Screw, ...], slides: bool, axis: Vec, moves: JointMotion
+) -> tuple[_Screw, ...]:
+    """Add a joint's own screw to that of its coordinate."""
+    own = _scaled(moves.ratio, axis)
+    e, v = (_NONE, own) if slides else (own, _NONE)
+    for place, (j, others_e, others_v) in enumerate(screws):
+        if j == moves.coordinate:
+            whole = (j, _add(others_e, e), _add(others_v, v))
+            return (*screws[:place], whole, *screws[place + 1 :])
+    return (*screws, (moves.coordinate, e, v))
 
 
 def _spin(w: Vec, dw: Vec) -> Matrix:

@@ -27,11 +27,8 @@ from consistent_id._support.threads import single_threaded
 from consistent_id.errors import NotExcitedError, ProblemError, RecordingError
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.clocks import uniform_rate
-from consistent_id.regression.base import (
-    STRUCTURAL_TOLERANCE,
-    BaseParameters,
-    random_regressor,
-)
+from consistent_id.regression.base import BaseParameters, random_regressor
+from consistent_id.regression.columns import STRUCTURAL_TOLERANCE
 from consistent_id.regression.regressor import CHUNK, TorqueModel
 from consistent_id.regression.row_filter import RowFilter
 from consistent_id.robot.parameters import ParameterLayout

@@ -18,12 +18,12 @@ from consistent_id.errors import ProblemError
 from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.drive.gear_coupling import GearCoupling
 from consistent_id.regression.drive.term import DriveTerm
-from consistent_id.regression.joint_geometry import floats, joint_geometry
-from consistent_id.regression.newton_euler import (
-    JointGeometry,
-    JointMotion,
-    regressor_entries,
+from consistent_id.regression.joint_geometry import (
+    floats,
+    joint_geometry,
+    joint_motions,
 )
+from consistent_id.regression.newton_euler import JointGeometry, regressor_entries
 from consistent_id.robot.model import RobotModel
 from consistent_id.robot.parameters import ParameterLayout, did_you_mean
 
@@ -91,10 +91,10 @@ class TorqueModel:
         rows = _in_order(self.torque_joints, robot)
         columns = [
             (joint.name, joint, name)
-            for joint, of_joint in zip(robot.joints, drive, strict=True)
+            for joint, of_joint in zip(robot.driven, drive, strict=True)
             for name in of_joint.names
         ] + [
-            (coupling.label, robot.joints[coupled_joints(robot, coupling)[0]], name)
+            (coupling.label, robot.driven[coupled_joints(robot, coupling)[0]], name)
             for coupling in couplings
             for name in coupling.names
         ]
@@ -113,6 +113,7 @@ class TorqueModel:
         gravity = robot.gravity.tolist()
         content = repr((joint_geometry(robot), gravity, drive, couplings, layout, rows))
         content += "" if load is None else repr(load.tolist())
+        content += repr(robot.transmissions) if len(robot) < len(robot.joints) else ""
         digest = sha256(content.encode()).hexdigest()[:16]
         freeze(self, fingerprint=digest)
 
@@ -196,10 +197,8 @@ class TorqueModel:
         dq: Array,
         ddq: Array,
     ) -> None:
-        motion = [
-            JointMotion(*joint)
-            for joint in zip(q, np.sin(q), np.cos(q), dq, ddq, strict=True)
-        ]
+        state = (q, dq, ddq)
+        motion = joint_motions(self.robot, state, lambda x: (np.sin(x), np.cos(x)))
         gravity = floats(self.robot.gravity)
         row = _rows_of(self)
         for j, k, entries in regressor_entries(geometry, gravity, motion):
@@ -230,7 +229,7 @@ def coupled_joints(robot: RobotModel, coupling: GearCoupling) -> tuple[int, int]
             raise ProblemError(f"coupling {coupling.label}: no joint {name!r}; {near}")
         places.append(robot.joint_names.index(name))
     first, second = places
-    slide = [robot.joints[j].kind == "prismatic" for j in places]
+    slide = [robot.driven[j].kind == "prismatic" for j in places]
     if slide[0] != slide[1]:
         raise ProblemError(
             f"coupling {coupling.label}: one joint turns, the other slides; the sum of "
@@ -360,9 +359,8 @@ def casadi_regressor(model: TorqueModel | RobotModel) -> Any:
     robot, row, n = model.robot, _rows_of(model), len(model.robot)
     q, dq, ddq = (ca.SX.sym(name, n) for name in ("q", "dq", "ddq"))
     Y = ca.SX(len(row), len(model.layout))
-    motion = [
-        JointMotion(q[j], ca.sin(q[j]), ca.cos(q[j]), dq[j], ddq[j]) for j in range(n)
-    ]
+    scalars = [ca.vertsplit(x) for x in (q, dq, ddq)]
+    motion = joint_motions(robot, scalars, lambda x: (ca.sin(x), ca.cos(x)))
     gravity = floats(robot.gravity)
     for j, k, entries in regressor_entries(joint_geometry(robot), gravity, motion):
         if j in row:

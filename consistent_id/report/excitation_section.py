@@ -45,7 +45,7 @@ def _motion(content: ReportContent, recording: Recording) -> Html:
     starts = buckets(len(log), _POINTS)
     time = instants(log.time, starts)
     panels = []
-    for j, joint in enumerate(robot.joints):
+    for j, joint in enumerate(robot.driven):
         q = extremes(log.position[:, j], starts)
         frame = Frame((time[0], time[-1]), spanning([q]), height=130)
         curve = line(frame, time, q, "curve main")

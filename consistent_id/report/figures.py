@@ -21,7 +21,7 @@ def motion_figure(robot: RobotModel, recording: Recording) -> Any:
     recording = recording.of(robot.joint_names)
     figure, axes = _panels(len(recording.joints), "joint motion: " + recording.name)
     keep = _downsampled(recording)
-    for axis, joint, q in zip(axes, robot.joints, recording.position.T, strict=True):
+    for axis, joint, q in zip(axes, robot.driven, recording.position.T, strict=True):
         axis.plot(recording.time[keep], q[keep], color=_COLOURS[0])
         axis.set_ylabel(f"{joint.name}\n[{_unit(joint, 'rad', 'm')}]")
     axes[-1].set_xlabel("time [s]")
@@ -36,7 +36,7 @@ def torque_figures(
     It is one figure, whose curves change: to set up axes takes longer than to draw.
     """
     model = estimates[0].model
-    joints = [j for j in model.robot.joints if j.name in model.torque_joints]
+    joints = [j for j in model.robot.driven if j.name in model.torque_joints]
     figure, axes = _panels(len(joints), "", columns=2)
     left, right = axes[::2], axes[1::2]
     for axis, joint in zip(left, joints, strict=True):

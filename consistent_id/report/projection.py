@@ -88,6 +88,6 @@ def spread_pose(robot: RobotModel, recordings: tuple[Recording, ...]) -> Vector:
     q = q[:: max(1, len(q) // _CANDIDATES)]
     places: Array = link_places(robot, q).translation
     apart = np.linalg.norm(places[:, :, None] - places[:, None], axis=-1)
-    pairs = np.triu_indices(len(robot), 1)
+    pairs = np.triu_indices(len(robot.links), 1)
     spread = np.log(apart[:, pairs[0], pairs[1]] + 1e-3).sum(axis=1)
     return np.asarray(q[int(np.argmax(spread))])

@@ -95,7 +95,7 @@ class ReportContent:
     def joints(self) -> tuple[Joint, ...]:
         """The joints whose torque is known."""
         known = self.model.torque_joints
-        return tuple(j for j in self.model.robot.joints if j.name in known)
+        return tuple(j for j in self.model.robot.driven if j.name in known)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,5 +1,6 @@
 """Parts of a robot: joints that stand still, and the chain from a base to a tip."""
 
+import logging
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -8,8 +9,11 @@ import numpy as np
 from consistent_id._support.arrays import Array, Matrix, Vector
 from consistent_id.errors import ModelError
 from consistent_id.robot.inertia import InertialParameters
+from consistent_id.robot.mimic import followers_at
 from consistent_id.robot.model import Datasheet, FixedFrame, Joint, Link, RobotModel
 from consistent_id.robot.parameters import did_you_mean
+
+_log = logging.getLogger(__name__)
 
 _SNAP = 1e-10  # entries of a rotation nearer than this to -1, 0 or 1 are taken as such
 
@@ -27,6 +31,10 @@ class Selection:
         """Return whether a joint, if it is on the chain, is neither locked nor left."""
         kept = self.joints is None or joint in self.joints
         return kept and joint not in (self.locked or {})
+
+    def with_locked(self, positions: Mapping[str, float]) -> "Selection":
+        """Return the selection with more joints that do not move."""
+        return replace(self, locked={**positions, **(self.locked or {})})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,25 +63,33 @@ def selected(robot: RobotModel, selection: Selection) -> RobotModel:
         If a name is unknown, or nothing that moves is left.
     """
     wanted, locked = selection.joints or (), selection.locked or {}
+    every = _every(robot)
     for name in (*locked, *wanted):
-        if name not in robot.joint_names:
-            near = did_you_mean(name, robot.joint_names)
+        if name not in every:
+            near = did_you_mean(name, every)
             raise ModelError(
                 f"robot {robot.name!r}: no joint {name!r} to keep or lock; {near}"
             )
+    leaders = {joint.name: joint.mimic.joint for joint in robot.joints if joint.mimic}
     for name in wanted:
+        if name in leaders and not selection.moves(leaders[name]):
+            raise ModelError(
+                f"robot {robot.name!r}: joint {name!r} is to be kept, but follows "
+                f"{leaders[name]!r}; keep that one too"
+            )
         if name in locked:
             raise ModelError(
                 f"robot {robot.name!r}: joint {name!r} is to be kept and to be locked"
             )
     still = {
-        name: locked.get(name, 0.0)
-        for name in robot.joint_names
-        if not selection.moves(name)
+        joint.name: locked.get(joint.name, 0.0)
+        for joint in robot.joints
+        if joint.name in locked
+        or (joint.mimic is None and not selection.moves(joint.name))
     }
     part = chain(held(robot, still), base=selection.base, tip=selection.tip)
     for name in wanted:
-        if name not in part.joint_names:
+        if name not in _every(part):
             raise ModelError(
                 f"robot {robot.name!r}: joint {name!r} is to be kept, but is not "
                 f"between base {selection.base!r} and tip {selection.tip!r}"
@@ -86,7 +102,7 @@ def held(robot: RobotModel, positions: Mapping[str, float]) -> RobotModel:
 
     What such a joint carries becomes part of the link that carries the joint: nominal
     parameters, masses and centres of mass add up.  Bounds of either part bound the
-    whole no longer, and are dropped.
+    whole no longer, and are dropped.  Joints that follow one at rest are at rest too.
 
     Raises
     ------
@@ -103,6 +119,16 @@ def held(robot: RobotModel, positions: Mapping[str, float]) -> RobotModel:
     """
     if not positions:
         return robot
+    positions = dict(positions)
+    following = followers_at(robot.joints, positions)
+    for name, position in following.items():
+        _log.warning(
+            "robot %r: joint %r follows one that does not move; it is locked at %.6g",
+            robot.name,
+            name,
+            position,
+        )
+    positions |= following
     if set(robot.joint_names) <= positions.keys():
         raise ModelError(
             f"robot {robot.name!r}: every joint is locked, so nothing moves"
@@ -161,7 +187,7 @@ def chain(
     end = None if tip is None else robot.carrier(tip)
     kept = [
         k
-        for k in (range(len(robot)) if end is None else _path(robot, end))
+        for k in (range(len(robot.joints)) if end is None else _path(robot, end))
         if start < 0 or (k != start and start in _path(robot, k))
     ]
     if not kept:
@@ -169,10 +195,11 @@ def chain(
             f"robot {robot.name!r}: no moving joint between base {base!r} and tip "
             f"{tip!r}"
         )
-    names = [robot.joint_names[k] for k in kept]
+    names = [robot.joints[k].name for k in kept]
     below = [] if start < 0 else _path(robot, start)
-    robot = held(robot, {robot.joint_names[k]: 0.0 for k in below})
-    return _only(robot, names)
+    still = {robot.joints[k].name: 0.0 for k in below}
+    robot = held(robot, still | _without_leader(robot, names))
+    return _only(robot, [name for name in names if name in _every(robot)])
 
 
 def snapped(values: Array) -> Array:
@@ -281,9 +308,25 @@ def _path(robot: RobotModel, k: int) -> list[int]:
     return path
 
 
+def _every(robot: RobotModel) -> list[str]:
+    """Names of all joints, also of those that follow others."""
+    return [joint.name for joint in robot.joints]
+
+
+def _without_leader(robot: RobotModel, names: list[str]) -> dict[str, float]:
+    """Return where joints stand whose leader, at zero, is not among the named."""
+    return {
+        joint.name: joint.mimic.position(0.0)
+        for joint in robot.joints
+        if joint.mimic is not None
+        and joint.name in names
+        and joint.mimic.joint not in names
+    }
+
+
 def _only(robot: RobotModel, names: list[str]) -> RobotModel:
     """Drop all joints but the named ones, none of which another one carries."""
-    kept = [robot.joint_names.index(name) for name in names]
+    kept = [_every(robot).index(name) for name in names]
     place = {old: new for new, old in enumerate(kept)} | {-1: -1}
     return replace(
         robot,

@@ -71,7 +71,7 @@ def frame_motion(
     rotations, origins = places.rotation, places.translation
     path = ancestors(robot, k)[::-1]
     position = origins[:, k] + rotations[:, k] @ point
-    jacobian = np.zeros((len(rotations), 6, len(robot)))
+    jacobian = np.zeros((len(rotations), 6, len(robot.joints)))
     for j in path:
         axis = places.axis[:, j]
         if robot.joints[j].kind == "prismatic":
@@ -81,8 +81,9 @@ def frame_motion(
             jacobian[:, 3:, j] = axis
     bias = np.zeros((len(rotations), 6))
     if dq is not None:
-        rates = checked(dq, (len(rotations), len(robot)), "dq")
+        rates = checked(dq, (len(rotations), len(robot)), "dq") @ robot.joint_rates.T
         bias = _bias(robot, path, jacobian, rates, origins, position)
+    jacobian = jacobian @ robot.joint_rates
     return FrameMotion(position, rotations[:, k] @ rotation, jacobian, bias)
 
 
@@ -129,7 +130,9 @@ def frame_in_link(
 def carrying_joints(robot: RobotModel, frame: str) -> tuple[str, ...]:
     """Return the joints that move a frame, from the base on."""
     k = robot.carrier(frame)
-    return tuple(robot.joint_names[j] for j in ancestors(robot, k)[::-1])
+    moved = robot.transmissions
+    chosen = {moved[j].coordinate for j in ancestors(robot, k)}
+    return tuple(robot.joint_names[j] for j in sorted(chosen))
 
 
 def reach(robot: RobotModel, frame: str, point: ArrayLike) -> float:

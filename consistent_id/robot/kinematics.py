@@ -78,7 +78,7 @@ def link_places(robot: RobotModel, q: ArrayLike) -> LinkPlaces:
     >>> link_places(arm, [[np.pi / 2, 0.0]]).translation[0, 1].round(12).tolist()
     [0.0, 0.5, 0.0]
     """
-    q = checked(q, (None, len(robot)), "joint positions")
+    q = robot.joint_positions(checked(q, (None, len(robot)), "joint positions"))
     n, links = q.shape
     rotation, translation = np.empty((n, links, 3, 3)), np.empty((n, links, 3))
     for k, joint in enumerate(robot.joints):
@@ -153,7 +153,8 @@ def point_jacobian(places: LinkPlaces, link: int, points: ArrayLike) -> Array:
     """Return how points fixed to a link move with the joints.
 
     Column ``j`` is ``axis_j x (p - origin_j)`` if joint ``j`` turns the link,
-    ``axis_j`` if it slides it, else zero.
+    ``axis_j`` if it slides it, else zero; those of joints that follow one are added to
+    its column, times their ratio.
 
     Parameters
     ----------
@@ -169,9 +170,10 @@ def point_jacobian(places: LinkPlaces, link: int, points: ArrayLike) -> Array:
     """
     p = checked(points, (len(places), 3), "points")
     jacobian = np.zeros((len(p), 3, len(places.robot)))
+    moved = places.robot.transmissions
     for j in ancestors(places.robot, link):
         axis = places.axis[:, j]
         if places.robot.joints[j].kind != "prismatic":
             axis = np.cross(axis, p - places.translation[:, j])
-        jacobian[:, :, j] = axis
+        jacobian[:, :, moved[j].coordinate] += moved[j].ratio * axis
     return jacobian

@@ -15,6 +15,12 @@ from consistent_id._support.arrays import (
 )
 from consistent_id.errors import ModelError
 from consistent_id.robot.inertia import InertialParameters
+from consistent_id.robot.mimic import (
+    Mimic,
+    Transmission,
+    require_leaders,
+    transmissions,
+)
 from consistent_id.robot.parameters import did_you_mean
 
 JointKind = Literal["revolute", "continuous", "prismatic"]
@@ -60,6 +66,8 @@ class Joint:
     axis : array_like, shape (3,)
         Unit vector in the joint frame, which moves with the child link.
     limits : JointLimits
+    mimic : Mimic, optional
+        The joint that this one follows, if it does not move by itself.
     """
 
     name: str
@@ -69,6 +77,7 @@ class Joint:
     translation: Vector
     axis: Vector
     limits: JointLimits = field(default_factory=JointLimits)
+    mimic: Mimic | None = None
 
     def __post_init__(self) -> None:
         where = f"joint {self.name!r}"
@@ -174,7 +183,9 @@ class Link:
 class RobotModel:
     """An immutable tree of moving links; joint ``k`` moves link ``k``.
 
-    Fixed joints are merged when a model is loaded, so every link here moves.
+    Fixed joints are merged when a model is loaded, so every link here moves.  Its
+    generalised coordinates, and its length, are the joints that move by themselves;
+    the others follow them (`Joint.mimic`).
 
     Parameters
     ----------
@@ -190,7 +201,8 @@ class RobotModel:
     Raises
     ------
     ModelError
-        If names repeat, a parent does not precede its child, or nothing moves.
+        If names repeat, a parent does not precede its child, a joint follows none that
+        moves by itself, or nothing moves.
     """
 
     name: str
@@ -207,7 +219,8 @@ class RobotModel:
                 f"robot {self.name!r}: {len(self.joints)} joints, but "
                 f"{len(self.links)} links; each joint moves one link"
             )
-        for what, names in (("joint", self.joint_names), ("link", self.link_names)):
+        every = tuple(joint.name for joint in self.joints)
+        for what, names in (("joint", every), ("link", self.link_names)):
             repeated = sorted({name for name in names if names.count(name) > 1})
             if repeated:
                 raise ModelError(f"robot {self.name!r}: {what} names repeat {repeated}")
@@ -217,16 +230,49 @@ class RobotModel:
                     f"joint {joint.name!r} (index {k}) has parent link {joint.parent}, "
                     "expected one that comes before it"
                 )
+        require_leaders(self.joints)
         gravity = frozen(self.gravity, (3,), "gravity", ModelError)
         freeze(self, gravity=gravity)
 
     def __len__(self) -> int:
-        return len(self.joints)
+        return len(self.driven)
+
+    @property
+    def driven(self) -> tuple[Joint, ...]:
+        """The joints that move by themselves, in order: the generalised coordinates."""
+        return tuple(joint for joint in self.joints if joint.mimic is None)
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """Names of the joints, in order."""
-        return tuple(joint.name for joint in self.joints)
+        """Names of the joints that move by themselves, in order."""
+        return tuple(joint.name for joint in self.driven)
+
+    @property
+    def transmissions(self) -> tuple[Transmission, ...]:
+        """What moves each of `joints`: a coordinate, its ratio and an offset."""
+        return transmissions(self.joints)
+
+    @property
+    def joint_rates(self) -> Matrix:
+        """``G`` with ``dq_joints = G dq``, shape (joints, coordinates)."""
+        G = np.zeros((len(self.joints), len(self)))
+        for row, moved in zip(G, self.transmissions, strict=True):
+            row[moved.coordinate] = moved.ratio
+        return G
+
+    def joint_positions(self, q: Array) -> Array:
+        """Return positions of all joints from those of the coordinates.
+
+        Parameters
+        ----------
+        q : ndarray, shape (samples, coordinates), [rad or m]
+
+        Returns
+        -------
+        ndarray, shape (samples, joints)
+        """
+        offsets = [moved.offset for moved in self.transmissions]
+        return q if len(self) == len(self.joints) else q @ self.joint_rates.T + offsets
 
     @property
     def link_names(self) -> tuple[str, ...]:

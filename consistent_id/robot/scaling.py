@@ -42,7 +42,7 @@ def link_scales(robot: RobotModel) -> LinkScales:
     Length: the distance to the farthest joint that the link carries, else to the joint
     that carries it, but no less than a tenth of the robot's longest.
     """
-    known = [_known_mass(robot, k) for k in range(len(robot))]
+    known = [_known_mass(robot, k) for k in range(len(robot.links))]
     stated = [m for m in known if m is not None]
     typical = float(np.mean(stated)) if stated else 1.0
     # A link that the model states to be massless is one, nearly; an unknown one is not.
@@ -53,7 +53,7 @@ def link_scales(robot: RobotModel) -> LinkScales:
 
     reach = np.array([np.linalg.norm(joint.translation) for joint in robot.joints])
     length = reach.copy()
-    for k in range(len(robot)):
+    for k in range(len(robot.links)):
         carried = [r for j, r in zip(robot.joints, reach, strict=True) if j.parent == k]
         length[k] = max([*carried, 0.0]) or reach[k]
     longest = float(length.max()) or 1.0

@@ -11,7 +11,7 @@ NO_ROBOTS = ("quadrotor_base.urdf", "iris_simple.urdf", "ur3.urdf")  # nothing m
 FILES = sorted(FOLDER.rglob("*.urdf"))
 
 
-def mimics_of(path):
-    """Names of the joints that follow others, from the lint's own sentences."""
-    sentences = [f.sentence for f in lint_urdf(path) if "mimic" in f.sentence]
-    return [sentence.split("'")[1] for sentence in sentences]
+def leaderless(path):
+    """Names of the joints that follow what there is not, from the lint's sentences."""
+    sentences = [f.sentence for f in lint_urdf(path) if "there is none" in f.sentence]
+    return [s.split("'")[1] for s in sentences if "follows" in s]

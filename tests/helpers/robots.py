@@ -1,10 +1,13 @@
 """Random robots and states, as Pinocchio and as the package see them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pinocchio as pin
 
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.loaders.urdf import from_pinocchio
+from consistent_id.robot.mimic import Mimic
 from consistent_id.robot.model import RobotModel
 
 _BODY = """
@@ -58,6 +61,12 @@ def random_robot(
         inertia = pin.Inertia(body.mass, body.com, body.central_inertia)
         model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
     return model, from_pinocchio(model)
+
+
+def with_followers(robot: RobotModel, mimics: dict[str, Mimic]) -> RobotModel:
+    """The robot with joints that follow others."""
+    joints = (replace(j, mimic=mimics.get(j.name)) for j in robot.joints)
+    return replace(robot, joints=tuple(joints))
 
 
 def random_joint(rng: np.random.Generator):

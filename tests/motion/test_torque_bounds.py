@@ -49,8 +49,8 @@ def test_torque_with_known_parameters_is_the_regressor_times_them():
     x = rng.normal(size=(5, 10))
     q, dq, ddq = rng.normal(size=(3, 5))
     motion = [
-        JointMotion(*map(float, m))
-        for m in zip(q, np.sin(q), np.cos(q), dq, ddq, strict=True)
+        JointMotion(*map(float, m), j)
+        for j, m in enumerate(zip(q, np.sin(q), np.cos(q), dq, ddq, strict=True))
     ]
     geometry, gravity = joint_geometry(robot), floats(robot.gravity)
     entries = regressor_entries(geometry, gravity, motion)

@@ -7,14 +7,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from robots import random_robot, random_states
 
+from consistent_id import (
+    Recording,
+    build_regression,
+    differentiated,
+    least_squares,
+    simulate_torque,
+)
 from consistent_id.errors import NotExcitedError, ProblemError
 from consistent_id.regression.base import (
     BaseParameters,
     base_parameters,
     condition_number,
-    independent_columns,
     linear_combination,
 )
+from consistent_id.regression.columns import independent_columns, split_at_gap
 from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.loaders import DHRow, from_modified_dh
@@ -248,3 +255,78 @@ def test_a_zero_regressor_has_no_condition_number(shape):
 )
 def test_a_linear_combination_reads_as_people_write_it(coefficients, text):
     assert linear_combination(np.array(coefficients, float), ("a", "b", "c")) == text
+
+
+def rounded_scara(digits):
+    """An arm of parallel axes, the last one upside down by a rounded half turn."""
+    turns = np.array([0.0, 0.0, 0.0, round(np.pi, digits)])
+    lengths, offsets = (0, 0.3, 0.25, 0), (0.4, 0, 0, 0)
+    rows = [DHRow(*row) for row in zip(turns, lengths, offsets, strict=True)]
+    return from_modified_dh("scara", rows)
+
+
+@pytest.mark.parametrize("digits", [3, 4, 5, 6, 7])
+def test_a_rounded_angle_invents_no_base_parameters(digits):
+    exact = base_of(arm((0, 0, 0, 2), (0, 0.3, 0.25, 0), (0.4, 0, 0, 0)))
+    model = TorqueModel(rounded_scara(digits))
+    base = base_parameters(model)
+    assert base.names == exact.names
+    assert np.allclose(base.projection, exact.projection, rtol=0, atol=2e-3)
+    assert base.near
+    for sentence in base.near:
+        assert "rounded number" in sentence
+    W = np.concatenate(list(model.regressor(*_states(model))), axis=1).T
+    left = W - W[:, base.independent] @ base.projection
+    angle = abs(np.pi - round(np.pi, digits))
+    # What is dropped is what the angle's error does, and no more.
+    assert abs(left).max() < 3.0 * angle * abs(W).max()
+
+
+def _states(model):
+    return np.random.default_rng(3).uniform(-2.0, 2.0, (3, 40, len(model.robot)))
+
+
+def test_rotor_inertias_stay_of_their_size_where_an_angle_is_rounded():
+    rng = np.random.default_rng(0)
+    drive = DriveTerms(rotor_inertia=True, viscous=True)
+    model = TorqueModel(rounded_scara(5), drive)
+    body = [3.0, 0.3, 0.1, 0.2, 0.1, 0, 0.1, 0, 0, 0.1]
+    x = np.concatenate([np.tile(body, 4), np.tile([1.0, 0.5], 4)])
+    time = np.arange(3000) / 100.0
+    shape = 0.8 * np.sin(np.outer(time, [1.0, 1.7, 2.3, 3.1]))
+    log = differentiated(Recording(model.robot.joint_names, time, shape))
+    log = simulate_torque(model, x, log, noise=0.1, rng=rng)
+    estimate = least_squares(model, build_regression(model, log))
+    assert any("rounded number" in note for note in estimate.notes)
+    assert abs(estimate.base_values - base_parameters(model).projection @ x).max() < 1.0
+
+
+def test_exact_angles_leave_nothing_to_say():
+    assert base_of(UR10).near == base_of(PANDA).near == ()
+
+
+def test_columns_with_a_gap_are_split_there():
+    rng = np.random.default_rng(0)
+    W = rng.normal(size=(60, 4))
+    W = np.column_stack([W, W[:, 0] + 2.0 * W[:, 1] + 1e-6 * rng.normal(size=60)])
+    split, near = split_at_gap(W, ["a"] * 5)
+    assert split.independent == (0, 1, 2, 3)
+    assert np.array_equal(split.regrouping.ravel(), [1.0, 2.0, 0.0, 0.0])
+    assert 1e-7 < near[4] < 1e-5
+
+
+def test_columns_that_fade_without_a_gap_are_all_kept():
+    rng = np.random.default_rng(0)
+    W = np.linalg.qr(rng.normal(size=(60, 6)))[0]
+    chain = [W[:, 0]]
+    for k in range(1, 6):  # each is nearer to the one before by another tenth
+        chain.append(chain[-1] + 0.1**k * W[:, k])
+    split, near = split_at_gap(np.column_stack(chain), ["a"] * 6)
+    assert (split.independent, near) == (tuple(range(6)), {})
+
+
+def test_a_small_column_of_another_unit_is_no_small_effect():
+    rng = np.random.default_rng(0)
+    W = rng.normal(size=(60, 3)) * [1.0, 1.0, 1e-6]
+    assert split_at_gap(W, ["kg", "kg", "kg m^2"]).split.independent == (0, 1, 2)
+    assert split_at_gap(W, ["kg", "kg", "kg"]).split.independent == (0, 1)

@@ -201,10 +201,19 @@ def _with(section):
     ("section", "message"),
     [
         (
-            '<equality><joint name="mimic" joint1="roll" joint2="pitch"/></equality>',
-            "'mimic' binds joint 'roll'",
+            '<equality><joint name="bend" joint1="roll" joint2="pitch" '
+            'polycoef="0 1 2"/></equality>',
+            "'bend': joint 'roll' follows a polynomial",
         ),
-        ('<equality><joint joint1="lift"/></equality>', "binds joint 'lift'"),
+        (
+            '<equality><joint joint1="roll" joint2="pitch"/>'
+            '<joint joint1="pitch" joint2="roll"/></equality>',
+            "'roll' follows one that follows it",
+        ),
+        (
+            '<equality><joint joint1="roll"/><joint joint1="roll"/></equality>',
+            "two equality constraints bind joint 'roll'",
+        ),
         (
             '<equality><connect body1="tool" body2="wrist" anchor="0 0 0"/></equality>',
             "ties bodies 'tool' and 'wrist'; closed loops",
@@ -235,11 +244,45 @@ def test_what_has_no_force_is_let_through(written, section):
     _assert_same_torque(load_mjcf(path), path)
 
 
+def test_an_equality_makes_a_joint_follow_another(written):
+    rule = '<joint joint1="lift" joint2="pitch" polycoef="0.1 -0.3"/>'
+    path = written(_with(f"<equality>{rule}</equality>"))
+    robot = load_mjcf(path)
+    assert robot.joint_names == ("turn", "slide", "roll", "pitch")
+    model = mujoco.MjModel.from_xml_path(str(path))
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+    data = mujoco.MjData(model)
+    names = [model.joint(j).name for j in range(model.njnt)]
+    place = [names.index(name) for name in robot.joint_names]
+    lift, pitch = names.index("lift"), names.index("pitch")
+    G = np.zeros((5, 4))
+    G[place, range(4)] = 1.0
+    G[lift] = -0.3 * G[pitch]
+    states = np.random.default_rng(0).uniform(-1.5, 1.5, (3, 4, 4))
+    torques = TorqueModel(robot).predict(robot.nominal, *states)
+    for torque, q, dq, ddq in zip(torques, *states, strict=True):
+        data.qpos, data.qvel, data.qacc = G @ q, G @ dq, G @ ddq
+        # MuJoCo counts from ``ref``, which is -40 degrees for pitch.
+        data.qpos[lift] = 0.1 - 0.3 * (data.qpos[pitch] + np.radians(40.0))
+        mujoco.mj_inverse(model, data)
+        assert np.allclose(torque, G.T @ data.qfrc_inverse, rtol=0, atol=1e-9)
+
+
+def test_an_equality_of_one_joint_locks_it(written):
+    section = '<equality><joint joint1="slide" polycoef="0.2"/></equality>'
+    bound = load_mjcf(written(_with(section)))
+    locked = load_mjcf(written(), locked={"slide": 0.1 + 0.2})
+    assert bound.joint_names == locked.joint_names
+    assert np.allclose(bound.nominal, locked.nominal, rtol=0, atol=1e-12)
+
+
 def test_coupled_joints_may_be_locked(written):
     section = '<equality><joint joint1="roll" joint2="pitch"/></equality>'
     path = written(_with(section))
     robot = load_mjcf(path, joints=["turn", "slide"])
     assert robot.joint_names == ("turn", "slide")
+    whole = load_mjcf(path, locked={"roll": 0.0})
+    assert whole.joint_names == ("turn", "slide", "lift", "pitch")
     with pytest.raises(ModelError, match="'turn' is to be kept and to be locked"):
         load_mjcf(written(), joints=["turn"], locked={"turn": 0.0})
 

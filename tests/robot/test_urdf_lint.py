@@ -47,7 +47,13 @@ def test_a_clean_file_has_no_findings(tmp_path):
             "line 7: joint 'turn': axis",
         ),
         ('type="continuous"', 'type="floating"', "type is 'floating', expected one of"),
-        ('<axis xyz="0 1 0"/>', '<mimic joint="turn"/>', "mimic"),
+        ('<axis xyz="0 1 0"/>', '<mimic joint="trun"/>', "'trun', but there is none"),
+        ('<axis xyz="0 1 0"/>', '<mimic joint="spin"/>', "spin follows spin"),
+        (
+            '<axis xyz="0 1 0"/>',
+            '<mimic joint="turn" multiplier="x"/>',
+            "multiplier='x'",
+        ),
         (
             '<limit lower="0" upper="0.4" velocity="1" effort="20"/>',
             "",
@@ -139,7 +145,7 @@ def test_what_other_programmes_read_is_left_to_them(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new"),
     [
-        ('<axis xyz="0 1 0"/>', '<mimic joint="turn"/>'),
+        ('<axis xyz="0 1 0"/>', '<mimic joint="trun"/>'),
         ('name="spin" type="continuous"', 'name="spin" type="floating"'),
         ('name="spin" type="continuous"', 'name="spin" type="planar"'),
     ],

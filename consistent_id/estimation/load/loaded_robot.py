@@ -17,9 +17,10 @@ from consistent_id.errors import ModelError, NotExcitedError, ProblemError
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import (
     BaseParameters,
-    independent_columns,
+    column_kinds,
     random_regressor,
 )
+from consistent_id.regression.columns import split_at_gap
 from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.regression import Regression, build_regression
 from consistent_id.regression.regressor import TorqueModel
@@ -252,7 +253,8 @@ def _base(robot: LoadedRobot) -> BaseParameters:
             carrier = robot.bare.layout.link_slice(robot.carrier)
             wide[:, robot.load_slice] = W[:, carrier]
         parts.append(wide)
-    split = independent_columns(np.vstack(parts))
+    layout = robot.model.layout
+    split = split_at_gap(np.vstack(parts), column_kinds(layout)).split
     return BaseParameters(
         robot.model.layout, *split, fingerprint=robot.model.fingerprint
     )

@@ -65,6 +65,12 @@ class Scene:
     def __post_init__(self) -> None:
         for name in ("bodies", "pairs", "notes", "dropped"):
             freeze(self, **{name: tuple(getattr(self, name))})
+        followers = [joint.name for joint in self.robot.joints if joint.mimic]
+        if followers:
+            raise ProblemError(
+                f"scene: {', '.join(followers)} follow other joints; distances of what "
+                "they move cannot be proven yet. Lock their leaders"
+            )
         names = [body.name for body in self.bodies]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:

@@ -15,7 +15,11 @@ from consistent_id.motion.proofs.jets import Jet, jet, sine_and_cosine
 from consistent_id.recordings.paths import JointPath
 from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.drive.gear_coupling import GearCoupling
-from consistent_id.regression.joint_geometry import floats, joint_geometry
+from consistent_id.regression.joint_geometry import (
+    floats,
+    joint_geometry,
+    joint_motions,
+)
 from consistent_id.regression.newton_euler import JointMotion, torque_parts
 from consistent_id.regression.regressor import TorqueModel, drive_entries
 
@@ -43,7 +47,7 @@ class SmoothTorque:
         pieces = []
         for part in self._parts(time):
             values = path.evaluate(part, 3).transpose(0, 2, 1)
-            torques = self._jets(_motion(values, 1))
+            torques = self._jets(self._motion(values, 1))
             shape = (len(self.parameters), len(part))
             pieces.append(np.stack([_stacked(torques, k, shape) for k in range(2)]))
         return np.concatenate(pieces, axis=1)
@@ -53,7 +57,7 @@ class SmoothTorque:
         pieces = []
         for part in self._parts(middle):
             values = [x.columns() for x in path_interval(path, part, radius, 4)]
-            torques = self._jets(_motion(values, 2))
+            torques = self._jets(self._motion(values, 2))
             shape = (len(self.parameters), len(part))
             pieces.append(2.0 * _stacked(torques, 2, shape))
         return np.concatenate(pieces)
@@ -68,7 +72,7 @@ class SmoothTorque:
         values = [[_within(np.atleast_1d(s)) for s in size] for size in sizes]
         motion = [
             moves._replace(sin=turned, cos=turned)
-            for moves in _motion(values, 1)
+            for moves in self._motion(values, 1)
             for turned in [_turned(moves.q)]
         ]
         torques = self._jets(motion)
@@ -80,6 +84,18 @@ class SmoothTorque:
         slack = depth * (size + path.duration * rate) + 64.0 * latest * rate
         return np.asarray(unit * slack)
 
+    def _motion(self, derivatives: Any, order: int) -> list[JointMotion]:
+        """Return the joints' motion as jets, from derivatives[order][coordinate]."""
+        orders = range(order + 1)
+        states = [
+            [
+                jet([derivatives[n + k][j] for k in orders])
+                for j in range(len(self.model.robot))
+            ]
+            for n in range(3)
+        ]
+        return joint_motions(self.model.robot, states, sine_and_cosine)
+
     def _parts(self, time: Vector) -> list[Vector]:
         """Return times piece by piece, so that arrays stay of moderate size."""
         return np.array_split(time, 1 + len(time) * len(self.parameters) // _PIECE)
@@ -89,10 +105,16 @@ class SmoothTorque:
         model, x = self.model, self.parameters
         geometry, gravity = joint_geometry(model.robot), floats(model.robot.gravity)
         total: list[Any] = [0.0] * len(model.robot)
-        bodies = [_body(x, model.layout.link_slice(k)) for k in range(len(total))]
+        links = range(len(model.robot.links))
+        bodies = [_body(x, model.layout.link_slice(k)) for k in links]
         for j, _, part in torque_parts(geometry, gravity, motion, bodies):
             total[j] = part + total[j]
-        q, dq, ddq = ([m[i] for m in motion] for i in (0, 3, 4))
+        own = [
+            moves
+            for moves, joint in zip(motion, model.robot.joints, strict=True)
+            if joint.mimic is None
+        ]
+        q, dq, ddq = ([m[i] for m in own] for i in (0, 3, 4))
         for j, column, values in drive_entries(model, q, dq, ddq, {}):
             total[j] = values * x[:, column, None] + total[j]
         return total
@@ -125,18 +147,6 @@ def _plain_coupling(coupling: GearCoupling) -> list[GearCoupling]:
     if not (coupling.viscous or coupling.rotor_inertia):
         return []
     return [replace(coupling, coulomb="none", velocity_scale=None)]
-
-
-def _motion(derivatives: Any, order: int) -> list[JointMotion]:
-    """Return the joints' motion as jets, from derivatives[order][joint]."""
-    motion = []
-    for j in range(len(derivatives[0])):
-        q, dq, ddq = (
-            jet([derivatives[n + k][j] for k in range(order + 1)]) for n in range(3)
-        )
-        sine, cosine = sine_and_cosine(q)
-        motion.append(JointMotion(q, sine, cosine, dq, ddq))
-    return motion
 
 
 def _turned(q: Jet) -> Jet:

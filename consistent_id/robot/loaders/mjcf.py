@@ -1,6 +1,7 @@
 """Robots from MJCF, as MuJoCo compiles them."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,8 @@ from consistent_id.robot.chains import Place, Selection, selected, snapped, turn
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.loaders.mjcf_assets import read_spec
 from consistent_id.robot.loaders.mjcf_checks import joint_name, refuse_unsupported
+from consistent_id.robot.loaders.mjcf_equality import bindings
+from consistent_id.robot.mimic import Mimic
 from consistent_id.robot.model import (
     Datasheet,
     FixedFrame,
@@ -40,7 +43,8 @@ def load_mjcf(
     link has its body's name and frame, the origin being moved onto the joint's axis
     where the joint has a ``pos``.  Several joints of one body become a chain of
     massless links named ``body/joint``.  Bodies without joints are merged into their
-    parents (`Link.merged`).
+    parents (`Link.merged`).  Equality constraints of joints make followers
+    (`Joint.mimic`), where their polynomial is a straight line.
 
     A mesh or texture that is not there is no obstacle where the body's inertial is
     explicit.
@@ -61,17 +65,22 @@ def load_mjcf(
     ------
     ModelError
         If MuJoCo is not installed or refuses the file, if the inertia of a body comes
-        from a mesh that is not there, or if something that moves has
-        a free or ball joint, is coupled by an equality constraint, or pulled by a
-        tendon.
+        from a mesh that is not there, or if something that moves has a free or ball
+        joint, is tied by an equality constraint other than a straight line from joint
+        to joint, or pulled by a tendon.
     """
     path, selection = Path(path), Selection(base, tip, joints, locked)
     model = _compiled(path)
     chosen = _joints_between(model, selection, path)
     moving = {j for j in chosen if selection.moves(joint_name(model, j))}
     refuse_unsupported(model, moving, path)
-    robot = _robot(model, path.stem, model.opt.gravity if gravity is None else gravity)
-    return selected(robot, selection)
+    try:
+        bound = bindings(model)
+    except ModelError as fault:
+        raise ModelError(f"{path}: {fault}") from None
+    gravity = model.opt.gravity if gravity is None else gravity
+    robot = _robot(model, path.stem, gravity, bound.mimics)
+    return selected(robot, selection.with_locked(bound.still))
 
 
 def _compiled(path: Path) -> Any:
@@ -110,7 +119,9 @@ def _joints_between(model: Any, selection: Selection, path: Path) -> set[int]:
     return found
 
 
-def _robot(model: Any, name: str, gravity: ArrayLike) -> RobotModel:
+def _robot(
+    model: Any, name: str, gravity: ArrayLike, mimics: Mapping[str, Mimic]
+) -> RobotModel:
     joints: list[Joint] = []
     links: list[str] = []
     bodies: list[list[InertialParameters]] = []
@@ -121,7 +132,8 @@ def _robot(model: Any, name: str, gravity: ArrayLike) -> RobotModel:
         place = parent.beyond(_rotation(model.body_quat[b]), model.body_pos[b])
         own = [j for j in _joints_of(model, b) if _kind(model, j) is not None]
         for j in own:
-            joints.append(_joint(model, j, place))
+            mimic = mimics.get(joint_name(model, j))
+            joints.append(replace(_joint(model, j, place), mimic=mimic))
             last = j == own[-1]
             body = _body_name(model, b)
             links.append(body if last else f"{body}/{joint_name(model, j)}")

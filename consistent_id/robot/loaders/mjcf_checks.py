@@ -63,12 +63,11 @@ def _equalities(model: Any, moving: set[int]) -> Iterator[str]:
         name = _name(model.equality(e), e)
         first, second = int(model.eq_obj1id[e]), int(model.eq_obj2id[e])
         if kind == mujoco.mjtEq.mjEQ_JOINT:
-            bound = [j for j in (first, second) if j in moving]
-            if bound:
+            if first in moving and model.eq_data[e, 2:5].any():
                 yield (
-                    f"equality {name!r} binds joint {joint_name(model, bound[0])!r}; "
-                    "joints that follow others are not supported. Lock the joint, or "
-                    "remove the constraint"
+                    f"equality {name!r}: joint {joint_name(model, first)!r} follows a "
+                    "polynomial of degree 2 or more; only straight lines are "
+                    "supported. Lock the joint, or change polycoef"
                 )
         elif kind == mujoco.mjtEq.mjEQ_TENDON:
             for t in (first, second):

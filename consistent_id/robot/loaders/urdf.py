@@ -14,8 +14,10 @@ from consistent_id.robot.chains import Selection, selected, snapped
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.loaders.urdf_finding import Finding
 from consistent_id.robot.loaders.urdf_lint import read_bytes, urdf_findings
+from consistent_id.robot.loaders.urdf_mimic import followers_of
 from consistent_id.robot.loaders.urdf_tree import joints_between
 from consistent_id.robot.loaders.xml import XmlFault, parse
+from consistent_id.robot.mimic import Mimic
 from consistent_id.robot.model import (
     STANDARD_GRAVITY,
     Datasheet,
@@ -43,8 +45,9 @@ def load_urdf(
     """Load a robot from a URDF file; fixed joints are merged into their parents.
 
     Masses and centres of mass of the file become nominal values and datasheet values.
-    `Link.merged` and `RobotModel.carrier` say where a fixed link is.  Warnings of
-    `lint_urdf` are logged.
+    `Link.merged` and `RobotModel.carrier` say where a fixed link is.  Joints with
+    ``<mimic>`` follow their leader (`Joint.mimic`).  Warnings of `lint_urdf` are
+    logged.
 
     Parameters
     ----------
@@ -59,11 +62,11 @@ def load_urdf(
         hangs on a joint that is locked, stays part of them; other links that they carry
         are dropped, so lock a gripper whose weight was there.
     joints : sequence of str, optional
-        Keep only these joints; all others are locked, at zero unless `locked` says
-        otherwise.
+        Keep only these joints, and those that follow them; all others are locked, at
+        zero unless `locked` says otherwise.
     locked : mapping of str to float, optional, [rad or m]
         Positions of joints that do not move.  What a locked joint carries is merged
-        into the link that carries the joint.
+        into the link that carries the joint; what follows it is locked too.
 
     Returns
     -------
@@ -89,9 +92,10 @@ def load_urdf(
         model = pin.buildModelFromXML(_decoded(text, path))
     except (ValueError, RuntimeError) as cause:
         raise ModelError(f"{path}: Pinocchio refuses it: {cause}") from None
-    return selected(
-        from_pinocchio(_without_loose(model, moving), gravity=gravity), selection
-    )
+    followers = followers_of(root)
+    model = _without_loose(model, moving)
+    robot = from_pinocchio(model, gravity=gravity, mimics=followers.mimics)
+    return selected(robot, selection.with_locked(followers.still))
 
 
 def _report(path: Path, findings: tuple[Finding, ...]) -> None:
@@ -131,8 +135,15 @@ def _without_loose(model: Any, moving: set[str]) -> Any:
     return pin.buildReducedModel(model, loose, pin.neutral(model))
 
 
-def from_pinocchio(model: Any, *, gravity: ArrayLike | None = None) -> RobotModel:
+def from_pinocchio(
+    model: Any,
+    *,
+    gravity: ArrayLike | None = None,
+    mimics: Mapping[str, Mimic] | None = None,
+) -> RobotModel:
     """Convert a ``pinocchio.Model`` of one-axis joints into a `RobotModel`.
+
+    `mimics` says which of them follow others.
 
     Raises
     ------
@@ -159,6 +170,7 @@ def from_pinocchio(model: Any, *, gravity: ArrayLike | None = None) -> RobotMode
                 translation=placement.translation,
                 axis=snapped(twist[:3] if kind == "prismatic" else twist[3:]),
                 limits=_limits(model, k, kind),
+                mimic=(mimics or {}).get(model.names[k]),
             )
         )
         links.append(_link(model, k))

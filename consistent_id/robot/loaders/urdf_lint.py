@@ -7,6 +7,7 @@ from pathlib import Path
 
 from consistent_id.errors import ModelError
 from consistent_id.robot.loaders.urdf_finding import Finding
+from consistent_id.robot.loaders.urdf_mimic import mimic_findings
 from consistent_id.robot.loaders.urdf_parts import (
     INERTIA_ENTRIES,
     joint_findings,
@@ -24,6 +25,8 @@ _NUMBERS = {
     ("limit", "upper"): 1,
     ("limit", "velocity"): 1,
     ("limit", "effort"): 1,
+    ("mimic", "multiplier"): 1,
+    ("mimic", "offset"): 1,
     **{("inertia", entry): 1 for entry in INERTIA_ENTRIES},
 }
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
@@ -33,9 +36,9 @@ _EXTENSIONS = ("visual", "collision", "gazebo", "ros2_control", "transmission")
 def lint_urdf(path: str | Path) -> tuple[Finding, ...]:
     """Find what is wrong or odd in a URDF file, in the order of its lines.
 
-    Joints of more than one degree of freedom and mimic joints are errors here; a robot
-    that is loaded without them may have them elsewhere.  Elements of other programs
-    (Gazebo, ros2_control, transmissions) and shapes are not looked at.
+    Joints of more than one degree of freedom are errors here; a robot that is loaded
+    without them may have them elsewhere.  Elements of other programs (Gazebo,
+    ros2_control, transmissions) and shapes are not looked at.
 
     Raises
     ------
@@ -63,6 +66,7 @@ def urdf_findings(root: Element, moves: Callable[[str], bool]) -> tuple[Finding,
         sentence = f"root element is <{root.tag}>, expected <robot>"
         return (Finding(root.line, "error", sentence),)
     found = [*unexpanded(root), *_names(root), *tree_findings(root)]
+    found += mimic_findings(root, moves)
     for element in root.children:
         if element.tag in ("link", "joint"):
             faulty = list(_numbers(element))

@@ -93,13 +93,6 @@ def joint_findings(joint: Element, moves: bool) -> Iterator[Finding]:
     elif kind in ("revolute", "continuous", "prismatic"):
         yield from _axis(joint)
         yield from _limit(joint, kind, moves)
-        if moves and joint.child("mimic") is not None:
-            yield Finding(
-                joint.line,
-                "error",
-                f"{where}: mimic joints are not supported; make the joint fixed, or "
-                "lock it",
-            )
 
 
 def _axis(joint: Element) -> Iterator[Finding]:
