@@ -49,7 +49,7 @@ def rows(file: str) -> tuple[list[str], list[str]]:
             )
     links = len(study.problem.model.robot)
     consistent = [f"{sum(reports[m].consistent_links)} of {links}" for m in SHOWN]
-    verdicts = [reports[m].verdict for m in SHOWN]
+    verdicts = [reports[m].verdict.word for m in SHOWN]
     summary.append(f"| physically consistent links | {' | '.join(consistent)} |")
     summary.append(f"| verdict | {' | '.join(verdicts)} |")
     title = [

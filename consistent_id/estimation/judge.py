@@ -33,6 +33,7 @@ JOINT_HELD_OUT_CARE = 0.40
 GENERALISATION_CARE = 3.0  # held-out error over misfit
 NO_BETTER_THAN_ZERO = 1.0  # error of who predicts no torque at all
 SLOPE_CARE = (0.8, 1.25)
+SLOPE_FAR = 3.0  # no designer is so wrong about masses
 SLOPE_MISSING = 0.2  # below, the bodies' torque is not in the channel
 EXPLAINED = 0.3  # squared share of torque from which a slope means something
 EXPECTED = 0.1  # share of a joint's torque that makes its slope matter
@@ -50,9 +51,6 @@ def judge(evidence: Evidence) -> Verdict:
     evidence : Evidence
     """
     found = [reason for rule in RULES for reason in rule(evidence)]
-    accepted = tuple(
-        dict.fromkeys(r.kind for r in found if _overridden(r, evidence.accepted))
-    )
     reasons = [
         replace(r, word="use", statement=f"{r.statement} (accepted by the user)")
         if _overridden(r, evidence.accepted)
@@ -62,7 +60,7 @@ def judge(evidence: Evidence) -> Verdict:
     reasons.sort(key=lambda r: -WORDS.index(r.word))
     word = reasons[0].word if reasons else "use"
     held_out = stacked_error(evidence.held_out)
-    return Verdict(word, evidence.method, tuple(reasons), accepted, held_out)
+    return Verdict(word, evidence.method, tuple(reasons), evidence.accepted, held_out)
 
 
 def _overridden(reason: Reason, accepted: Sequence[str]) -> bool:
@@ -188,8 +186,11 @@ def _of_slopes(evidence: Evidence) -> Iterator[Reason]:
     fit = evidence.fit
     if fit is None:
         return
-    matters = (fit.expected >= EXPECTED) & (fit.shares >= JOINT_MATTERS)
-    means = matters & (fit.explained >= EXPLAINED)
+    strong = fit.shares >= JOINT_MATTERS
+    matters = strong & (fit.expected >= EXPECTED)
+    # With a gain of 100, the nominal torque is a hundredth, but explains it all.
+    scaled = strong & (abs(fit.slopes) * fit.expected >= EXPECTED_MUCH)
+    means = (matters | scaled) & (fit.explained >= EXPLAINED)
     reversed_ = [j for j in _where(means) if fit.slopes[j] < 0.0]
     missing = [
         j
@@ -218,7 +219,7 @@ def _of_slopes(evidence: Evidence) -> Iterator[Reason]:
             "is it compensated for gravity, another quantity, or of another joint?",
         )
     if off:
-        alike = len(off) == np.count_nonzero(means) > 1 and _alike(fit, off)
+        alike = len(off) == np.count_nonzero(means) and _alike(fit, off)
         yield Reason(
             "gain or unit" if alike else "nominal model",
             "use with care",
@@ -230,9 +231,15 @@ def _of_slopes(evidence: Evidence) -> Iterator[Reason]:
 
 
 def _alike(fit: Fit, joints: Sequence[int]) -> bool:
-    """Whether slopes differ from each other by less than the gate allows of one."""
+    """Return whether slopes are off as by one gain.
+
+    They are if all are far off to the same side, or if those of several joints differ
+    by less than the gate allows.
+    """
     slopes = fit.slopes[list(joints)]
-    return bool(slopes.max() / slopes.min() < SLOPE_CARE[1] / SLOPE_CARE[0])
+    far = slopes.min() > SLOPE_FAR or slopes.max() < 1.0 / SLOPE_FAR
+    near = slopes.max() / slopes.min() < SLOPE_CARE[1] / SLOPE_CARE[0]
+    return bool(far or (near and len(slopes) > 1))
 
 
 def _of_channel(evidence: Evidence) -> Iterator[Reason]:

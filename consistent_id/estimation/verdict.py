@@ -51,7 +51,7 @@ class Verdict:
     reasons : tuple of Reason
         In order of weight; accepted ones among those to know.
     accepted : tuple of str
-        Kinds of reasons that were overridden.
+        Kinds of reasons that the user overlooks.
     held_out : float, optional
         Relative torque error on recordings held out; None without any.
 
