@@ -17,7 +17,7 @@ def shortened(text: str) -> str:
     Examples
     --------
     >>> print(shortened("\n".join(str(i) for i in range(30))).splitlines()[-1])
-    ... 6 more lines: --verbose prints them, --json has all figures
+    (6 more lines: --verbose prints them, --json has all figures)
     """
     lines = [short for line in text.splitlines() for short in _wrapped(line)]
     files = [line for line in lines if line.startswith("written: ")]
@@ -27,7 +27,7 @@ def shortened(text: str) -> str:
     room = LINES - len(files)
     if len(others) > room:
         left = len(others) - (room - 1)
-        rest = f"... {left} more lines: --verbose prints them, --json has all figures"
+        rest = f"({left} more lines: --verbose prints them, --json has all figures)"
         others = [*others[: room - 1], rest]
     return "\n".join([*others, *files])
 

@@ -22,15 +22,16 @@ from consistent_id.regression.mass_matrix import POSES
 # 1.00-1.09, the held-out error 0.1-2.4 % and slopes 0.92-1.12; real arms with a model
 # that was chosen for them have misfits of 3-6 % and held-out errors of 3-8 %, with a
 # default model 3-14 % and 6-25 %.
-MISFIT_CARE = 0.12
+MISFIT_CARE = 0.08
 MISFIT_REFUSED = 0.5
 JOINT_MISFIT_CARE = 0.30
-EXCESS_CARE = 1.2
+EXCESS_CARE = 1.15
 EXCESS_REFUSED = 2.0
-NO_EXCESS = 0.02  # misfit below which no excess matters: the torque is explained
-HELD_OUT_CARE = 0.15
+NO_EXCESS = 0.005  # misfit below which no excess matters: noise of good sensors
+HELD_OUT_CARE = 0.12
 JOINT_HELD_OUT_CARE = 0.40
 GENERALISATION_CARE = 3.0  # held-out error over misfit
+LEAST_MISFIT = 0.02  # misfit that the held-out error is compared with at the least
 NO_BETTER_THAN_ZERO = 1.0  # error of who predicts no torque at all
 SLOPE_CARE = (0.8, 1.25)
 SLOPE_FAR = 3.0  # no designer is so wrong about masses
@@ -123,7 +124,7 @@ def _of_held_out(evidence: Evidence) -> Iterator[Reason]:
     elif joint_error > JOINT_HELD_OUT_CARE:
         said = f"{percent(joint_error)} of {joint}'s torque held out"
         yield Reason(kind, "use with care", said, advice)
-    if fit is not None and error > GENERALISATION_CARE * max(fit.misfit, NO_EXCESS):
+    if fit is not None and error > GENERALISATION_CARE * max(fit.misfit, LEAST_MISFIT):
         yield Reason(
             "overfitting",
             "use with care",
@@ -258,9 +259,10 @@ def _of_channel(evidence: Evidence) -> Iterator[Reason]:
     if fit.drive_share < FRICTIONLESS:
         yield Reason(
             "no friction",
-            "use",
+            "use with care",
             f"friction and drives make {percent(fit.drive_share)} of the torque: it "
-            "may be compensated for friction, or simulated",
+            "may be compensated for friction",
+            "see what the channel is; of a simulated robot without friction, go on",
         )
 
 
