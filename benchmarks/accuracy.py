@@ -49,18 +49,42 @@ def rows(file: str) -> tuple[list[str], list[str]]:
             )
     links = len(study.problem.model.robot)
     consistent = [f"{sum(reports[m].consistent_links)} of {links}" for m in SHOWN]
-    verdicts = [reports[m].verdict for m in SHOWN]
+    verdicts = [reports[m].verdict.word for m in SHOWN]
     summary.append(f"| physically consistent links | {' | '.join(consistent)} |")
     summary.append(f"| verdict | {' | '.join(verdicts)} |")
+    summary.append(f"| expected from training | {' | '.join(expected(study))} |")
     title = [
         f"## {name}",
         "",
         f"The whole study takes {seconds:.0f} s.",
         "",
+        f"Recommended from the training data: {study.recommendation.method}; "
+        + foretold(study),
+        "",
         "| recording | method | stacked | per joint, over the RMS torque |",
         "|---|---|---:|---|",
     ]
     return summary, [*title, *detail, ""]
+
+
+def expected(study: ci.Study) -> list[str]:
+    """Return the error that each candidate expects; the recommended one's is bold."""
+    found = study.recommendation
+    errors = dict(zip(found.candidates, found.error, strict=True))
+    cells = [f"{errors[m]:.2%}" if m in errors else "-" for m in SHOWN]
+    chosen = list(SHOWN).index(Method(found.method))
+    cells[chosen] = f"**{cells[chosen]}**"
+    return cells
+
+
+def foretold(study: ci.Study) -> str:
+    """Return the error expected of the recommended method, and the errors found."""
+    least = study.recommendation.expected
+    if least is None:
+        return "no error is expected."
+    measured = [error.stacked for error in study.recommended.validation]
+    ratios = ", ".join(f"{error / least:.2f}" for error in measured)
+    return f"held-out error over the {least:.2%} expected: {ratios}."
 
 
 def across_recordings(every: pairs.Pairs, held_out: blocks.Blocks) -> list[str]:

@@ -53,7 +53,10 @@ from consistent_id.estimation.cross_validation import (
 from consistent_id.estimation.cutoff import CutoffChoice, best_cutoff
 from consistent_id.estimation.cvxpy_problem import CvxpyProblem, to_cvxpy
 from consistent_id.estimation.estimate import Certificate, Estimate
+from consistent_id.estimation.evidence import Evidence
+from consistent_id.estimation.fit import Fit
 from consistent_id.estimation.gains import DriveGains, identify_gains
+from consistent_id.estimation.judge import judge
 from consistent_id.estimation.least_squares import (
     least_squares,
     weighted_least_squares,
@@ -62,6 +65,7 @@ from consistent_id.estimation.payload import Payload, identify_payload
 from consistent_id.estimation.robust import huber
 from consistent_id.estimation.shapes.shape_fit import ShapeFit, fit_shapes
 from consistent_id.estimation.smooth import smooth_least_squares
+from consistent_id.estimation.verdict import Reason, Verdict
 from consistent_id.excitation.accuracy import PredictedAccuracy, predicted_accuracy
 from consistent_id.excitation.aims import Aim, PathForm
 from consistent_id.excitation.design import design_trajectory
@@ -240,9 +244,11 @@ __all__ = [
     "Ellipsoid",
     "EqualLinks",
     "Estimate",
+    "Evidence",
     "ExcitationDesign",
     "Export",
     "Finding",
+    "Fit",
     "FixedCentresOfMass",
     "FixedFrame",
     "FixedMasses",
@@ -286,6 +292,7 @@ __all__ = [
     "PredictedAccuracy",
     "Problem",
     "ProblemError",
+    "Reason",
     "Recording",
     "RecordingError",
     "Regression",
@@ -308,6 +315,7 @@ __all__ = [
     "Track",
     "Uncertainty",
     "ValidationPath",
+    "Verdict",
     "Writer",
     "WritingTask",
     "advise",
@@ -355,6 +363,7 @@ __all__ = [
     "identify_payload",
     "joint_noise",
     "joint_torque_regressor",
+    "judge",
     "kalman_differentiated",
     "least_squares",
     "link_conditions",

@@ -13,7 +13,7 @@ DOCS = Path(__file__).parent.parent / "docs"
 # A module imports from its own room and from those before it.
 ROOMS = (
     "errors _support robot recordings regression constraints motion estimation "
-    "export comparison problems diagnosis report excitation laboratory cli"
+    "export comparison diagnosis problems report excitation laboratory cli"
 ).split()
 
 HEAVY = set(

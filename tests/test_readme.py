@@ -31,7 +31,7 @@ def test_the_python_of_the_readme_runs_and_finds_consistent_links(capsys):
         exec(compile(block, "README.md", "exec"), names)
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].startswith("least squares")
-    assert lines[1] == "constrained certified (True, True, True)"
+    assert lines[1] == "constrained use (True, True, True)"
     assert lines[2].endswith("column scaling: none) True")
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from consistent_id.cli.colour import coloured, wants_colour
+from consistent_id.cli.shortened import shortened
 from consistent_id.errors import ConsistentIdError, SolverError
 
 
@@ -25,12 +26,15 @@ class Answer(NamedTuple):
         The same for ``--json``.
     write : callable, optional
         Writes files when the answer has been printed, and returns their paths.
+    whole : bool
+        Whether the text is printed as it is, being a file or a script itself.
     """
 
     code: int
     text: str
     record: object
     write: Callable[[], Sequence[Path]] | None = None
+    whole: bool = False
 
 
 AnswerTo = Callable[[argparse.Namespace], Answer]
@@ -64,7 +68,7 @@ def show(options: argparse.Namespace, answer: Answer) -> int:
         if options.json:
             print(json.dumps(answer.record, indent=1, allow_nan=False), flush=True)
         else:
-            print_text(options, answer.text)
+            print_text(options, _shown(options, answer))
     except BrokenPipeError:
         _write(options, answer, shown=False)
         raise
@@ -77,6 +81,12 @@ def _write(options: argparse.Namespace, answer: Answer, *, shown: bool = True) -
     paths = answer.write() if answer.write is not None else ()
     if paths and shown and not options.json:
         print_text(options, "\nwritten: " + ", ".join(str(path) for path in paths))
+
+
+def _shown(options: argparse.Namespace, answer: Answer) -> str:
+    """Return what is printed of an answer's text."""
+    whole = answer.whole or getattr(options, "verbose", False)
+    return answer.text if whole else shortened(answer.text)
 
 
 def print_text(options: argparse.Namespace, text: str) -> None:
@@ -123,7 +133,7 @@ def _each(
             require_distinct(names)
             answer = answer_to(_of(options, file, names[-1]))
             if not options.json:
-                print_text(options, f"=== {names[-1]}\n\n{answer.text}")
+                print_text(options, f"=== {names[-1]}\n\n{_shown(options, answer)}")
             _write(options, answer)
         except ConsistentIdError as error:
             codes.append(print_error(error))

@@ -6,7 +6,13 @@ from typing import Any
 
 from consistent_id.cli.answers import Answer, answered, show
 from consistent_id.cli.log_options import add_columns
-from consistent_id.cli.options import add_command, add_problem, add_time_limit, positive
+from consistent_id.cli.options import (
+    add_accept,
+    add_command,
+    add_problem,
+    add_time_limit,
+    positive,
+)
 
 _MORE = """Clocks, units, signs, exchanged channels, joint zero offsets, delays,
 saturation, data leakage between training and validation.
@@ -30,6 +36,7 @@ def add_check(commands: Any) -> None:
         examples=_EXAMPLES,
     )
     add_problem(command)
+    add_accept(command)
     add_time_limit(command)
     command.add_argument(
         "log", type=Path, nargs="?", help="a log, if PROBLEM is a URDF or MJCF file"
@@ -48,11 +55,13 @@ def run_check(options: argparse.Namespace) -> int:
 
 
 def _check(options: argparse.Namespace) -> Answer:
-    from consistent_id.cli.checks import check_log, check_problem
+    from consistent_id.cli.checks import check_log
     from consistent_id.diagnosis.diagnosis_table import (
         diagnosis_record,
         diagnosis_table,
     )
+    from consistent_id.estimation.verdict import HELP
+    from consistent_id.problems.log_check import check_problem
     from consistent_id.problems.problem import load_problem
     from consistent_id.recordings.readers import Columns
 
@@ -67,5 +76,9 @@ def _check(options: argparse.Namespace) -> Answer:
             torque_joints=options.torque_joints,
         )
         found = check_log(options.problem, options.log, columns, cutoff=options.cutoff)
+    faults = [fault for fault in found.faults if fault.kind not in options.accept]
     text = diagnosis_table(found).text()
-    return Answer(1 if found.faults else 0, text, diagnosis_record(found))
+    if faults:
+        text += f"\nmy result is bad, what now? {HELP}"
+    record = diagnosis_record(found) | {"accepted": options.accept}
+    return Answer(1 if faults else 0, text, record)

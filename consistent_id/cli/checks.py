@@ -1,30 +1,14 @@
-"""Recordings of a problem, or a log without one, looked through for faults."""
+"""A log without a problem file, looked through for faults."""
 
-from dataclasses import replace
 from pathlib import Path
 
 from consistent_id.diagnosis import Diagnosis, diagnose
 from consistent_id.problems.model import DEFAULT_DRIVE
-from consistent_id.problems.problem import Problem
 from consistent_id.recordings.readers import Columns, read_recording
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import differentiated, low_passed, resampled
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.loaders import load_robot
-
-
-def check_problem(problem: Problem) -> Diagnosis:
-    """Look for faults in a problem's recordings."""
-    roles = [problem.logs(role) for role in ("training", "validation")]
-    names = [log.name for logs in roles for log in logs]
-    training, validation = ([_distinct(log, names) for log in logs] for logs in roles)
-    return diagnose(
-        problem.model,
-        training,
-        validation,
-        prepare=problem.prepare,
-        constraints=problem.constraints,
-    )
 
 
 def check_log(
@@ -56,11 +40,3 @@ def check_log(
         return differentiated(smooth)
 
     return diagnose(torque_model, recording, prepare=prepare)
-
-
-def _distinct(log: Recording, names: list[str]) -> Recording:
-    """Add a log's times to its name if another part of its file has the same name."""
-    if names.count(log.name) == 1:
-        return log
-    span = f"{log.time[0]:.4g} to {log.time[-1]:.4g} s"
-    return replace(log, name=f"{log.name} ({span})")

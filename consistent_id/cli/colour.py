@@ -6,6 +6,9 @@ from typing import TextIO
 
 _GREEN, _YELLOW, _RED, _BOLD, _PLAIN = (f"\x1b[{n}m" for n in (32, 33, 31, 1, 0))
 _COLOURS = {
+    "do not use": _RED,
+    "use with care": _YELLOW,
+    "use": _GREEN,
     "certified": _GREEN,
     "uncertified": _YELLOW,
     "warning": _YELLOW,
@@ -13,7 +16,9 @@ _COLOURS = {
     "impossible": _RED,
     "fault": _RED,
 }
-_WORD = re.compile(rf"\b({'|'.join(_COLOURS)})\b")
+# The word "use" is a verdict where it begins a line or stands alone in a cell.
+_WORDS = "|".join(word for word in _COLOURS if word != "use")
+_WORD = re.compile(rf"\b(?:{_WORDS})\b|(?m:^use(?=:))|(?<=  )use(?=  )")
 _TITLE = re.compile(r"^(?=\S)(.+)$", re.MULTILINE)
 
 

@@ -6,6 +6,7 @@ from typing import Any
 
 from consistent_id.cli.answers import Answer, answered, shows_progress
 from consistent_id.cli.options import (
+    add_accept,
     add_command,
     add_output,
     add_problem,
@@ -26,11 +27,12 @@ def add_compare(commands: Any) -> None:
         "compare",
         "compare least squares with constrained estimates",
         run_compare,
-        more="Tables and figures are written. Exit code 1: no estimate is certified.",
+        more="Tables and figures are written. Exit code 1: do not use the estimate.",
         examples=_EXAMPLES,
     )
     add_problem(command)
     add_output(command, "results/NAME")
+    add_accept(command)
     add_time_limit(command)
 
 
@@ -50,7 +52,9 @@ def _compare(options: argparse.Namespace) -> Answer:
     output = options.output or Path("results") / problem.name
     if not options.dry_run:
         require_writable(output)
-    study = run_study(problem, progress=shows_progress(options))
+    study = run_study(
+        problem, progress=shows_progress(options), accepted=options.accept
+    )
     tables = study_tables(study)
 
     def write() -> list[Path]:
@@ -59,7 +63,7 @@ def _compare(options: argparse.Namespace) -> Answer:
         return write_comparison(study, tables, output)
 
     return Answer(
-        0 if study.comparison.certified else 1,
+        0 if study.verdict.usable else 1,
         "\n\n".join(table.text() for table in tables),
         study_record(study),
         None if options.dry_run else write,

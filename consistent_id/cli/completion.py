@@ -45,4 +45,5 @@ def run_completion(options: argparse.Namespace) -> int:
             if action.nargs != 0 and not action.choices:
                 action.complete = shtab.FILE
     script = shtab.complete(parser, options.shell).rstrip()
-    return show(options, Answer(0, script, {"shell": options.shell, "script": script}))
+    record = {"shell": options.shell, "script": script}
+    return show(options, Answer(0, script, record, whole=True))

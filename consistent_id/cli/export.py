@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import Any
 
 from consistent_id.cli.answers import Answer, show
-from consistent_id.cli.options import add_command, add_dry_run
+from consistent_id.cli.options import add_accept, add_command, add_dry_run
 from consistent_id.export.export_formats import EXPORT_FORMATS, exported
 
 _MORE = f"""The formats are {", ".join(known.content for known in EXPORT_FORMATS)}. In
 the problem's own URDF only numbers change. What a format cannot express is printed.
-Exit code 1: the estimate is refused, and nothing was written."""
+Exit code 1: do not use the estimate; nothing was written."""
 _EXAMPLES = """
 consistent-id export problems/ur10e --format urdf --output ur10e.urdf
 consistent-id export problems/rx60 --format c --output rx60.c
@@ -48,48 +48,48 @@ def add_export(commands: Any) -> None:
         metavar="FILE",
         help="URDF or MJCF to put the estimate into (default: the problem's)",
     )
-    command.add_argument(
-        "--allow-refused", action="store_true", help="write even what is refused"
-    )
+    add_accept(command)
     add_dry_run(command)
 
 
 def run_export(options: argparse.Namespace) -> int:
     """Export an estimate; return the exit code."""
+    from dataclasses import replace
+
     from consistent_id.estimation.estimate import Estimate
-    from consistent_id.export.provenance import export_verdict
     from consistent_id.problems.problem import load_problem
     from consistent_id.problems.study import Study
 
     problem = load_problem(options.problem)
-    study = Study(problem)
+    study = Study(problem, accepted=tuple(options.accept))
     estimate = (
         study.constrained
         if options.estimate is None
         else Estimate.load(options.estimate, problem.model, study.base)
     )
-    verdict = export_verdict(estimate)
-    if verdict == "refused" and not options.allow_refused:
+    verdict = study.judged(estimate)
+    if not verdict.usable:
+        kinds = " ".join(f"--accept {r.kind!r}" for r in verdict.grounds)
         print(
-            f"consistent-id: the estimate by {estimate.method!r} is refused: "
-            f"{estimate.certificate.reason}; --allow-refused writes it all the same",
+            "\n".join((verdict.sentence, *verdict.lines, f"{kinds} writes it anyway")),
             file=sys.stderr,
         )
         return 1
     export = exported(
-        estimate,
+        replace(estimate, accepted=verdict.accepted),
         options.format,
         source=options.source or problem.model_files.get(options.format),
-        allow_refused=options.allow_refused,
+        allow_refused=True,  # the study has judged, with all that it knows
     )
     written = None if options.dry_run else export.save(options.output)
     record = {
         "format": export.format,
         "method": estimate.method,
-        "verdict": verdict,
+        "verdict": verdict.word,
+        "accepted": list(verdict.accepted),
         "notes": list(export.notes),
         "written": written and str(written),
     }
-    lines = [f"{estimate.method}: {verdict}", *(f"  {n}" for n in export.notes)]
+    lines = [verdict.sentence, *(f"  {n}" for n in (*verdict.lines, *export.notes))]
     lines.append(f"written: {written}" if written else "nothing was written")
     return show(options, Answer(0, "\n".join(lines), record))

@@ -2,13 +2,13 @@
 
 import argparse
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from consistent_id.cli.answers import Answer, answered, show, shows_progress
 from consistent_id.cli.log_options import add_draft_options, draft_of
 from consistent_id.cli.options import (
+    add_accept,
     add_command,
     add_output,
     add_problem,
@@ -18,13 +18,12 @@ from consistent_id.errors import ProblemError
 
 if TYPE_CHECKING:
     from consistent_id._support.tables import Table
-    from consistent_id.diagnosis import Diagnosis
     from consistent_id.problems.study import Study
 
 _MORE = """With a URDF or MJCF file in place of PROBLEM, and a log, no problem file is
 needed: columns are found by their names, the last 30 % of the motion are kept for
 validation, and --output FOLDER also gets this problem.toml (see init).
-Exit code 1: no estimate could be certified."""
+Exit code 1: do not use the estimate."""
 _EXAMPLES = """
 consistent-id identify robot.urdf log.csv
 consistent-id identify robot.urdf log.csv --output results/robot --report robot.html
@@ -59,6 +58,7 @@ def add_identify(commands: Any) -> None:
     command.add_argument(
         "--seed", type=int, default=0, help="of the bootstrap (default: 0)"
     )
+    add_accept(command)
     add_time_limit(command)
     add_draft_options(command)
 
@@ -71,10 +71,9 @@ def run_identify(options: argparse.Namespace) -> int:
 
 
 def _identify(options: argparse.Namespace) -> Answer:
-    from consistent_id._support.tables import Table
     from consistent_id.problems.problem import load_problem
     from consistent_id.problems.study import Study
-    from consistent_id.report.summary import excitation_table
+    from consistent_id.report.summary import excitation_table, headline_table
 
     _refuse_drafting(options)
     _require_writable(options)
@@ -82,34 +81,29 @@ def _identify(options: argparse.Namespace) -> Answer:
         load_problem(options.problem),
         seed=options.seed,
         progress=shows_progress(options),
+        accepted=tuple(options.accept),
     )
-    verdicts = [(e.method, e.certificate.verdict) for e in study.estimates]
-    certified = sum(verdict == "certified" for _, verdict in verdicts)
     tables = [
-        Table(
-            f"{study.problem.name}: {certified} of {len(verdicts)} estimates are "
-            "certified",
-            ("estimate", "verdict"),
-            tuple(verdicts),
-            ("consistent-id compare tests them on the validation recordings",),
-        ),
+        headline_table(study),
         excitation_table(study.excitation, study.training),
         *(estimate.table() for estimate in study.estimates),
     ]
-    record: dict[str, Any] = {"estimates": [e.to_dict() for e in study.estimates]}
+    reports = study.comparison.reports
+    record: dict[str, Any] = {
+        **study.verdict.to_dict(),
+        "estimates": [r.estimate.to_dict() | r.verdict.to_dict() for r in reports],
+    }
 
     def write() -> list[Path]:
         from consistent_id.cli.results import write_estimates
 
         output = options.output
-        return [] if output is None else write_estimates(study.estimates, output)
+        return [] if output is None else write_estimates(study.comparison, output)
 
-    return _answer(options, study, certified > 0, tables, record, write)
+    return _answer(options, study, tables, record, write)
 
 
 def _identify_log(options: argparse.Namespace) -> Answer:
-    from consistent_id.cli.checks import check_problem
-    from consistent_id.comparison.comparison import verdict_table
     from consistent_id.diagnosis.diagnosis_table import (
         diagnosis_record,
         diagnosis_table,
@@ -117,21 +111,22 @@ def _identify_log(options: argparse.Namespace) -> Answer:
     from consistent_id.problems.draft import draft_table
     from consistent_id.problems.study import run_study
     from consistent_id.report.study_record import study_record
-    from consistent_id.report.summary import study_tables
+    from consistent_id.report.summary import headline_table, study_tables
 
     _require_writable(options)
     draft = draft_of(options, options.problem, options.log)
-    problem = draft.problem()
-    diagnosis = check_problem(problem)
-    study = run_study(problem, seed=options.seed, progress=shows_progress(options))
-    tables = [
-        _with_warning(verdict_table(study.comparison), diagnosis),
-        draft_table(draft),
-        diagnosis_table(diagnosis),
-        study.constrained.table(),
-    ]
-    findings = diagnosis_record(diagnosis)["findings"]
-    record = {**study_record(study), "findings": findings}
+    study = run_study(
+        draft.problem(),
+        seed=options.seed,
+        progress=shows_progress(options),
+        accepted=options.accept,
+    )
+    tables = [headline_table(study), draft_table(draft)]
+    record = study_record(study)
+    if study.diagnosis is not None:
+        tables.append(diagnosis_table(study.diagnosis))
+        record |= {"findings": diagnosis_record(study.diagnosis)["findings"]}
+    tables.append(study.recommended.estimate.table())
 
     def write() -> list[Path]:
         from consistent_id._support.files import write_atomically
@@ -140,25 +135,14 @@ def _identify_log(options: argparse.Namespace) -> Answer:
         output = options.output
         if output is None:
             return []
+        text = draft.text(output, accepted=options.accept)
         return [
-            write_atomically(output / "problem.toml", draft.text(output)),
-            *write_estimates(study.estimates, output),
+            write_atomically(output / "problem.toml", text),
+            *write_estimates(study.comparison, output),
             *write_comparison(study, study_tables(study), output),
         ]
 
-    certified = study.comparison.certified
-    return _answer(options, study, certified, tables, record, write, diagnosis)
-
-
-def _with_warning(verdicts: "Table", diagnosis: "Diagnosis") -> "Table":
-    """Add that the log is faulty, if it is."""
-    if not diagnosis.faults:
-        return verdicts
-    kinds = ", ".join(dict.fromkeys(fault.kind for fault in diagnosis.faults))
-    warning = (
-        f"the log seems faulty ({kinds}; see below): do not trust these numbers yet"
-    )
-    return replace(verdicts, notes=(warning, *verdicts.notes))
+    return _answer(options, study, tables, record, write)
 
 
 def _require_writable(options: argparse.Namespace) -> None:
@@ -174,11 +158,9 @@ def _require_writable(options: argparse.Namespace) -> None:
 def _answer(
     options: argparse.Namespace,
     study: "Study",
-    certified: bool,
     tables: list["Table"],
     record: dict[str, Any],
     write: Callable[[], list[Path]],
-    diagnosis: "Diagnosis | None" = None,
 ) -> Answer:
     """Add the uncertainty and write the report, if they are asked for."""
     uncertainty = study.uncertainty if options.uncertainty else None
@@ -196,7 +178,6 @@ def _answer(
             report = write_report(
                 study,
                 options.report,
-                diagnosis=diagnosis,
                 uncertainty=uncertainty,
                 seed=options.seed,
             )
@@ -204,9 +185,8 @@ def _answer(
         return paths
 
     text = "\n\n".join(table.text() for table in tables)
-    return Answer(
-        0 if certified else 1, text, record, None if options.dry_run else write_all
-    )
+    code = 0 if study.verdict.usable else 1
+    return Answer(code, text, record, None if options.dry_run else write_all)
 
 
 def _refuse_drafting(options: argparse.Namespace) -> None:

@@ -68,4 +68,4 @@ def run_init(options: argparse.Namespace) -> int:
         "text": text,
         "written": None if options.dry_run else str(file),
     }
-    return show(options, Answer(0, shown, record))
+    return show(options, Answer(0, shown, record, whole=options.dry_run))

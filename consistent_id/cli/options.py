@@ -40,6 +40,9 @@ def add_command(
     printed = command.add_argument_group("what is printed")
     printed.add_argument("--json", action="store_true", help="JSON, not tables")
     printed.add_argument(
+        "--verbose", action="store_true", help="everything, not only the first lines"
+    )
+    printed.add_argument(
         "--quiet",
         action="store_true",
         help="nothing but errors, and JSON if asked for; see the exit code",
@@ -68,6 +71,18 @@ def add_output(command: argparse.ArgumentParser, default: str | None) -> None:
 def add_dry_run(command: argparse.ArgumentParser) -> None:
     """Take leave to do everything but write files."""
     command.add_argument("--dry-run", action="store_true", help="write nothing")
+
+
+def add_accept(command: argparse.ArgumentParser) -> None:
+    """Take kinds of findings and reasons that the verdict is to overlook."""
+    command.add_argument(
+        "--accept",
+        action="append",
+        default=[],
+        metavar="KIND",
+        help="overlook one kind of finding or reason, such as 'torque sign'; can be "
+        "repeated, and is recorded in every file that is written",
+    )
 
 
 def add_time_limit(command: argparse.ArgumentParser) -> None:

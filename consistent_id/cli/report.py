@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Any
 
 from consistent_id.cli.answers import Answer, show, shows_progress
-from consistent_id.cli.options import add_command, add_time_limit
+from consistent_id.cli.options import add_accept, add_command, add_time_limit
 
 _MORE = """It begins with the estimate to use, and why; faults of the data, parameters
 with intervals, links, validation torque and residuals follow. The file needs no other
-and no network. Exit code 1: there is no estimate to use, or the log is faulty."""
+and no network. Exit code 1: do not use the estimate."""
 _EXAMPLES = """
 consistent-id report problems/rx60
 consistent-id report problems/ur10e --output ur10e.html
@@ -39,44 +39,41 @@ def add_report(commands: Any) -> None:
     command.add_argument(
         "--seed", type=int, default=0, help="of the bootstrap (default: 0)"
     )
+    add_accept(command)
     add_time_limit(command)
 
 
 def run_report(options: argparse.Namespace) -> int:
     """Write a report; return the exit code."""
     from consistent_id._support.files import require_writable
-    from consistent_id.cli.checks import check_problem
     from consistent_id.problems.problem import load_problem
     from consistent_id.problems.study import run_study
-    from consistent_id.report import advise, write_report
+    from consistent_id.report import write_report
+    from consistent_id.report.summary import headline_table
 
     problem = load_problem(options.problem)
     file = options.output or Path("results") / problem.name / "report.html"
     require_writable(file.parent)
-    study = run_study(problem, seed=options.seed, progress=shows_progress(options))
-    # Simulated recordings have no faults.
-    recorded = problem.table.data is not None
-    diagnosis = check_problem(problem) if recorded else None
+    study = run_study(
+        problem,
+        seed=options.seed,
+        progress=shows_progress(options),
+        accepted=options.accept,
+    )
+    accepted = "".join(f" --accept {shlex.quote(kind)}" for kind in options.accept)
     write_report(
         study,
         file,
-        diagnosis=diagnosis,
         uncertainty=study.uncertainty,
         seed=options.seed,
         command=f"consistent-id report {shlex.quote(str(options.problem))} "
-        f"--seed {options.seed}",
+        f"--seed {options.seed}{accepted}",
     )
-    advice = advise(study.comparison, diagnosis)
-    record = {
-        "level": advice.level,
-        "method": advice.method or None,
-        "reasons": list(advice.reasons),
-        "cautions": list(advice.cautions),
+    verdict = study.verdict
+    text = headline_table(study).text()
+    text += f"\nwritten: {file} ({file.stat().st_size / 1000:.0f} kB)"
+    record = verdict.to_dict() | {
+        "recommended": study.recommendation.statement,
         "written": str(file),
     }
-    lines = [f"use: {advice.method or 'none of the estimates'}"]
-    lines += [f"  {reason}" for reason in (*advice.reasons, *advice.cautions)]
-    lines.append(f"written: {file} ({file.stat().st_size / 1000:.0f} kB)")
-    faulty = diagnosis is not None and bool(diagnosis.faults)
-    code = 0 if advice.method and not faulty else 1
-    return show(options, Answer(code, "\n".join(lines), record))
+    return show(options, Answer(0 if verdict.usable else 1, text, record))

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from consistent_id._support.files import write_atomically
 from consistent_id._support.tables import Table
-from consistent_id.estimation.estimate import Estimate
+from consistent_id.comparison.comparison import Comparison
 from consistent_id.estimation.method import Method
 from consistent_id.problems.study import Study
 from consistent_id.report.figures import motion_figure, save_figure, torque_figures
@@ -28,9 +28,18 @@ def write_comparison(study: Study, tables: Sequence[Table], folder: Path) -> lis
     ]
 
 
-def write_estimates(estimates: Sequence[Estimate], folder: Path) -> list[Path]:
-    """Write each estimate to a JSON file that is named after its method."""
-    return [e.save(folder / f"{e.method.replace(' ', '_')}.json") for e in estimates]
+def write_estimates(comparison: Comparison, folder: Path) -> list[Path]:
+    """Write each estimate to a JSON file that is named after its method.
+
+    The verdicts in the files are those of the comparison.
+    """
+    paths = []
+    for report in comparison.reports:
+        own = report.estimate
+        record = own.to_dict() | report.verdict.to_dict()
+        file = folder / f"{own.method.replace(' ', '_')}.json"
+        paths.append(write_atomically(file, json.dumps(record, indent=1) + "\n"))
+    return paths
 
 
 def _figures(study: Study, folder: Path) -> list[Path]:

@@ -1,6 +1,6 @@
 """The shell tool: ``consistent-id COMMAND``; its help lists the commands.
 
-Exit codes: 0 done, 1 refused (no usable estimate, or a faulty log), 2 wrong usage or
+Exit codes: 0 done, 1 do not use (the estimate, or a faulty log), 2 wrong usage or
 input, 3 solver failure or out of time, 130 interrupted.
 """
 
@@ -51,7 +51,7 @@ _EPILOG = """examples:
   consistent-id repair robot.urdf --dry-run
   consistent-id reproduce problems/rx60 --quick
 
-consistent-id COMMAND --help has more. Exit codes: 0 done, 1 refused (no usable
+consistent-id COMMAND --help has more. Exit codes: 0 done, 1 do not use (the
 estimate, or a faulty log), 2 wrong usage or input, 3 solver failure or out of time,
 130 interrupted.
 """

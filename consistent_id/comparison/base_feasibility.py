@@ -12,7 +12,7 @@ import numpy as np
 from consistent_id._support.arrays import Array, Vector, frozen
 from consistent_id._support.threads import single_threaded
 from consistent_id.constraints import Constraint, PhysicalConsistency, lowered
-from consistent_id.constraints.cones.certificate import Verdict, solve_certified
+from consistent_id.constraints.cones.certificate import OptimumVerdict, solve_certified
 from consistent_id.constraints.cones.feasibility import Interior, find_interior
 from consistent_id.constraints.cones.least_norm import LeastNorm, solve_least_norm
 from consistent_id.constraints.cones.sets import ConicSet, SemidefiniteBlock, block_rows
@@ -63,7 +63,7 @@ class NearestRobot:
 
     parameters: Vector
     torque_change: float
-    verdict: Verdict
+    verdict: OptimumVerdict
 
 
 @dataclass(frozen=True, slots=True, eq=False)

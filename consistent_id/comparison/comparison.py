@@ -9,46 +9,27 @@ from consistent_id._support.arrays import Vector
 from consistent_id._support.tables import Table
 from consistent_id._support.threads import single_threaded
 from consistent_id.comparison.base_feasibility import BaseFeasibility, base_feasibility
-from consistent_id.constraints.cones.certificate import Verdict
 from consistent_id.constraints.distances import pullback_distance
 from consistent_id.constraints.link_condition import LinkCondition, link_conditions
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.estimate import Estimate
+from consistent_id.estimation.evidence import Evidence
+from consistent_id.estimation.judge import judge
+from consistent_id.estimation.torque_error import (
+    MeasuredTorque,
+    TorqueError,
+    stacked_error,
+)
+from consistent_id.estimation.verdict import Verdict
+from consistent_id.recordings.finding import Finding
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.mass_matrix import (
     POSES,
     least_mass_eigenvalue,
     random_poses,
 )
-from consistent_id.regression.regression import Regression, build_regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.scaling import reference_bodies
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class TorqueError:
-    """Prediction error of one estimate on one recording.
-
-    Parameters
-    ----------
-    recording : str
-    rms : ndarray, shape (torque joints,), [N m or N]
-        Root of the mean squared error.
-    relative : ndarray, shape (torque joints,)
-        RMS error over RMS torque.
-    stacked : float
-        ``||tau - prediction|| / ||tau||`` over all joints.
-    """
-
-    recording: str
-    rms: Vector
-    relative: Vector
-    stacked: float
-
-    @property
-    def mse(self) -> Vector:
-        """Mean squared error of each joint, [(N m)^2 or N^2]."""
-        return self.rms**2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,6 +49,8 @@ class EstimateReport:
         Smallest eigenvalue of the mass matrix over `POSES` random poses.
     distance_to_nominal : ndarray, shape (links,)
         Pullback distance of each link to its reference body.
+    findings : tuple of Finding
+        What was found in the recordings.
     """
 
     estimate: Estimate
@@ -77,6 +60,7 @@ class EstimateReport:
     base_feasibility: BaseFeasibility
     least_mass_eigenvalue: float
     distance_to_nominal: Vector
+    findings: tuple[Finding, ...] = ()
 
     @property
     def consistent_links(self) -> tuple[bool, ...]:
@@ -84,18 +68,35 @@ class EstimateReport:
         return tuple(link.consistent for link in self.links)
 
     @property
-    def refusal(self) -> str:
-        """Why no robot could have these parameters, or the certificate's reason."""
-        if self.base_feasibility.answer == "impossible":
-            return self.base_feasibility.summary
-        return self.estimate.certificate.reason
+    def evidence(self) -> Evidence:
+        """What the verdict is judged by."""
+        own = self.estimate
+        feasibility = self.base_feasibility
+        return Evidence(
+            method=own.method,
+            optimum=own.certificate.verdict,
+            optimum_reason=own.certificate.reason,
+            links=self.links,
+            least_mass_eigenvalue=self.least_mass_eigenvalue,
+            fit=own.fit,
+            impossible=(
+                feasibility.summary if feasibility.answer == "impossible" else ""
+            ),
+            held_out=self.validation,
+            findings=self.findings,
+            undetermined=own.undetermined,
+            accepted=own.accepted,
+        )
 
     @property
     def verdict(self) -> Verdict:
-        """``refused`` where no robot could have these parameters, else its own."""
-        if self.base_feasibility.answer == "impossible":
-            return "refused"
-        return self.estimate.certificate.verdict
+        """Whether the estimate may be used, and why."""
+        return judge(self.evidence)
+
+    @property
+    def held_out_error(self) -> float | None:
+        """Relative torque error over all validation recordings; None without any."""
+        return stacked_error(self.validation)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,9 +114,9 @@ class Comparison:
         raise ProblemError(f"no estimate by {method!r}; there are: {known}")
 
     @property
-    def certified(self) -> bool:
-        """Whether any estimate is certified."""
-        return any(report.verdict == "certified" for report in self.reports)
+    def usable(self) -> tuple[EstimateReport, ...]:
+        """The reports whose verdict is ``use`` or ``use with care``."""
+        return tuple(report for report in self.reports if report.verdict.usable)
 
     def __repr__(self) -> str:
         verdicts = (f"{r.estimate.method!r}: {r.verdict}" for r in self.reports)
@@ -131,32 +132,28 @@ class Comparison:
 def verdict_table(comparison: Comparison) -> Table:
     """Return each estimate's verdict, and how well it predicts torque held out."""
     reports = comparison.reports
-    certified = [r.estimate.method for r in reports if r.verdict == "certified"]
+    judged = [(report, report.verdict) for report in reports]
+    usable = sum(verdict.usable for _, verdict in judged)
     held_out = [error.recording for error in reports[0].validation]
-    refused = (
-        f"{r.estimate.method} is refused: {r.refusal}"
-        for r in reports
-        if r.verdict == "refused"
-    )
     return Table(
-        f"{comparison.model.robot.name}: {len(certified)} of {len(reports)} estimates "
-        "are certified",
+        f"{comparison.model.robot.name}: {usable} of {len(reports)} estimates may be "
+        "used",
         (
             "estimate",
             "verdict",
-            "physically consistent links",
-            *(f"torque error on {name}" for name in held_out),
+            "consistent links",
+            *(f"held-out error {i}" for i in range(1, len(held_out) + 1)),
         ),
         tuple(
             (
-                r.estimate.method,
-                r.verdict,
-                f"{sum(r.consistent_links)} of {len(r.consistent_links)}",
-                *(f"{error.stacked:.2%}" for error in r.validation),
+                report.estimate.method,
+                verdict.word,
+                f"{sum(report.consistent_links)} of {len(report.consistent_links)}",
+                *(f"{error.stacked:.2%}" for error in report.validation),
             )
-            for r in reports
+            for report, verdict in judged
         ),
-        tuple(refused),
+        tuple(f"{i}: torque of {name}" for i, name in enumerate(held_out, start=1)),
     )
 
 
@@ -166,6 +163,7 @@ def compare(
     validation: Sequence[Recording],
     *,
     training: Sequence[Recording] = (),
+    findings: Sequence[Finding] = (),
     seed: int = 0,
 ) -> Comparison:
     """Compare estimates of one robot on recordings.
@@ -176,6 +174,8 @@ def compare(
         Of one torque model, with different methods.
     validation, training : sequence of Recording
         With velocity, acceleration and torque.
+    findings : sequence of Finding
+        What is wrong with the recordings, as `diagnose` finds it; verdicts heed it.
     seed : int
         Of the poses at which the mass matrix is examined.
 
@@ -191,7 +191,7 @@ def compare(
         raise ProblemError("the estimates have different parameters, or are of others")
     poses = random_poses(model, POSES, seed)
     learnt, held_out = (
-        [_compressed(model, recording) for recording in recordings]
+        [MeasuredTorque.of(model, recording) for recording in recordings]
         for recordings in (training, validation)
     )
     reports = (
@@ -217,40 +217,8 @@ def compare(
                     )
                 ]
             ),
+            findings=tuple(findings),
         )
         for estimate in estimates
     )
     return Comparison(model, tuple(reports))
-
-
-def torque_error(estimate: Estimate, recording: Recording) -> TorqueError:
-    """Return the prediction error of an estimate along a recording."""
-    return _compressed(estimate.model, recording).error(estimate)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Compressed:
-    """A recording's regression, of which every estimate's error is a product."""
-
-    recording: str
-    regression: Regression
-
-    def error(self, estimate: Estimate) -> TorqueError:
-        counts = np.array(self.regression.counts)
-        rms = self.regression.residual_rms(estimate.parameters)
-        size = self.regression.torque_rms
-        return TorqueError(
-            self.recording,
-            rms,
-            rms / np.where(size > 0.0, size, np.nan),
-            float(np.sqrt(counts @ rms**2 / (counts @ size**2))),
-        )
-
-
-def _compressed(model: TorqueModel, recording: Recording) -> _Compressed:
-    measured = recording.of(model.torque_joints).torque
-    if measured is None:
-        raise ProblemError(f"{recording.name} has no torque to compare with")
-    if not measured.any():
-        raise ProblemError(f"{recording.name}: its torque is zero throughout")
-    return _Compressed(recording.name, build_regression(model, recording))

@@ -14,7 +14,7 @@ import numpy as np
 from consistent_id._support.arrays import Vector
 from consistent_id._support.threads import single_threaded
 from consistent_id.constraints import Constraint
-from consistent_id.constraints.cones.certificate import Verdict, solve_certified
+from consistent_id.constraints.cones.certificate import OptimumVerdict, solve_certified
 from consistent_id.constraints.cones.least_norm import LeastNorm
 from consistent_id.errors import SolverError
 from consistent_id.estimation.best_fit import BestFit, best_fit
@@ -48,7 +48,7 @@ class ShadowPrice:
     label: str
     price: float
     cost: float
-    verdict: Verdict
+    verdict: OptimumVerdict
 
 
 @single_threaded
@@ -86,7 +86,7 @@ def shadow_prices(
             continue
         problem = LeastNorm(scaled.M, scaled.z, scaled.domain.without(member))
         cost = np.nan
-        verdict: Verdict = "uncertified"
+        verdict: OptimumVerdict = "uncertified"
         try:
             solution, optimality = solve_certified(
                 problem, scaled.centre, reference=REFERENCE

@@ -8,7 +8,7 @@ import numpy as np
 from consistent_id._support.arrays import Vector
 from consistent_id._support.threads import single_threaded
 from consistent_id.constraints import Constraint
-from consistent_id.constraints.cones.certificate import Verdict
+from consistent_id.constraints.cones.certificate import OptimumVerdict
 from consistent_id.estimation.best_fit import best_fit
 from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.regression import Regression
@@ -36,7 +36,7 @@ class ConstraintCost:
     rms_with: Vector
     rms_without: Vector
     increase: float
-    verdict: Verdict
+    verdict: OptimumVerdict
 
     @property
     def name(self) -> str:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from consistent_id.constraints import Constraint
-from consistent_id.constraints.cones.certificate import Verdict
+from consistent_id.constraints.cones.certificate import OptimumVerdict
 from consistent_id.estimation.best_fit import best_fit
 from consistent_id.estimation.constrained import DEFAULT_CONSTRAINTS
 from consistent_id.estimation.estimate import Estimate
@@ -43,7 +43,7 @@ class CrossCheck:
     cone_misfit: float
     smooth_misfit: float
     difference: float
-    cone_verdict: Verdict
+    cone_verdict: OptimumVerdict
     smooth: Estimate
 
     @property

@@ -10,6 +10,7 @@ from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.scaling import link_scales
 
 _CONSISTENT = 1e-9  # eigenvalues of J, per typical link, above -this are >= 0
+_NO_MASS = "no mass"
 _EDGE = 1e-5  # shares of a typical link's mass or second moment that count as none
 
 
@@ -36,6 +37,11 @@ class LinkCondition:
     def consistent(self) -> bool:
         """Whether the link is physically consistent, up to rounding."""
         return self.least_eigenvalue >= -_CONSISTENT
+
+    @property
+    def massless(self) -> bool:
+        """Whether next to no mass is left of the link."""
+        return self.edge == _NO_MASS
 
 
 def link_conditions(model: TorqueModel, x: Vector) -> tuple[LinkCondition, ...]:
@@ -65,7 +71,7 @@ def _edge(body: InertialParameters, mass: float, moment: float) -> str:
     holds as an equality.
     """
     if body.mass <= _EDGE * mass:
-        return "no mass"
+        return _NO_MASS
     inertia = body.central_inertia
     sigma = np.trace(inertia) / 2 * np.eye(3) - inertia
     moments, axes = np.linalg.eigh(sigma)

@@ -6,9 +6,9 @@ import numpy as np
 
 from consistent_id._support.arrays import Array, BoolArray
 from consistent_id.diagnosis.findings import Finding
-from consistent_id.problems.study import excitation_of
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import BaseParameters
+from consistent_id.regression.data_rank import excitation_of
 from consistent_id.regression.regression import build_regression
 from consistent_id.regression.regressor import TorqueModel
 

@@ -1,40 +1,10 @@
 """What the data detective says: findings, with evidence and advice."""
 
 from dataclasses import dataclass
-from typing import Literal
 
-Severity = Literal["fault", "warning", "note"]
+from consistent_id.recordings.finding import Finding, Severity
 
-
-@dataclass(frozen=True, slots=True)
-class Finding:
-    """One thing that is wrong, or worth knowing.
-
-    Parameters
-    ----------
-    kind : str
-        Class of the fault, such as ``"torque sign"``.
-    severity : {"fault", "warning", "note"}
-        A fault makes estimates wrong; a warning makes them worse; a note explains.
-    where : str
-        Joint, pair of joints, or recording; ``"all joints"``.
-    statement : str
-        What was seen, with figures and units.
-    advice : str
-        What to do.
-    score : float
-        Evidence, one at the threshold and larger beyond it.
-    recording : str
-        In which it was seen.
-    """
-
-    kind: str
-    severity: Severity
-    where: str
-    statement: str
-    advice: str
-    score: float = 1.0
-    recording: str = ""
+__all__ = ["Diagnosis", "Finding", "Severity"]
 
 
 @dataclass(frozen=True, slots=True)

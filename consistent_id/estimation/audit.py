@@ -8,8 +8,13 @@ from consistent_id._support.arrays import Vector
 from consistent_id.constraints import Constraint, PhysicalConsistency
 from consistent_id.constraints.link_condition import link_conditions
 from consistent_id.estimation.estimate import Certificate, Estimate
+from consistent_id.estimation.fit import fit_of
 from consistent_id.estimation.scaled_fit import ScaledFit
-from consistent_id.regression.base import BaseParameters, parameter_origins
+from consistent_id.regression.base import (
+    BaseParameters,
+    linear_combination,
+    parameter_origins,
+)
 from consistent_id.regression.linear import solve_linear
 from consistent_id.regression.mass_matrix import (
     POSES,
@@ -89,6 +94,7 @@ def audited(
     }
     consistent = any(isinstance(c, PhysicalConsistency) for c in problem.constraints)
     R, columns = regression.stacked(), list(base.independent)
+    solution = solve_linear(R[:, columns], R[:, -1])
     return Estimate(
         method=method,
         model=model,
@@ -96,11 +102,14 @@ def audited(
         parameters=x,
         base_covariance=None,
         origins=parameter_origins(
-            solve_linear(R[:, columns], R[:, -1]).row_space @ base.projection,
+            solution.row_space @ base.projection,
             scaled.constraints.A_eq,
             elsewhere="prior",
         ),
-        undetermined=(),
+        undetermined=tuple(
+            linear_combination(direction, base.names)
+            for direction in solution.null_space.T
+        ),
         sigma=residual_sigma(regression, x, len(base)),
         certificate=_certificate(proof, least if consistent else None, figures),
         notes=(
@@ -112,6 +121,7 @@ def audited(
             ),
         ),
         seconds=perf_counter() - started,
+        fit=fit_of(model, regression, x, base),
     )
 
 

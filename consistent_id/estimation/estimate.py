@@ -11,8 +11,10 @@ from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays
 from consistent_id._support.extras import pandas
 from consistent_id._support.files import write_atomically
 from consistent_id._support.tables import Table
-from consistent_id.constraints.cones.certificate import Verdict
+from consistent_id.constraints.cones.certificate import OptimumVerdict
 from consistent_id.errors import ProblemError
+from consistent_id.estimation.fit import Fit
+from consistent_id.estimation.verdict import Verdict
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.regressor import TorqueModel
@@ -25,18 +27,18 @@ _FORMAT = "consistent_id estimate 1"
 
 @dataclass(frozen=True, slots=True)
 class Certificate:
-    """Verdict on an estimate, and the recomputed figures behind it.
+    """OptimumVerdict on an estimate, and the recomputed figures behind it.
 
     Parameters
     ----------
-    verdict : {"certified", "uncertified", "refused"}
+    verdict : {"certified", "uncertified"}
     reason : str
         In words: what was checked, or what failed.
     figures : dict of str to float
         Residuals, gaps, eigenvalues, by name.
     """
 
-    verdict: Verdict
+    verdict: OptimumVerdict
     reason: str
     figures: dict[str, float] = field(default_factory=dict)
 
@@ -68,6 +70,10 @@ class Estimate:
         What a reader must know before using the numbers.
     seconds : float
         Wall time of the estimation.
+    fit : Fit, optional
+        How well it explains the data that it was fitted to.
+    accepted : tuple of str
+        Kinds of reasons that its `verdict` is to overlook, as the user decided.
     """
 
     method: str
@@ -81,6 +87,8 @@ class Estimate:
     certificate: Certificate
     notes: tuple[str, ...] = ()
     seconds: float = 0.0
+    fit: Fit | None = None
+    accepted: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         p, b, n = len(self.model.layout), len(self.base), len(self.model.torque_joints)
@@ -95,7 +103,7 @@ class Estimate:
     def __repr__(self) -> str:
         return (
             f"Estimate({self.method!r}, {len(self.base)} base parameters of "
-            f"{len(self.parameters)}, {self.certificate.verdict})"
+            f"{len(self.parameters)}, {self.verdict})"
         )
 
     def __str__(self) -> str:
@@ -103,6 +111,17 @@ class Estimate:
 
     def _repr_html_(self) -> str:
         return self.table().html()
+
+    @property
+    def verdict(self) -> Verdict:
+        """Whether the robot may be used, from what the estimate knows of itself.
+
+        `compare` and `Study` know more: held-out errors, and what is wrong with a log.
+        """
+        from consistent_id.estimation.evidence import evidence_of
+        from consistent_id.estimation.judge import judge
+
+        return judge(evidence_of(self))
 
     @property
     def base_values(self) -> Vector:
@@ -153,8 +172,10 @@ class Estimate:
         Of what has standard errors the base parameters, which alone are determined by
         the data; else the standard parameters, with what determines each.
         """
-        title = f"{self.method}: {self.certificate.verdict}"
-        notes = (self.certificate.reason, *self.notes)
+        verdict = self.verdict
+        title = verdict.sentence
+        optimum = f"optimum {self.certificate.verdict}: {self.certificate.reason}"
+        notes = (*verdict.lines, optimum, *self.notes)
         units, errors = self.model.layout.units, self.standard_errors
         if errors is None:
             return Table(
@@ -214,7 +235,7 @@ class Estimate:
             },
             index=pandas().Index(layout.names, name="parameter"),
         )
-        frame.attrs = {"method": self.method, "verdict": self.certificate.verdict}
+        frame.attrs = {"method": self.method, "verdict": self.verdict.word}
         return frame
 
     def to_dict(self) -> dict[str, Any]:
@@ -225,6 +246,7 @@ class Estimate:
             "format": _FORMAT,
             "robot": self.model.robot.name,
             "method": self.method,
+            **self.verdict.to_dict(),
             "certificate": {
                 "verdict": self.certificate.verdict,
                 "reason": self.certificate.reason,
@@ -262,6 +284,7 @@ class Estimate:
             ),
             "notes": list(self.notes),
             "seconds": self.seconds,
+            "fit": None if self.fit is None else self.fit.to_dict(),
         }
 
     def save(self, path: str | Path) -> Path:
@@ -282,7 +305,8 @@ class Estimate:
         record = _read(Path(path))
         try:
             named, verdict = record["parameters"], record["certificate"]["verdict"]
-            if record["format"] != _FORMAT or verdict not in get_args(Verdict):
+            fit = record.get("fit")
+            if record["format"] != _FORMAT or verdict not in get_args(OptimumVerdict):
                 raise ProblemError(f"{path}: not an estimate in the form {_FORMAT!r}")
             if tuple(named) != model.layout.names:
                 raise ProblemError(
@@ -301,6 +325,8 @@ class Estimate:
                 certificate=Certificate(**record["certificate"]),
                 notes=tuple(record["notes"]),
                 seconds=record["seconds"],
+                fit=None if fit is None else Fit.from_dict(fit),
+                accepted=tuple(record.get("accepted", ())),
             )
         except (KeyError, TypeError, AttributeError) as cause:
             raise ProblemError(f"{path}: not an estimate: {cause!r}") from None

@@ -13,6 +13,7 @@ import numpy as np
 from consistent_id._support.arrays import Matrix, Vector
 from consistent_id._support.threads import single_threaded
 from consistent_id.estimation.estimate import Certificate, Estimate
+from consistent_id.estimation.fit import fit_of
 from consistent_id.estimation.method import Method
 from consistent_id.regression.base import (
     BaseParameters,
@@ -97,6 +98,7 @@ def least_squares(
         certificate=stationarity_certificate(A, b, solution),
         notes=tuple(notes),
         seconds=perf_counter() - started,
+        fit=fit_of(model, regression, parameters, base),
     )
 
 

@@ -10,6 +10,7 @@ from consistent_id._support.arrays import Array
 from consistent_id._support.threads import single_threaded
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.estimate import Certificate, Estimate
+from consistent_id.estimation.fit import fit_of
 from consistent_id.estimation.least_squares import least_squares
 from consistent_id.estimation.method import Method
 from consistent_id.recordings.recording import Recording
@@ -64,7 +65,7 @@ def huber(
     if isinstance(recordings, Recording):
         recordings = [recordings]
     base = base_parameters(model) if base is None else base
-    regression = build_regression(model, recordings)
+    regression = plain = build_regression(model, recordings)
     sigma = joint_noise(model, regression, base=base)
     floor = 1e-6 * np.maximum(regression.torque_rms, 1e-12)
     estimate = least_squares(model, regression.weighted(sigma), base=base)
@@ -95,6 +96,7 @@ def huber(
         certificate=_certificate(change, tolerance),
         notes=(f"Huber's loss, k = {k:g}; no standard errors are computed",),
         seconds=perf_counter() - started,
+        fit=fit_of(model, plain, estimate.parameters, base),
     )
 
 

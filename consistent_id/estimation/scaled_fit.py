@@ -18,6 +18,11 @@ from consistent_id.robot.scaling import link_scales
 EXACT_FIT = 1e-6
 """Misfit, relative to the torque, that counts as none."""
 
+_STILL = 1e-3
+"""Share of the largest column of the same drive term below which a column is the
+encoder's noise: its joint stands still.  Noise does not say what a typical parameter
+is, else a prior would let friction of a joint at rest be anything."""
+
 # Misfits are measured in units of the residual, or of a millionth of the torque: half
 # a unit squared is theirs.
 REFERENCE = 0.5
@@ -109,7 +114,7 @@ def scaled_fit(
     torque = float(np.linalg.norm(R[:, -1]))
     residual = float(abs(factor[-1, -1])) if len(factor) > len(base) else 0.0
     inertial = link_scales(model.robot).units
-    norms = np.linalg.norm(R[:, model.layout.inertial_size : -1], axis=0)
+    norms = _drive_columns(model, R)
     drive = torque / np.where(norms > 0.0, norms, np.inf)
     unit = np.concatenate([inertial, np.where(drive > 0.0, drive, 1.0)])
     possible = lowered(constraints, model)
@@ -125,3 +130,13 @@ def scaled_fit(
         size=max(residual, EXACT_FIT * torque, 1e-300),
     )
     return blank.with_factor(factor)
+
+
+def _drive_columns(model: TorqueModel, R: Matrix) -> Vector:
+    """Return norms of the drive terms' columns, those of joints at rest raised."""
+    norms = np.linalg.norm(R[:, model.layout.inertial_size : -1], axis=0)
+    terms = np.array([term for _, term in model.layout.drive])
+    for term in set(terms.tolist()):
+        same = terms == term
+        norms[same] = np.maximum(norms[same], _STILL * norms[same].max())
+    return np.asarray(norms)

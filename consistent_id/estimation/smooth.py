@@ -30,6 +30,7 @@ from consistent_id.estimation.body_variables import BodyVariables
 from consistent_id.estimation.constrained import DEFAULT_CONSTRAINTS
 from consistent_id.estimation.constraint_variables import body_variables
 from consistent_id.estimation.estimate import Certificate, Estimate
+from consistent_id.estimation.fit import fit_of
 from consistent_id.estimation.scaled_fit import REFERENCE, ScaledFit, scaled_fit
 from consistent_id.estimation.smooth_fit import SmoothFit, smooth_fit
 from consistent_id.regression.base import (
@@ -120,6 +121,7 @@ def smooth_least_squares(
         certificate=_certificate(fit, _proof(model, scaled, variables, fit.u)),
         notes=("what the data do not determine is near the start of the search",),
         seconds=perf_counter() - started,
+        fit=fit_of(model, regression, x, base),
     )
 
 

@@ -10,7 +10,7 @@ from consistent_id.estimation.estimate import Estimate
 from consistent_id.export.drive_values import coupling_values, joint_drives
 from consistent_id.export.exported_file import Export
 from consistent_id.export.pinocchio_model import central
-from consistent_id.export.provenance import export_verdict, require_usable
+from consistent_id.export.provenance import require_usable
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.model import FixedFrame, Joint
 
@@ -30,6 +30,7 @@ def robot_record(estimate: Estimate, *, allow_refused: bool = False) -> dict[str
         If the estimate is refused and `allow_refused` is false.
     """
     require_usable(estimate, allow_refused)
+    verdict = estimate.verdict
     model = estimate.model
     robot = model.robot
     reference = model.load_reference
@@ -37,8 +38,10 @@ def robot_record(estimate: Estimate, *, allow_refused: bool = False) -> dict[str
         "format": FORMAT,
         "robot": robot.name,
         "method": estimate.method,
-        "verdict": export_verdict(estimate),
-        "reason": estimate.certificate.reason,
+        "verdict": verdict.word,
+        "reason": "; ".join(reason.statement for reason in verdict.grounds),
+        "accepted": list(verdict.accepted),
+        "optimum": estimate.certificate.verdict,
         "gravity": robot.gravity.tolist(),
         "joints": [_joint(joint, robot.link_names) for joint in robot.joints],
         "links": [

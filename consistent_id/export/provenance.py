@@ -1,22 +1,8 @@
 """Whether an estimate may be exported, and the provenance that a file states."""
 
-from consistent_id.constraints.cones.certificate import Verdict
-from consistent_id.constraints.link_condition import link_conditions
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.estimate import Estimate
-
-
-def inconsistent_links(estimate: Estimate) -> tuple[str, ...]:
-    """Return the names of links that are not physically consistent."""
-    found = link_conditions(estimate.model, estimate.parameters)
-    return tuple(link.link for link in found if not link.consistent)
-
-
-def export_verdict(estimate: Estimate) -> Verdict:
-    """Return the verdict: ``refused`` if a link is not physically consistent."""
-    if inconsistent_links(estimate):
-        return "refused"
-    return estimate.certificate.verdict
+from consistent_id.estimation.verdict import HELP
 
 
 def require_usable(estimate: Estimate, allow_refused: bool) -> None:
@@ -25,23 +11,25 @@ def require_usable(estimate: Estimate, allow_refused: bool) -> None:
     Raises
     ------
     ProblemError
-        If the estimate is refused and `allow_refused` is false.
+        If the verdict is ``do not use`` and `allow_refused` is false.
     """
-    if allow_refused or export_verdict(estimate) != "refused":
+    if allow_refused:
         return
-    links = inconsistent_links(estimate)
-    why = estimate.certificate.reason
-    if links:
-        why = f"not physically consistent: {', '.join(links)}"
+    verdict = estimate.verdict
+    if verdict.usable:
+        return
+    ground = verdict.grounds[0]
     raise ProblemError(
-        f"the estimate by {estimate.method!r} is refused ({why}); export a constrained "
-        "one, or say allow_refused"
+        f"{verdict.sentence}: {ground.statement}. {ground.advice}; or say "
+        f"allow_refused (--accept {ground.kind!r} in the shell). See {HELP}"
     )
 
 
 def provenance(estimate: Estimate) -> str:
     """Return one line for a file's comment: method, robot, verdict."""
+    verdict = estimate.verdict
+    accepted = f", accepted: {', '.join(verdict.accepted)}" if verdict.accepted else ""
     return (
         f"consistent-id: robot {estimate.model.robot.name}, method {estimate.method}, "
-        f"verdict {export_verdict(estimate)}"
+        f"verdict: {verdict}{accepted}"
     )

@@ -1,6 +1,7 @@
 """A problem file for a robot and a log that have none; guesses are marked as such."""
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -125,12 +126,21 @@ class Draft:
         read = {_relative(self.log, folder): self.raw}
         return problem_of(self.table(folder), folder / "problem.toml", read=read)
 
-    def text(self, folder: Path) -> str:
-        """Return the text of the problem file, for a file in a folder."""
+    def text(self, folder: Path, *, accepted: Sequence[str] = ()) -> str:
+        """Return the text of the problem file, for a file in a folder.
+
+        Parameters
+        ----------
+        folder : Path
+        accepted : sequence of str
+            Kinds of findings that its user overlooked; a comment says so.
+        """
         head = (
             f"# Drafted from {self.model.name} and {self.log.name}. A comment that\n"
             "# begins with GUESS marks what neither of them states: check it.\n\n"
         )
+        if accepted:
+            head += f"# Accepted in spite of the verdict: {', '.join(accepted)}.\n\n"
         return head + toml_text(self.table(folder), self._comments)
 
     @property

@@ -19,6 +19,7 @@ from consistent_id.constraints.priors import PointToSet
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.constrained import constrained_least_squares
 from consistent_id.estimation.estimate import Estimate
+from consistent_id.estimation.fit import fit_of
 from consistent_id.estimation.least_squares import stationarity_certificate
 from consistent_id.estimation.method import Method
 from consistent_id.problems.file import PublishedTable
@@ -343,6 +344,7 @@ def published_least_squares(
             "is the smallest of all vectors that fit best",
         ),
         seconds=perf_counter() - started,
+        fit=fit_of(model, regression, x, base),
     )
 
 

@@ -1,17 +1,18 @@
 """From a problem to its answer: estimates, their comparison, costs, uncertainty."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from consistent_id._support.progress import stages
-from consistent_id.comparison.comparison import Comparison, compare
+from consistent_id.comparison.comparison import Comparison, EstimateReport, compare
 from consistent_id.comparison.constraint_prices import ShadowPrice, shadow_prices
 from consistent_id.comparison.fit_costs import ConstraintCost, constraint_costs
 from consistent_id.comparison.parameter_uncertainty import Uncertainty, uncertainty
 from consistent_id.constraints import PhysicalConsistency
+from consistent_id.diagnosis import Diagnosis
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.constrained import constrained_least_squares
 from consistent_id.estimation.cross_validation import (
@@ -23,48 +24,28 @@ from consistent_id.estimation.least_squares import (
     least_squares,
 )
 from consistent_id.estimation.method import Method
+from consistent_id.estimation.recommendation import (
+    Candidate,
+    Recommendation,
+    recommend,
+)
 from consistent_id.estimation.robust import huber
+from consistent_id.estimation.verdict import Verdict
+from consistent_id.problems.log_check import check_problem
 from consistent_id.problems.problem import Problem
 from consistent_id.problems.published import (
     PublishedReport,
     check_published,
     published_least_squares,
 )
+from consistent_id.recordings.finding import Finding
 from consistent_id.recordings.recording import Recording
-from consistent_id.regression.base import (
-    BaseParameters,
-    ConditionNumber,
-    base_parameters,
-    condition_number,
-    linear_combination,
-)
-from consistent_id.regression.linear import solve_linear
+from consistent_id.regression.base import BaseParameters, base_parameters
+from consistent_id.regression.data_rank import Excitation, excitation_of
 from consistent_id.regression.noise import joint_noise
 from consistent_id.regression.regression import Regression, build_regression
 from consistent_id.regression.segments import merged, segment_regressions
 from consistent_id.regression.simulation import simulate_torque
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Excitation:
-    """How well the training data excite the robot.
-
-    Parameters
-    ----------
-    structural_rank : int
-        Number of base parameters, from random motions.
-    data_rank : int
-        How many of them the data determine.
-    condition : tuple of ConditionNumber
-        Of the base regressor, unscaled and with unit columns.
-    undetermined : tuple of str
-        Combinations of base parameters that the data do not determine.
-    """
-
-    structural_rank: int
-    data_rank: int
-    condition: tuple[ConditionNumber, ...]
-    undetermined: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +59,8 @@ class Study:
         Of the bootstrap behind `uncertainty`.
     progress : bool
         Whether the bootstrap shows on the standard error how far it is.
+    accepted : tuple of str
+        Kinds of findings and reasons that verdicts are to overlook.
 
     Raises
     ------
@@ -88,6 +71,7 @@ class Study:
     problem: Problem
     seed: int = 0
     progress: bool = False
+    accepted: tuple[str, ...] = ()
 
     @cached_property
     def published(self) -> PublishedReport | None:
@@ -140,10 +124,60 @@ class Study:
             path=self.path,
             regression=self.regression,
         )
-        if self.published is None:
-            return own
-        first = published_least_squares(self.problem, self.training[0], base=self.base)
-        return (first, *own)
+        if self.published is not None:
+            recording = self.training[0]
+            first = published_least_squares(self.problem, recording, base=self.base)
+            own = (first, *own)
+        return tuple(replace(e, accepted=self.accepted) for e in own)
+
+    @cached_property
+    def diagnosis(self) -> Diagnosis | None:
+        """What is wrong with the recordings; None if they are simulated."""
+        recorded = self.problem.table.data is not None
+        return check_problem(self.problem) if recorded else None
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What is wrong with the recordings, as verdicts take it."""
+        return () if self.diagnosis is None else self.diagnosis.findings
+
+    @cached_property
+    def recommendation(self) -> Recommendation:
+        """Which estimate to use, chosen from the training data."""
+        problem = self.problem
+        return recommend(
+            problem.model,
+            self.segments,
+            (
+                Candidate(Method.CONSTRAINED, False, problem.prior),
+                Candidate(Method.WEIGHTED_CONSTRAINED, True, problem.prior),
+                Candidate(Method.CROSS_VALIDATED, False, self.path.penalty),
+            ),
+            constraints=problem.constraints,
+            base=self.base,
+        )
+
+    @property
+    def recommended(self) -> EstimateReport:
+        """The recommended estimate."""
+        return self.comparison[self.recommendation.method]
+
+    @property
+    def verdict(self) -> Verdict:
+        """Whether the recommended estimate may be used, and why."""
+        return self.recommended.verdict
+
+    def judged(self, estimate: Estimate) -> Verdict:
+        """Return the verdict on an estimate, with all that the study knows.
+
+        Parameters
+        ----------
+        estimate : Estimate
+            Of the problem's model, computed now or loaded from a file.
+        """
+        own = replace(estimate, accepted=(*estimate.accepted, *self.accepted))
+        found = compare([own], self.validation, findings=self.findings)
+        return found.reports[0].verdict
 
     @property
     def constrained(self) -> Estimate:
@@ -155,7 +189,12 @@ class Study:
     @cached_property
     def comparison(self) -> Comparison:
         """The estimates side by side."""
-        return compare(self.estimates, self.validation, training=self.training)
+        return compare(
+            self.estimates,
+            self.validation,
+            training=self.training,
+            findings=self.findings,
+        )
 
     @cached_property
     def costs(self) -> tuple[ConstraintCost, ...]:
@@ -194,26 +233,35 @@ class Study:
     @cached_property
     def _constrained(self) -> Estimate:
         problem = self.problem
-        return constrained_least_squares(
+        estimate = constrained_least_squares(
             problem.model,
             self.regression,
             constraints=problem.constraints,
             prior=problem.prior,
             base=self.base,
         )
+        return replace(estimate, accepted=self.accepted)
 
 
 _STAGES = {
     "recordings": "training",
+    "faults of the recordings": "diagnosis",
     "weight of the prior": "path",
     "estimates": "estimates",
+    "recommendation": "recommendation",
     "comparison": "comparison",
     "costs of constraints": "costs",
     "shadow prices": "prices",
 }
 
 
-def run_study(problem: Problem, *, seed: int = 0, progress: bool = False) -> Study:
+def run_study(
+    problem: Problem,
+    *,
+    seed: int = 0,
+    progress: bool = False,
+    accepted: Sequence[str] = (),
+) -> Study:
     """Work a problem through: its paper if it has one, estimates, comparison.
 
     Parameters
@@ -223,6 +271,8 @@ def run_study(problem: Problem, *, seed: int = 0, progress: bool = False) -> Stu
         Of the bootstrap, if the study's `uncertainty` is asked for.
     progress : bool
         Show how far it is, on the standard error.
+    accepted : sequence of str
+        Kinds of findings and reasons that verdicts are to overlook.
 
     Returns
     -------
@@ -234,7 +284,7 @@ def run_study(problem: Problem, *, seed: int = 0, progress: bool = False) -> Stu
     ProblemError
         If the problem has neither recordings nor a simulated experiment.
     """
-    study = Study(problem, seed=seed, progress=progress)
+    study = Study(problem, seed=seed, progress=progress, accepted=tuple(accepted))
     with stages(len(_STAGES), progress) as begin:
         for stage, part in _STAGES.items():
             begin(stage)
@@ -312,27 +362,6 @@ def regularisation_path(
         constraints=problem.constraints,
         distance=problem.prior.distance,
         base=base,
-    )
-
-
-def excitation_of(regression: Regression, base: BaseParameters) -> Excitation:
-    """Return rank and condition of the base regressor in the data."""
-    columns = list(base.independent)
-    R = regression.stacked()
-    solution = solve_linear(R[:, columns], R[:, -1])
-    return Excitation(
-        structural_rank=len(base),
-        data_rank=solution.rank,
-        condition=tuple(
-            condition_number(
-                R[:, columns], basis=f"{len(base)} base columns", unit_columns=unit
-            )
-            for unit in (False, True)
-        ),
-        undetermined=tuple(
-            linear_combination(direction, base.names)
-            for direction in solution.null_space.T
-        ),
     )
 
 

@@ -53,6 +53,8 @@ class Regression:
         by default ones.
     fingerprint : str
         Of the torque model it was built with, if known.
+    peaks : array_like, shape (joints,) or (), optional, [N m or N]
+        Largest torque of each joint; by default zero: not known.
     """
 
     layout: ParameterLayout
@@ -61,6 +63,7 @@ class Regression:
     counts: tuple[int, ...]
     sigma: Vector = array_default(1.0)
     fingerprint: str = ""
+    peaks: Vector = array_default(0.0)
 
     def __post_init__(self) -> None:
         n, width = len(self.joints), len(self.layout) + 1
@@ -76,7 +79,9 @@ class Regression:
         sigma = frozen(sigma, (n,), "sigma")
         if not (sigma > 0.0).all():
             raise ProblemError(f"sigma is {sigma}, expected positive values")
-        freeze(self, factors=factors, sigma=sigma)
+        peaks = self.peaks if np.ndim(self.peaks) else np.full(n, self.peaks)
+        peaks = frozen(peaks, (n,), "peaks")
+        freeze(self, factors=factors, sigma=sigma, peaks=peaks)
 
     def __add__(self, other: "Regression") -> Self:
         """Merge two regressions of one torque model."""
@@ -90,7 +95,8 @@ class Regression:
             for mine, theirs in zip(self.factors, other.factors, strict=True)
         )
         counts = tuple(a + b for a, b in zip(self.counts, other.counts, strict=True))
-        return replace(self, factors=factors, counts=counts)
+        peaks = np.maximum(self.peaks, other.peaks)
+        return replace(self, factors=factors, counts=counts, peaks=peaks)
 
     def weighted(self, sigma: ArrayLike) -> Self:
         """Return the regression with each joint's rows divided by its noise level."""
@@ -199,6 +205,7 @@ def build_regression(
         factors=tuple(expanded),
         counts=tuple(counts.tolist()),
         fingerprint=model.fingerprint,
+        peaks=np.max([_peaks(motion) for motion in motions], axis=0),
     )
 
 
@@ -301,6 +308,12 @@ def _counts(motion: Motion, centres: range) -> IntArray:
     if motion.weights is None:
         return np.full(motion.torque.shape[1], len(centres))
     return np.asarray(np.count_nonzero(motion.weights[centres], axis=0))
+
+
+def _peaks(motion: Motion) -> Vector:
+    """Return the largest torque of each joint, in rows that count, [N m or N]."""
+    counted = True if motion.weights is None else motion.weights != 0.0
+    return np.asarray(abs(motion.torque).max(axis=0, where=counted, initial=0.0))
 
 
 def _compress(

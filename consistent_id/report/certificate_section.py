@@ -21,7 +21,7 @@ def certificate_section(content: ReportContent) -> Section:
     body = joined(
         (
             paragraphs(
-                "Verdicts are computed again from the problem's own data. The solver's "
+                "Optima are proven again from the problem's own data. The solver's "
                 "status is not trusted."
             ),
             _certificate(main, open_=True),
@@ -38,9 +38,11 @@ def certificate_section(content: ReportContent) -> Section:
 def _certificate(report: EstimateReport, *, open_: bool = False) -> Html:
     estimate = report.estimate
     own = estimate.certificate
-    style = "good" if report.verdict == "certified" else "bad"
+    style = "good" if own.verdict == "certified" else "bad"
     heading = tag(
-        "span", f"{estimate.method}: ", tag("span", report.verdict, class_=style)
+        "span",
+        f"{estimate.method}: ",
+        tag("span", f"optimum {own.verdict}", class_=style),
     )
     rows = [(name, f"{value:.4g}") for name, value in own.figures.items()]
     return folded(

@@ -28,7 +28,7 @@ def report_html(
     ----------
     study : Study
     diagnosis : Diagnosis, optional
-        Of the problem's recordings.
+        Of the problem's recordings; by default the study's own.
     uncertainty : Uncertainty, optional
         Of its constrained estimate.
     seed : int, optional
@@ -47,12 +47,14 @@ def report_html(
         ReportContent(
             title=study.problem.name,
             comparison=study.comparison,
-            advice=advise(study.comparison, diagnosis),
+            advice=advise(
+                study.comparison, diagnosis, recommendation=study.recommendation
+            ),
             training=study.training,
             validation=study.validation,
             problem=study.problem,
             excitation=study.excitation,
-            diagnosis=diagnosis,
+            diagnosis=diagnosis if diagnosis is not None else study.diagnosis,
             uncertainty=uncertainty,
             costs=study.costs,
             prices=study.prices,

@@ -11,8 +11,8 @@ from consistent_id.estimation.cross_validation import RegularisationPath
 from consistent_id.estimation.method import Method
 from consistent_id.problems.problem import Problem
 from consistent_id.problems.published import PublishedReport
-from consistent_id.problems.study import Excitation
 from consistent_id.recordings.recording import Recording
+from consistent_id.regression.data_rank import Excitation
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.report.advice import Advice
 from consistent_id.report.markup import Html
@@ -67,13 +67,11 @@ class ReportContent:
 
     @property
     def main(self) -> EstimateReport:
-        """The estimate that the report is about: the one to use, or the nearest to it.
+        """The estimate that the report is about: the recommended one.
 
-        Where none can be used, it is the last one compared.
+        See `advise`.
         """
-        method = self.advice.method
-        reports = self.comparison.reports
-        return self.comparison[method] if method else reports[-1]
+        return self.comparison[self.advice.verdict.method]
 
     @property
     def plain(self) -> EstimateReport | None:

@@ -4,7 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from consistent_id.comparison.comparison import EstimateReport, TorqueError
+from consistent_id.comparison.comparison import EstimateReport
+from consistent_id.estimation.torque_error import TorqueError
 from consistent_id.problems.published import PublishedReport
 from consistent_id.problems.study import Study
 
@@ -15,6 +16,19 @@ def study_record(study: Study) -> dict[str, Any]:
         "format": "consistent_id study 1",
         "problem": study.problem.name,
         "source": study.problem.table.source,
+        **study.verdict.to_dict(),
+        "recommendation": {
+            "method": study.recommendation.method,
+            "expected_error": study.recommendation.expected,
+            "left_out_errors": {
+                method: _number(error)
+                for method, error in zip(
+                    study.recommendation.candidates,
+                    study.recommendation.error,
+                    strict=True,
+                )
+            },
+        },
         "excitation": {
             "structural_rank": study.excitation.structural_rank,
             "data_rank": study.excitation.data_rank,
@@ -63,8 +77,8 @@ def study_record(study: Study) -> dict[str, Any]:
 
 
 def _report_record(report: EstimateReport) -> dict[str, Any]:
-    return report.estimate.to_dict() | {
-        "verdict": report.verdict,
+    own = report.estimate.to_dict() | report.verdict.to_dict()
+    return own | {
         "training": [_error_record(e) for e in report.training],
         "validation": [_error_record(e) for e in report.validation],
         "consistent_links": list(report.consistent_links),

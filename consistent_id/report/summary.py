@@ -1,6 +1,7 @@
 """A study in tables, for people."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,15 +16,28 @@ from consistent_id.comparison.constraint_prices import ShadowPrice
 from consistent_id.comparison.fit_costs import ConstraintCost
 from consistent_id.comparison.parameter_uncertainty import Uncertainty
 from consistent_id.estimation.cross_validation import RegularisationPath
-from consistent_id.problems.study import Excitation, Study
+from consistent_id.problems.study import Study
+from consistent_id.regression.data_rank import Excitation
+from consistent_id.report.advice import advise
 from consistent_id.report.published_tables import published_tables
 
 _PRICES = 12  # single constraints shown
 
 
+def headline_table(study: Study) -> Table:
+    """Return the verdict in one line, all estimates, and the reasons."""
+    advice = advise(study.comparison, recommendation=study.recommendation)
+    table = verdict_table(study.comparison)
+    return replace(
+        table,
+        title=advice.headline,
+        notes=(*table.notes, *advice.reasons, *advice.cautions),
+    )
+
+
 def study_tables(study: Study) -> list[Table]:
-    """Return everything that a study found, table by table, the verdicts first."""
-    tables = [verdict_table(study.comparison)]
+    """Return everything that a study found, table by table, the verdict first."""
+    tables = [headline_table(study)]
     if study.published is not None:
         tables += published_tables(study.published, study.problem.table.published)
     tables.append(excitation_table(study.excitation, study.training))
@@ -145,8 +159,18 @@ def comparison_tables(comparison: Comparison) -> list[Table]:
         tables.append(_error_table(f"Torque {where}", joints, reports, i))
         tables.append(_mse_table(f"Mean squared error {where}", joints, reports, i))
     tables.append(_consistency_table(reports))
-    whys = tuple(f"{r.estimate.method}: {r.verdict}; {r.refusal}" for r in reports)
-    return [*tables, Table("Why", (), (), whys)]
+    return [*tables, _reasons_table(reports)]
+
+
+def _reasons_table(reports: Sequence[EstimateReport]) -> Table:
+    """Return the reasons for each verdict, and what is proven of each optimum."""
+    whys = []
+    for report in reports:
+        verdict, own = report.verdict, report.estimate.certificate
+        whys.append(verdict.sentence)
+        whys += [f"  {line}" for line in verdict.lines]
+        whys.append(f"  optimum {own.verdict}: {own.reason}")
+    return Table("Why", (), (), tuple(whys))
 
 
 def _consistency_table(reports: Sequence[EstimateReport]) -> Table:
@@ -164,7 +188,7 @@ def _consistency_table(reports: Sequence[EstimateReport]) -> Table:
         tuple(
             (
                 report.estimate.method,
-                report.verdict,
+                report.verdict.word,
                 f"{sum(report.consistent_links)} of {len(report.consistent_links)}",
                 report.base_feasibility.answer,
                 _to_nearest(report),

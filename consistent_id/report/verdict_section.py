@@ -1,23 +1,17 @@
 """Section: which estimate to use, and why."""
 
 from consistent_id.comparison.comparison import EstimateReport
-from consistent_id.report.advice import held_out_error, is_usable
 from consistent_id.report.markup import Html, grid, joined, listed, tag
 from consistent_id.report.report_content import ReportContent, Section
 
-_SIGN = {"use": "good", "care": "care", "none": "bad"}
+_SIGN = {"use": "good", "use with care": "care", "do not use": "bad"}
 
 
 def verdict_section(content: ReportContent) -> Section:
     """Return the advice, key figures and all estimates in one table."""
     advice = content.advice
-    if advice.level == "none":
-        headline = "Use none of these estimates"
-    else:
-        care = ", with care" if advice.level == "care" else ""
-        headline = f"Use the {advice.method} estimate{care}"
     parts = [
-        tag("p", headline, class_="headline"),
+        tag("p", advice.headline, class_="headline"),
         listed(advice.reasons),
         listed(advice.cautions, class_="cautions"),
     ]
@@ -28,10 +22,10 @@ def verdict_section(content: ReportContent) -> Section:
 
 def _tiles(content: ReportContent) -> Html:
     main, plain = content.main, content.plain
-    error, consistent = held_out_error(main), main.consistent_links
+    error, consistent = main.held_out_error, main.consistent_links
     tiles = []
     if error is not None:
-        other = None if plain is None else held_out_error(plain)
+        other = None if plain is None else plain.held_out_error
         beside = "" if other is None else f"least squares: {other:.2%}"
         tiles.append(_tile(f"{error:.2%}", "torque error on held-out motion", beside))
     beside = "" if plain is None else f"least squares: {sum(plain.consistent_links)}"
@@ -64,18 +58,17 @@ def _estimates(content: ReportContent) -> Html:
     reports = content.comparison.reports
     names = [error.recording for error in reports[0].validation]
     header = ["estimate", *(f"error on {name}" for name in names)]
-    header += ["physically consistent links", "verdict", "usable"]
+    header += ["physically consistent links", "verdict"]
     return grid(header, [_row(r, content) for r in reports])
 
 
 def _row(report: EstimateReport, content: ReportContent) -> list[object]:
     method, links = report.estimate.method, report.consistent_links
     chosen = method == content.advice.method
-    usable = is_usable(report)
+    word = report.verdict.word
     return [
         tag("strong", f"{method} ✓") if chosen else method,
         *(f"{error.stacked:.2%}" for error in report.validation),
         f"{sum(links)} of {len(links)}",
-        report.verdict,
-        tag("span", "yes" if usable else "no", class_="good" if usable else "bad"),
+        tag("span", word, class_=_SIGN[word]),
     ]

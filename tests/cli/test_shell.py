@@ -3,6 +3,7 @@
 import io
 import json
 import logging
+import re
 import subprocess
 import sys
 import time
@@ -40,10 +41,9 @@ def arm(tmp_path_factory):
 
 def test_a_robot_and_a_log_are_identified_by_one_command(arm, tmp_path, capsys):
     folder = tmp_path / "out"
-    assert main(["identify", *arm, "--output", str(folder)]) == 0
+    assert main(["identify", *arm, "--output", str(folder), "--verbose"]) == 0
     out = capsys.readouterr().out
-    assert out.startswith("arm: ")
-    assert "certified" in out.splitlines()[0]
+    assert re.match(r"use( with care)?: .*, held-out torque error \d", out)
     assert "position: q_{joint}" in out
     assert "Nothing suspicious was found" in out
     assert "fore.Izz" in out
@@ -113,9 +113,22 @@ def test_a_faulty_log_is_told_with_the_verdict(arm, tmp_path, capsys):
         row[4] = str(-float(row[4]))
     log = tmp_path / "log.csv"
     log.write_text("\n".join(map(",".join, rows)) + "\n")
-    main(["identify", arm[0], str(log)])
+    for quiet in ([], ["--quiet"]):
+        assert main(["identify", arm[0], str(log), *quiet]) == 1
     head = capsys.readouterr().out.split("\n\n")[0]
-    assert "the log seems faulty (torque sign" in head
+    assert head.startswith("do not use: ")
+    assert "torque sign" in head
+    assert "docs/bad-result.md" in head
+    kinds = ["--accept", "torque sign", "--accept", "held-out error"]
+    out = tmp_path / "out"
+    arguments = ["identify", arm[0], str(log), *kinds, "--output", str(out), "--json"]
+    main(arguments)
+    record = json.loads(capsys.readouterr().out)
+    assert "torque sign" in record["accepted"]
+    assert (
+        "# Accepted in spite of the verdict: torque sign"
+        in (out / "problem.toml").read_text()
+    )
 
 
 def test_what_the_problem_file_says_is_not_taken_from_the_shell(capsys):
@@ -135,7 +148,7 @@ def test_one_command_goes_from_a_robot_and_a_log_to_a_report(
 
     monkeypatch.setattr("consistent_id.problems.study.uncertainty", counted)
     file = tmp_path / "report.html"
-    more = ["--uncertainty", "--seed", "3", "--report", str(file)]
+    more = ["--uncertainty", "--seed", "3", "--report", str(file), "--verbose"]
     assert main(["identify", *arm, *more]) == 0
     html = file.read_text()
     assert html.lower().startswith("<!doctype html>")

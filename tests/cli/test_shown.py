@@ -62,31 +62,33 @@ def test_a_table_in_html_has_everything_and_escapes_it():
 
 def test_an_estimate_says_its_verdict_first(found):
     _, plain, bodily, _ = found
-    assert repr(bodily).endswith("certified)")
+    assert repr(bodily).endswith(f"{bodily.verdict.word})")
     assert "\n" not in repr(bodily)
-    assert str(bodily).startswith("constrained: certified\n")
-    assert read(bodily._repr_html_())[0] == "constrained: certified"
+    assert str(bodily).startswith("use: constrained\n")
+    assert read(bodily._repr_html_())[0] == "use: constrained"
+    assert "optimum certified" in str(bodily)
     assert "standard error" in str(plain)
     assert "determined by" in str(bodily)
 
 
 def test_a_comparison_says_verdicts_and_held_out_errors(found):
     log, _, _, comparison = found
-    assert "'constrained': certified" in repr(comparison)
+    assert "'constrained': use" in repr(comparison)
     lines = str(comparison).splitlines()
-    assert "are certified" in lines[0]
-    assert f"torque error on {log.name}" in lines[1]
+    assert "estimates may be used" in lines[0]
+    assert lines[-1].endswith(f"1: torque of {log.name}")
     assert f"{comparison['constrained'].validation[0].stacked:.2%}" in lines[3]
     assert read(comparison._repr_html_())[0] == lines[0]
 
 
-def test_why_an_estimate_is_refused_is_said(found):
-    log, plain, bodily, _ = found
-    heavy = bodily.parameters.copy()
-    heavy[0] = -1.0
-    certificate = replace(bodily.certificate, verdict="refused", reason="made up")
-    wrong = replace(bodily, parameters=heavy, certificate=certificate, method="wrong")
-    assert "wrong is refused: " in str(compare([plain, wrong], [log]))
+def test_why_an_estimate_is_not_to_be_used_is_said(found):
+    log, _, bodily, _ = found
+    light = bodily.parameters.copy()
+    light[0] = -1.0
+    wrong = replace(bodily, parameters=light, method="wrong")
+    (report,) = compare([wrong], [log]).reports
+    assert report.verdict.sentence.startswith("do not use: wrong, held-out")
+    assert any("not physically consistent" in line for line in report.verdict.lines)
 
 
 def test_a_recording_says_how_long_it_is_and_what_it_holds(found):
@@ -123,7 +125,7 @@ def test_an_estimate_becomes_a_data_frame(found):
     assert list(frame.columns) == ["value", "unit", "rests_on"]
     assert tuple(frame.index) == bodily.model.layout.names
     np.testing.assert_array_equal(frame["value"], bodily.parameters)
-    assert frame.attrs == {"method": "constrained", "verdict": "certified"}
+    assert frame.attrs == {"method": "constrained", "verdict": "use"}
 
 
 def test_a_recording_becomes_a_data_frame(found):

@@ -57,7 +57,7 @@ def test_the_constrained_robot_is_consistent_and_its_mass_matrix_positive():
     _, _, _, logs, estimates = _estimates()
     comparison = compare(estimates, [logs[1]], training=[logs[0]])
     bodily = comparison["constrained"]
-    assert bodily.verdict == "certified"
+    assert bodily.estimate.certificate.verdict == "certified"
     assert all(bodily.consistent_links)
     assert bodily.least_mass_eigenvalue > 0.0
     assert bodily.base_feasibility.answer == "consistent"
@@ -70,7 +70,8 @@ def test_base_parameters_of_no_body_are_refused_however_well_they_fit():
     anti = replace(plain, parameters=impossible, method="anti-body")
     (report,) = compare([anti], [logs[1]]).reports
     assert report.estimate.certificate.verdict == "certified"
-    assert report.verdict == "refused"
+    assert report.verdict.word == "do not use"
+    assert "impossible robot" in [r.kind for r in report.verdict.grounds]
     assert "j2" in report.base_feasibility.summary
 
 

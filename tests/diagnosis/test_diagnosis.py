@@ -341,8 +341,8 @@ def _arm_in(folder):
 
 def test_a_problem_whose_validation_repeats_its_training_is_found(tmp_path):
     from consistent_id import load_problem
-    from consistent_id.cli.checks import check_problem
     from consistent_id.diagnosis.diagnosis_table import diagnosis_table
+    from consistent_id.problems.log_check import check_problem
 
     log = _arm_in(tmp_path)
     # The elbow's torque was not recorded: there is no column for it.

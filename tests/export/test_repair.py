@@ -238,7 +238,7 @@ def test_what_cannot_be_worked_on_is_refused(tmp_path, text, options, message):
 
 def test_the_command_writes_beside_the_file(broken, capsys):
     path = broken(INERTIA, TOO_LONG)
-    assert main(["repair", str(path), "--dry-run"]) == 0
+    assert main(["repair", str(path), "--dry-run", "--verbose"]) == 0
     out = capsys.readouterr().out
     assert "one exceeds the sum of the others" in out
     assert "nothing was written" in out

@@ -35,7 +35,7 @@ from consistent_id import (
 )
 from consistent_id.cli import main
 from consistent_id.diagnosis.findings import Finding
-from consistent_id.report.advice import held_out_error
+from consistent_id.estimation.verdict import percent
 from consistent_id.report.downsampling import buckets, extremes, packed
 from consistent_id.report.markup import Html, grid, tag, text
 from consistent_id.report.page import SECTIONS
@@ -173,7 +173,7 @@ def test_figures_are_the_study_s(study, html):
     for report in study.comparison.reports:
         for error in report.validation:
             assert f"{error.stacked:.2%}" in page.texts
-    chosen = study.comparison[advise(study.comparison).method]
+    chosen = study.recommended
     for value in chosen.estimate.base_values:
         assert f"{value:.4g}" in page.texts
     for price in study.prices[:12]:
@@ -238,19 +238,19 @@ def test_the_constrained_estimate_is_advised_whatever_the_held_out_data_say(
     experiment,
 ):
     advice = advise(experiment.comparison)
-    assert advice.level in ("use", "care")
+    assert advice.level in ("use", "use with care")
     assert advice.method == "constrained"
-    error = held_out_error(experiment.comparison["constrained"])
-    assert f"{error:.2%}" in advice.reasons[0]
+    error = experiment.comparison["constrained"].held_out_error
+    assert f"held-out torque error {percent(error)}" in advice.headline
 
 
 def test_a_faulty_log_is_said_first(experiment):
     fault = Finding("torque sign", "fault", "joint1", "reversed", "negate it")
     advice = advise(experiment.comparison, Diagnosis((fault,)))
-    assert advice.level == "care"
+    assert (advice.level, advice.method) == ("do not use", "")
     assert "reversed" in advice.cautions[0]
     html = comparison_html(experiment.comparison, diagnosis=Diagnosis((fault,)))
-    assert "with care" in html
+    assert "do not use: constrained" in html
 
 
 def test_without_a_usable_estimate_none_is_advised(experiment):
@@ -261,9 +261,9 @@ def test_without_a_usable_estimate_none_is_advised(experiment):
         links=tuple(replace(k, least_eigenvalue=-1.0) for k in reports[0].links),
     )
     advice = advise(replace(comparison, reports=(broken,)))
-    assert (advice.level, advice.method) == ("none", "")
+    assert (advice.level, advice.method) == ("do not use", "")
     page = Page(comparison_html(replace(comparison, reports=(broken,))))
-    assert "Use none of these estimates" in page.texts
+    assert advice.headline in page.texts
     crosses = [a for _, a in page.elements if a.get("class") == "place cross"]
     assert len(crosses) == 2
 

@@ -39,7 +39,7 @@ _FINE = (1e-12, 1e-10)  # tolerances within the ball, where numbers are tame
 _NO_COST = 1e-9  # share of the objective, far below the gap allowed
 _NULL = 1e-12  # singular values below this, relative to the largest, are zero
 
-Verdict = Literal["certified", "uncertified", "refused"]
+OptimumVerdict = Literal["certified", "uncertified"]
 
 GAP_TOLERANCE = 1e-6
 """Largest relative gap of a certified optimum."""
@@ -76,7 +76,7 @@ class Optimality:
     radius: float = np.inf
 
     @property
-    def verdict(self) -> Verdict:
+    def verdict(self) -> OptimumVerdict:
         """``"certified"`` iff gap and violation are within the tolerances."""
         fine = self.gap <= GAP_TOLERANCE and self.violation <= FEASIBILITY_TOLERANCE
         return "certified" if fine else "uncertified"

@@ -1,0 +1,216 @@
+"""How well an estimate explains the torque that it was fitted to.
+
+Everything is computed from the compressed regression alone, at the cost of a few small
+factorisations.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+
+from consistent_id._support.arrays import Array, Vector, freeze_arrays, frozen
+from consistent_id.regression.base import BaseParameters
+from consistent_id.regression.linear import solve_linear
+from consistent_id.regression.regression import Regression
+from consistent_id.regression.regressor import TorqueModel
+
+_ALONE = ("misfit", "floor", "excess", "drive_share")
+_PER_JOINT = tuple("torque misfits shares slopes explained expected efforts".split())
+_ROUNDING = 1e-10  # relative size of a column that drive terms explain to rounding
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fit:
+    """How well an estimate explains its training data.
+
+    Parameters
+    ----------
+    joints : tuple of str
+    misfit : float
+        RMS residual over RMS torque, all joints stacked.
+    floor : float
+        The same of least squares without constraints, with the same weights.
+    excess : float
+        Weighted residual over that of least squares without constraints, each less the
+        degrees of freedom that least squares spends; NaN where there are no more rows
+        than parameters.
+    drive_share : float
+        RMS torque of the estimated drive terms over RMS torque, all joints stacked;
+        NaN for a model without drive terms.
+    torque : array_like, shape (joints,), [N m or N]
+        RMS torque.
+    misfits : array_like, shape (joints,)
+        RMS residual over RMS torque of each joint.
+    shares : array_like, shape (joints,)
+        RMS torque of each joint over the largest of those that move alike (turn or
+        slide).
+    slopes : array_like, shape (joints,)
+        Of the measured torque on that of the nominal bodies, the drive terms being
+        free: one, if the torque is the nominal robot's.  NaN without nominal bodies.
+    explained : array_like, shape (joints,)
+        Share of the torque beyond drive terms, squared, that the nominal bodies explain
+        with this slope.
+    expected : array_like, shape (joints,)
+        Torque of the nominal bodies beyond drive terms, over the measured torque: how
+        much the nominal bodies ought to matter.
+    efforts : array_like, shape (joints,)
+        Largest torque over the joint's effort limit; zero where either is not known.
+    """
+
+    joints: tuple[str, ...]
+    misfit: float
+    floor: float
+    excess: float
+    drive_share: float
+    torque: Vector
+    misfits: Vector
+    shares: Vector
+    slopes: Vector
+    explained: Vector
+    expected: Vector
+    efforts: Vector
+
+    def __post_init__(self) -> None:
+        freeze_arrays(
+            self, dict.fromkeys(_PER_JOINT, (len(self.joints),)), "fit", finite=False
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain numbers, ready for JSON: what is not known is None."""
+        return {
+            **{name: _number(getattr(self, name)) for name in _ALONE},
+            "joints": {
+                joint: {name: _number(getattr(self, name)[j]) for name in _PER_JOINT}
+                for j, joint in enumerate(self.joints)
+            },
+        }
+
+    @classmethod
+    def from_dict(cls, record: dict[str, Any]) -> Self:
+        """Read what `to_dict` wrote."""
+        joints = record["joints"]
+        alone: dict[str, Any] = {name: _known(record[name]) for name in _ALONE}
+        of_joints: dict[str, Any] = {
+            name: np.array([_known(joint[name]) for joint in joints.values()])
+            for name in _PER_JOINT
+        }
+        return cls(joints=tuple(joints), **alone, **of_joints)
+
+
+def fit_of(
+    model: TorqueModel, regression: Regression, x: Vector, base: BaseParameters
+) -> Fit:
+    """Return how well parameters explain a regression.
+
+    Parameters
+    ----------
+    model : TorqueModel
+    regression : Regression
+        Its `sigma` weigh `Fit.excess` alone.
+    x : ndarray, shape (parameters,)
+    base : BaseParameters
+    """
+    x = frozen(x, (len(model.layout),), "parameters")
+    counts = np.array(regression.counts, dtype=np.float64)
+    size = np.maximum(regression.torque_rms, np.finfo(float).tiny)
+    R = regression.stacked()
+    free = solve_linear(R[:, list(base.independent)], R[:, -1])
+    unconstrained = base.lift(free.x)
+    drive = np.append(x, 0.0)
+    drive[: model.layout.inertial_size] = 0.0
+    of_drive = np.array(
+        [np.linalg.norm(F @ drive) for F in regression.factors]
+    ) / np.sqrt(counts)
+    residual = regression.residual_rms(x)
+    has_drive = len(model.layout) > model.layout.inertial_size
+
+    def stacked(rms: Vector) -> float:
+        return float(np.sqrt((counts * rms**2).sum() / (counts * size**2).sum()))
+
+    return Fit(
+        joints=regression.joints,
+        misfit=stacked(residual),
+        floor=stacked(regression.residual_rms(unconstrained)),
+        excess=_excess(regression, x, unconstrained, free.rank),
+        drive_share=stacked(of_drive) if has_drive else np.nan,
+        torque=size,
+        misfits=residual / size,
+        shares=_shares(model, size),
+        **_on_nominal(model, regression),
+        efforts=regression.peaks / _effort_limits(model),
+    )
+
+
+def _excess(
+    regression: Regression, x: Vector, unconstrained: Vector, rank: int
+) -> float:
+    """Return the weighted residual over that of least squares, per degree of freedom.
+
+    Least squares leaves ``rows - rank`` degrees of freedom; a robot that is known
+    beforehand would leave all rows.
+    """
+    counts = np.array(regression.counts, dtype=np.float64)
+    rows = counts.sum()
+    if rows <= rank:
+        return np.nan
+    own, least = (
+        np.linalg.norm(regression.residual_rms(y) * np.sqrt(counts) / regression.sigma)
+        for y in (x, unconstrained)
+    )
+    floor = max(float(least), float(np.finfo(float).tiny))
+    return float(own / floor * np.sqrt(1.0 - rank / rows))
+
+
+def _on_nominal(model: TorqueModel, regression: Regression) -> dict[str, Array]:
+    """Return each joint's slope on the nominal torque, and how much it explains."""
+    names = ("slopes", "explained", "expected")
+    nominal, inertial = model.robot.nominal, model.layout.inertial_size
+    if nominal is None:
+        nothing = np.full(len(regression.joints), np.nan)
+        return dict.fromkeys(names, nothing)
+    found = []
+    for F in regression.factors:
+        both = np.column_stack([F[:, :inertial] @ np.ravel(nominal), F[:, -1]])
+        drive = F[:, inertial:-1]
+        drive = drive[:, drive.any(axis=0)]
+        if drive.shape[1]:
+            unit = drive / np.linalg.norm(drive, axis=0)
+            both = both - unit @ np.linalg.lstsq(unit, both, rcond=None)[0]
+        expected, beyond = np.linalg.norm(both, axis=0)
+        product = float(both[:, 0] @ both[:, 1])
+        if expected <= _ROUNDING * np.linalg.norm(F):
+            found.append((np.nan, 0.0, 0.0))
+            continue
+        both_sizes = float(expected) * float(beyond)
+        explained = product**2 / max(both_sizes**2, 1e-300)
+        size = max(float(np.linalg.norm(F[:, -1])), 1e-300)
+        found.append((product / expected**2, explained, expected / size))
+    return dict(zip(names, np.array(found).T, strict=True))
+
+
+def _shares(model: TorqueModel, size: Vector) -> Vector:
+    """Return each joint's torque over the largest of those that move alike."""
+    kinds = {joint.name: joint.kind == "prismatic" for joint in model.robot.joints}
+    slides = np.array([kinds[name] for name in model.torque_joints])
+    shares = np.empty(len(size))
+    for kind in (False, True):
+        shares[slides == kind] = size[slides == kind] / size[slides == kind].max(
+            initial=0.0
+        )
+    return shares
+
+
+def _effort_limits(model: TorqueModel) -> Vector:
+    """Return effort limits, [N m or N]; infinite where they are not known."""
+    limits = {joint.name: joint.limits.effort for joint in model.robot.joints}
+    known = np.array([limits[name] for name in model.torque_joints])
+    return np.where(known > 0.0, known, np.inf)
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _known(value: float | None) -> float:
+    return np.nan if value is None else float(value)

@@ -1,0 +1,168 @@
+"""Which estimate to use: chosen from the training data, by what each predicts of them.
+
+Blocks of consecutive segments are left out of the fit one after another and predicted.
+Of the methods whose error is within one standard error of the least, the simplest is
+recommended: a smaller difference is chance.  Held-out recordings do not take part, so
+their error stays that of a choice made without them.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from consistent_id._support.arrays import IntArray, Matrix, Vector, freeze_arrays
+from consistent_id._support.threads import single_threaded
+from consistent_id.constraints import Constraint
+from consistent_id.constraints.priors import Prior
+from consistent_id.errors import (
+    InfeasibleError,
+    NotExcitedError,
+    ProblemError,
+    SolverError,
+)
+from consistent_id.estimation.constrained_fit import constrained_fit
+from consistent_id.estimation.verdict import percent
+from consistent_id.regression.base import BaseParameters
+from consistent_id.regression.noise import joint_noise
+from consistent_id.regression.regression import Regression
+from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.segments import merged
+
+FOLDS = 6
+"""Blocks that are left out, one at a time."""
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """A method that can be recommended.
+
+    Parameters
+    ----------
+    method : str
+    weighted : bool
+        Whether joints are weighted by their noise.
+    prior : PointToSet or Penalty
+    """
+
+    method: str
+    weighted: bool
+    prior: Prior
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recommendation:
+    """The recommended method, and what every candidate predicts.
+
+    Parameters
+    ----------
+    method : str
+    candidates : tuple of str
+        From the simplest on.
+    errors : array_like, shape (candidates, folds)
+        Torque error on each block when it was left out, over the block's torque;
+        infinite where there is no fit without the block.
+    """
+
+    method: str
+    candidates: tuple[str, ...]
+    errors: Matrix
+
+    def __post_init__(self) -> None:
+        shape = {"errors": (len(self.candidates), None)}
+        freeze_arrays(self, shape, "recommendation", finite=False)
+
+    @property
+    def error(self) -> Vector:
+        """Root-mean-square error over blocks of each candidate."""
+        return np.asarray(np.sqrt(np.mean(self.errors**2, axis=1)))
+
+    @property
+    def expected(self) -> float | None:
+        """Torque error to expect of a motion not seen; None if there is no telling."""
+        error = float(self.error[self.candidates.index(self.method)])
+        return error if np.isfinite(error) else None
+
+    @property
+    def statement(self) -> str:
+        """The reason, in a sentence."""
+        if self.expected is None:
+            return f"{self.method}, the simplest; no block of the data can be left out"
+        pairs = zip(self.candidates, self.error, strict=True)
+        others = ", ".join(f"{m} {percent(e)}" for m, e in pairs if m != self.method)
+        beside = f" ({others})" if others else ""
+        return (
+            f"expect {percent(self.expected)} on a motion not seen, from blocks of the "
+            f"training data left out{beside}"
+        )
+
+
+@single_threaded
+def recommend(
+    model: TorqueModel,
+    segments: Sequence[Regression],
+    candidates: Sequence[Candidate],
+    *,
+    constraints: Sequence[Constraint],
+    base: BaseParameters,
+) -> Recommendation:
+    """Recommend one of several methods.
+
+    Parameters
+    ----------
+    model : TorqueModel
+    segments : sequence of Regression
+        The training data, in the order of time.
+    candidates : sequence of Candidate
+        From the simplest on.
+    constraints : sequence of Constraint
+    base : BaseParameters
+
+    Raises
+    ------
+    ProblemError
+        If there is no candidate, or fewer than two segments.
+    """
+    if not candidates or len(segments) < 2:
+        raise ProblemError(
+            f"{len(candidates)} candidates and {len(segments)} segments, expected at "
+            "least one and two"
+        )
+    blocks = np.array_split(np.arange(len(segments)), min(FOLDS, len(segments)))
+
+    def left_out(candidate: Candidate, block: IntArray) -> float:
+        chosen = set(block.tolist())
+        rest = merged([s for i, s in enumerate(segments) if i not in chosen])
+        tested = merged([segments[i] for i in sorted(chosen)])
+        try:
+            if candidate.weighted:
+                rest = rest.weighted(joint_noise(model, rest, base=base))
+            fit = constrained_fit(model, rest, constraints, candidate.prior, base)
+        except (InfeasibleError, NotExcitedError, SolverError):
+            return np.inf
+        return _relative_error(tested, fit.parameters)
+
+    errors = np.array([[left_out(c, block) for block in blocks] for c in candidates])
+    names = tuple(candidate.method for candidate in candidates)
+    return Recommendation(names[_simplest(errors)], names, errors)
+
+
+def _simplest(errors: Matrix) -> int:
+    """Return the first row whose mean square is within one standard error of the least.
+
+    The standard error is that of the least, over blocks.
+    """
+    squared = errors**2
+    mean = squared.mean(axis=1)
+    best = int(np.argmin(mean))
+    if not np.isfinite(mean[best]):
+        return 0
+    spread = float(np.std(squared[best], ddof=1)) / np.sqrt(squared.shape[1])
+    return int(np.argmax(mean <= mean[best] + spread))
+
+
+def _relative_error(regression: Regression, x: Vector) -> float:
+    counts = np.array(regression.counts, dtype=np.float64)
+    size = float(counts @ regression.torque_rms**2)
+    error = float(counts @ regression.residual_rms(x) ** 2)
+    return float(np.sqrt(error / size)) if size > 0.0 else np.inf

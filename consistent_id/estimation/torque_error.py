@@ -1,0 +1,94 @@
+"""How well an estimate predicts recorded torque."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from consistent_id._support.arrays import Vector
+from consistent_id.errors import ProblemError
+from consistent_id.estimation.estimate import Estimate
+from consistent_id.recordings.recording import Recording
+from consistent_id.regression.regression import Regression, build_regression
+from consistent_id.regression.regressor import TorqueModel
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TorqueError:
+    """Prediction error of one estimate on one recording.
+
+    Parameters
+    ----------
+    recording : str
+    rms : ndarray, shape (torque joints,), [N m or N]
+        Root of the mean squared error.
+    relative : ndarray, shape (torque joints,)
+        RMS error over RMS torque.
+    torque : ndarray, shape (torque joints,), [N m or N]
+        RMS torque.
+    stacked : float
+        ``||tau - prediction|| / ||tau||`` over all joints.
+    """
+
+    recording: str
+    rms: Vector
+    relative: Vector
+    torque: Vector
+    stacked: float
+
+    @property
+    def mse(self) -> Vector:
+        """Mean squared error of each joint, [(N m)^2 or N^2]."""
+        return self.rms**2
+
+
+def torque_error(estimate: Estimate, recording: Recording) -> TorqueError:
+    """Return the prediction error of an estimate along a recording."""
+    return MeasuredTorque.of(estimate.model, recording).error(estimate)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeasuredTorque:
+    """A recording's regression, of which every estimate's error is a product."""
+
+    recording: str
+    regression: Regression
+
+    @classmethod
+    def of(cls, model: TorqueModel, recording: Recording) -> Self:
+        """Compress a recording.
+
+        Raises
+        ------
+        ProblemError
+            If it has no torque, or the torque is zero throughout.
+        """
+        measured = recording.of(model.torque_joints).torque
+        if measured is None:
+            raise ProblemError(f"{recording.name} has no torque to compare with")
+        if not measured.any():
+            raise ProblemError(f"{recording.name}: its torque is zero throughout")
+        return cls(recording.name, build_regression(model, recording))
+
+    def error(self, estimate: Estimate) -> TorqueError:
+        """Return the prediction error of an estimate."""
+        counts = np.array(self.regression.counts)
+        rms = self.regression.residual_rms(estimate.parameters)
+        size = self.regression.torque_rms
+        return TorqueError(
+            self.recording,
+            rms,
+            rms / np.where(size > 0.0, size, np.nan),
+            size,
+            float(np.sqrt(counts @ rms**2 / (counts @ size**2))),
+        )
+
+
+def stacked_error(errors: Sequence[TorqueError]) -> float | None:
+    """Return the relative torque error over several recordings, which count alike.
+
+    The root of the mean square of `TorqueError.stacked`; None without any.
+    """
+    stacked = [error.stacked for error in errors]
+    return float(np.sqrt(np.mean(np.square(stacked)))) if stacked else None

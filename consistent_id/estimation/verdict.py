@@ -1,0 +1,134 @@
+"""One verdict on an estimate, which says whether the robot may be used.
+
+A certificate says that an optimum is one.  A verdict weighs everything that is known of
+the estimate; see `judge`.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+Word = Literal["use", "use with care", "do not use"]
+"""What a verdict says in a word."""
+
+WORDS: tuple[Word, ...] = ("use", "use with care", "do not use")
+"""From the best to the worst."""
+
+HELP = "docs/bad-result.md"
+"""Page for everyone whose verdict is not ``use``."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reason:
+    """One reason for a verdict.
+
+    Parameters
+    ----------
+    kind : str
+        Such as ``"misfit"``; what `accept` overrides.
+    word : {"use", "use with care", "do not use"}
+        What this reason alone would make of the verdict; ``"use"`` is worth knowing.
+    statement : str
+        What was seen, with figures.
+    advice : str
+        What to do next.
+    """
+
+    kind: str
+    word: Word
+    statement: str
+    advice: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """Whether an estimate may be used, and why.
+
+    Parameters
+    ----------
+    word : {"use", "use with care", "do not use"}
+    method : str
+        Of the estimate.
+    reasons : tuple of Reason
+        In order of weight; accepted ones among those to know.
+    accepted : tuple of str
+        Kinds of reasons that the user overlooks.
+    held_out : float, optional
+        Relative torque error on recordings held out; None without any.
+
+    Examples
+    --------
+    >>> verdict = Verdict("use", "constrained", (), held_out=0.031)
+    >>> print(verdict.sentence)
+    use: constrained, held-out torque error 3.1 %
+    """
+
+    word: Word
+    method: str
+    reasons: tuple[Reason, ...]
+    accepted: tuple[str, ...] = ()
+    held_out: float | None = None
+
+    def __str__(self) -> str:
+        return self.word
+
+    @property
+    def usable(self) -> bool:
+        """Whether the estimate may be used, perhaps with care."""
+        return self.word != "do not use"
+
+    @property
+    def grounds(self) -> tuple[Reason, ...]:
+        """The reasons that make the verdict what it is: none for ``use``."""
+        return tuple(r for r in self.reasons if r.word != "use")
+
+    @property
+    def sentence(self) -> str:
+        """The verdict in one line."""
+        return self.compared(None)
+
+    def compared(self, plain: float | None) -> str:
+        """Return the sentence, with least squares' held-out error beside its own."""
+        said = f"{self.word}: {self.method}"
+        if self.held_out is not None:
+            said += f", held-out torque error {percent(self.held_out)}"
+            if plain is not None:
+                said += f" (least squares {percent(plain)})"
+        kinds = list(dict.fromkeys(r.kind for r in self.grounds))
+        return f"{said}; {', '.join(kinds[:3])}" if kinds else said
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """The reasons and what to do, in sentences; last where to read on."""
+        said = [f"{r.kind}: {r.statement}" for r in self.reasons]
+        done = [f"to do: {r.advice}" for r in self.grounds if r.advice]
+        page = [f"my result is bad, what now? {HELP}"] if self.word != "use" else []
+        return (*said, *dict.fromkeys(done), *page)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain text and numbers."""
+        return {
+            "method": self.method,
+            "verdict": self.word,
+            "held_out_error": self.held_out,
+            "reasons": [
+                {
+                    "kind": r.kind,
+                    "word": r.word,
+                    "statement": r.statement,
+                    "advice": r.advice,
+                }
+                for r in self.reasons
+            ],
+            "accepted": list(self.accepted),
+        }
+
+
+def percent(share: float) -> str:
+    """Return a share as people read it.
+
+    Examples
+    --------
+    >>> percent(0.0312), percent(0.46), percent(413.2)
+    ('3.1 %', '46 %', '41320 %')
+    """
+    return f"{share:.0%}".replace("%", " %") if share >= 0.1 else f"{100 * share:.1f} %"

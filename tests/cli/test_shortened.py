@@ -1,0 +1,36 @@
+"""By default an answer fits a terminal; nothing is lost with --verbose."""
+
+from consistent_id.cli import main
+from consistent_id.cli.shortened import COLUMNS, LINES, shortened
+
+RX60 = "problems/rx60"
+
+
+def test_no_line_is_too_wide_and_no_word_is_lost():
+    text = "  " + " ".join(f"word{i}" for i in range(60))
+    lines = shortened(text).splitlines()
+    assert max(map(len, lines)) <= COLUMNS
+    assert " ".join(lines).split() == text.split()
+    assert all(line.startswith("    ") for line in lines[1:])
+
+
+def test_files_that_were_written_are_named_however_long_the_answer_is():
+    text = "\n".join([*map(str, range(99)), "written: a.urdf"])
+    lines = shortened(text).splitlines()
+    assert len(lines) == LINES
+    assert lines[-1] == "written: a.urdf"
+    assert lines[-2].startswith("(76 more lines")
+
+
+def test_what_fits_is_left_as_it_is():
+    text = "\n".join(map(str, range(LINES)))
+    assert shortened(text) == text
+
+
+def test_a_command_is_short_unless_told(capsys):
+    assert main(["info", RX60]) == 0
+    brief = capsys.readouterr().out.splitlines()
+    assert main(["info", RX60, "--verbose"]) == 0
+    whole = capsys.readouterr().out.splitlines()
+    assert len(brief) <= LINES
+    assert brief[0] == whole[0]

@@ -1,0 +1,260 @@
+"""Verdicts: clean logs are used, faulty ones are not, and the reason is the cause."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from experiments import experiment, pendulum
+from logged import DRIVE, URDF, moved
+
+from consistent_id import (
+    DriveTerms,
+    FixedMasses,
+    NonNegativeDrive,
+    PhysicalConsistency,
+    TorqueModel,
+    build_regression,
+    compare,
+    constrained_least_squares,
+    huber,
+    judge,
+    least_squares,
+    load_urdf,
+    simulate_torque,
+    weighted_least_squares,
+)
+from consistent_id.estimation.estimate import Estimate
+from consistent_id.estimation.evidence import evidence_of
+from consistent_id.estimation.verdict import WORDS
+from consistent_id.recordings.finding import Finding
+
+
+@cache
+def model(tmp_name="arm"):
+    import tempfile
+    from pathlib import Path
+
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "arm.urdf"
+        file.write_text(URDF)
+        return TorqueModel(load_urdf(file), DRIVE)
+
+
+@cache
+def log():
+    recording = moved(model())
+    from consistent_id import differentiated, low_passed
+
+    return differentiated(low_passed(recording, motion_cutoff=10.0, torque_cutoff=10.0))
+
+
+def verdict_of(recording, robot_model=None):
+    robot_model = model() if robot_model is None else robot_model
+    return constrained_least_squares(
+        robot_model, build_regression(robot_model, recording)
+    ).verdict
+
+
+def kinds(verdict):
+    return [reason.kind for reason in verdict.grounds]
+
+
+def test_a_clean_log_is_used_by_ten_lines_of_python():
+    verdict = verdict_of(log())
+    assert (verdict.word, verdict.grounds) == ("use", ())
+    assert verdict.sentence == "use: constrained"
+    assert str(verdict) == "use"
+
+
+def with_torque(torque):
+    return replace(log(), torque=torque)
+
+
+def test_a_joint_s_reversed_torque_is_not_used_and_its_sign_is_named_first():
+    verdict = verdict_of(with_torque(log().torque * [-1.0, 1.0]))
+    assert verdict.word == "do not use"
+    assert kinds(verdict)[0] == "torque sign"
+    assert "shoulder -" in verdict.grounds[0].statement
+    assert verdict.lines[-1].endswith("docs/bad-result.md")
+
+
+def test_all_torque_reversed_is_not_used():
+    assert verdict_of(with_torque(-log().torque)).word == "do not use"
+
+
+@pytest.mark.parametrize("gain", [100.0, 0.01, 1.6])
+def test_a_wrong_gain_is_not_simply_used(gain):
+    verdict = verdict_of(with_torque(gain * log().torque))
+    assert verdict.word != "use"
+    assert "gain or unit" in kinds(verdict) or "torque channel" in kinds(verdict)
+
+
+def test_torque_beyond_the_drive_s_limit_is_said():
+    assert "effort limit" in kinds(verdict_of(with_torque(100.0 * log().torque)))
+
+
+def test_gravity_taken_out_of_the_channel_is_said():
+    still = replace(
+        log(), velocity=0 * log().velocity, acceleration=0 * log().acceleration
+    )
+    bodies = TorqueModel(model().robot)
+    gravity = simulate_torque(bodies, model().robot.nominal, still).torque
+    verdict = verdict_of(with_torque(log().torque - gravity))
+    assert verdict.word != "use"
+    assert kinds(verdict)[0] in ("torque channel", "nominal model")
+
+
+def test_torque_that_has_nothing_to_do_with_the_motion_is_not_used():
+    noise = np.random.default_rng(0).normal(size=log().torque.shape)
+    verdict = verdict_of(with_torque(noise))
+    assert verdict.word == "do not use"
+    assert "misfit" in kinds(verdict)
+
+
+def test_a_negative_mass_is_never_used_and_says_so():
+    good = constrained_least_squares(model(), build_regression(model(), log()))
+    x = good.parameters.copy()
+    x[0] *= -1.0
+    verdict = replace(good, parameters=x).verdict
+    assert verdict.word == "do not use"
+    assert "inconsistent bodies" in kinds(verdict)
+
+
+def test_a_body_without_mass_is_not_used():
+    good = constrained_least_squares(model(), build_regression(model(), log()))
+    x = good.parameters.copy()
+    x[10:20] = 0.0
+    assert "vanishing mass" in kinds(replace(good, parameters=x).verdict)
+
+
+def test_a_negative_rotor_inertia_is_caught_by_the_mass_matrix():
+    arm, _truth, recording = experiment(0, joints=2)
+    good = constrained_least_squares(arm, build_regression(arm, recording))
+    x = good.parameters.copy()
+    x[list(arm.layout.drive_indices("rotor_inertia"))] = -1e3
+    assert "mass matrix" in kinds(replace(good, parameters=x).verdict)
+
+
+def test_findings_decide_and_can_be_accepted():
+    good = constrained_least_squares(model(), build_regression(model(), log()))
+    evidence = evidence_of(good)
+    words = {}
+    for severity in ("fault", "warning", "note"):
+        found = Finding("clock", severity, "log", "seen", "mend it")
+        words[severity] = judge(replace(evidence, findings=(found,))).word
+    assert words == {"fault": WORDS[2], "warning": WORDS[1], "note": WORDS[0]}
+    found = Finding("clock", "fault", "log", "seen", "mend it")
+    accepted = judge(replace(evidence, findings=(found,), accepted=("clock",)))
+    assert (accepted.word, accepted.accepted) == ("use", ("clock",))
+    assert any("accepted by the user" in line for line in accepted.lines)
+
+
+def test_an_error_above_predicting_nothing_is_never_used():
+    good = constrained_least_squares(model(), build_regression(model(), log()))
+    other = with_torque(-log().torque)
+    (report,) = compare([good], [other]).reports
+    assert report.held_out_error > 1.0
+    assert report.verdict.word == "do not use"
+    assert "held-out error" in kinds(report.verdict)
+
+
+def test_a_joint_that_rests_while_tested_does_not_decide():
+    good = constrained_least_squares(model(), build_regression(model(), log()))
+    error = compare([good], [log()]).reports[0].validation[0]
+    quiet = replace(
+        error, relative=np.array([0.01, 5.0]), torque=error.torque * [1.0, 1e-3]
+    )
+    assert judge(replace(evidence_of(good), held_out=(quiet,))).word == "use"
+
+
+def test_an_unproven_optimum_asks_for_care():
+    good = constrained_least_squares(model(), build_regression(model(), log()))
+    doubted = replace(
+        good, certificate=replace(good.certificate, verdict="uncertified")
+    )
+    assert kinds(doubted.verdict) == ["optimum not proven"]
+    assert doubted.verdict.word == "use with care"
+
+
+def test_a_contradicting_mass_is_said_by_the_excess():
+    arm, _, recording = pendulum()
+    regression = build_regression(arm, recording)
+    wrong = constrained_least_squares(
+        arm,
+        regression,
+        constraints=[PhysicalConsistency(), FixedMasses({"link1": 2.0})],
+    )
+    assert wrong.fit.excess == pytest.approx(1.0, abs=0.1) or wrong.fit.misfit < 0.02
+    bounded = constrained_least_squares(
+        model(),
+        build_regression(model(), with_torque(3.0 * log().torque)),
+        constraints=[
+            PhysicalConsistency(),
+            FixedMasses(),
+            NonNegativeDrive(),
+        ],
+    )
+    assert bounded.verdict.word != "use"
+
+
+def test_every_estimator_says_how_well_it_fits():
+    arm, _, recording = experiment(1, joints=2, noise=0.05)
+    regression = build_regression(arm, recording)
+    estimates = (
+        least_squares(arm, regression),
+        weighted_least_squares(arm, regression),
+        huber(arm, recording),
+        constrained_least_squares(arm, regression),
+    )
+    for estimate in estimates:
+        by_hand = np.linalg.norm(
+            recording.torque - estimate.predict(recording)
+        ) / np.linalg.norm(recording.torque)
+        assert estimate.fit.misfit == pytest.approx(by_hand, rel=1e-6)
+        assert estimate.fit.floor <= estimate.fit.misfit * (1 + 1e-9)
+
+
+def test_slopes_and_shares_are_those_of_least_squares_on_the_samples():
+    arm = TorqueModel(model().robot, DriveTerms(viscous=True))
+    estimate = least_squares(arm, build_regression(arm, log()))
+    bodies = TorqueModel(model().robot)
+    nominal = simulate_torque(bodies, model().robot.nominal, log()).torque
+    for j in range(2):
+        columns = np.column_stack([nominal[:, j], log().velocity[:, j]])
+        (slope, _), *_ = np.linalg.lstsq(columns, log().torque[:, j], rcond=None)
+        assert estimate.fit.slopes[j] == pytest.approx(slope, rel=1e-8)
+    peak = abs(log().torque).max(axis=0)
+    np.testing.assert_allclose(estimate.fit.efforts, peak / [90.0, 60.0])
+
+
+def test_the_largest_torque_survives_cutting_and_merging():
+    from consistent_id import segment_regressions
+
+    parts = segment_regressions(model(), log(), count=7)
+    whole = sum(parts[1:], parts[0])
+    np.testing.assert_array_equal(whole.peaks, abs(log().torque).max(axis=0))
+
+
+def test_fit_and_acceptance_survive_the_file(tmp_path):
+    good = constrained_least_squares(model(), build_regression(model(), log()))
+    good = replace(good, accepted=("clock",))
+    read = Estimate.load(good.save(tmp_path / "e.json"), good.model, good.base)
+    assert read.fit.to_dict() == good.fit.to_dict()
+    assert read.accepted == ("clock",)
+    assert read.verdict == good.verdict
+
+
+def test_a_joint_at_rest_gets_no_boundless_friction():
+    rng = np.random.default_rng(2)
+    recording = log()
+    still = replace(
+        recording,
+        position=recording.position * [1.0, 0.0],
+        velocity=np.column_stack(
+            [recording.velocity[:, 0], 1e-9 * rng.normal(size=len(recording))]
+        ),
+        acceleration=recording.acceleration * [1.0, 0.0],
+    )
+    estimate = constrained_least_squares(model(), build_regression(model(), still))
+    assert abs(estimate["elbow.viscous"]) < 1e5
