@@ -1,5 +1,6 @@
 """Recordings of a problem, or a log without one, looked through for faults."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -49,13 +50,24 @@ def check_log(
     )
     recording = read_recording(log, torque_model.robot.joint_names, columns)
 
+    return diagnose(torque_model, recording, prepare=smoothed(cutoff))
+
+
+def smoothed(cutoff: float) -> Callable[[Recording], Recording]:
+    """Return what makes a log uniform, low-passes and differentiates it.
+
+    Parameters
+    ----------
+    cutoff : float, [Hz]
+    """
+
     def prepare(raw: Recording) -> Recording:
         smooth = low_passed(
             resampled(raw, raw.rate), motion_cutoff=cutoff, torque_cutoff=cutoff
         )
         return differentiated(smooth)
 
-    return diagnose(torque_model, recording, prepare=prepare)
+    return prepare
 
 
 def _distinct(log: Recording, names: list[str]) -> Recording:

@@ -3,6 +3,8 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from consistent_id._support.arrays import Vector
 from consistent_id._support.threads import single_threaded
 from consistent_id.constraints import Constraint
@@ -10,7 +12,7 @@ from consistent_id.constraints.distances import nominal_distance
 from consistent_id.diagnosis.clock import clock_findings, velocity_findings
 from consistent_id.diagnosis.corrections import corrections
 from consistent_id.diagnosis.coverage import (
-    dead_findings,
+    extent_findings,
     rank_findings,
     saturation_findings,
     standstill_findings,
@@ -26,12 +28,22 @@ from consistent_id.diagnosis.explain import (
 )
 from consistent_id.diagnosis.findings import Diagnosis, Finding
 from consistent_id.diagnosis.linearise import Linearised, linearised
+from consistent_id.diagnosis.model_faults import model_findings
 from consistent_id.diagnosis.repeats import leak_findings
+from consistent_id.diagnosis.signal_faults import (
+    frozen_findings,
+    jump_findings,
+    noise_findings,
+    resolution_findings,
+    spike_findings,
+)
 from consistent_id.diagnosis.small_shifts import (
     hidden_zeros,
     moved_zeros,
     shift_findings,
 )
+from consistent_id.diagnosis.torque_channel import channel_findings
+from consistent_id.diagnosis.torque_parts import torque_parts
 from consistent_id.errors import InfeasibleError, SolverError
 from consistent_id.estimation.penalised import penalised_fit
 from consistent_id.recordings.recording import Recording
@@ -82,7 +94,9 @@ def diagnose(
     base = base_parameters(model) if base is None else base
     constraints = datasheet_constraints(model) if constraints is None else constraints
     ready: Prepare = (lambda recording: recording) if prepare is None else prepare
-    found = list(leak_findings(training, validation))
+    found = [*leak_findings(training, validation), *model_findings(model.robot)]
+    if any(f.kind == "units" for f in found):
+        return Diagnosis(tuple(found), tuple(log.name for log in training))
     looked_at = [*training, *(v for v in validation if v.torque is not None)]
     for recording in looked_at:
         log = recording.of(model.robot.joint_names)
@@ -98,15 +112,30 @@ def _of_one(
     base: BaseParameters,
     prepare: Prepare,
 ) -> list[Finding]:
-    """Return what is found in one recording."""
+    """Return what is found in one recording: of signals first, of their sense last."""
     torque = log.of(model.torque_joints)
     kinematic = clock_findings(log) or velocity_findings(log)
-    dead = dead_findings(torque)
-    found = [*kinematic, *standstill_findings(log)]
-    found += dead or saturation_findings(torque)
-    if kinematic or dead:
+    signals = [
+        *frozen_findings(_with_torque_of(log, model)),
+        *spike_findings(torque),
+        *jump_findings(log),
+        *saturation_findings(torque),
+        *noise_findings(torque),
+    ]
+    found = [*kinematic, *standstill_findings(log), *signals]
+    found += resolution_findings(log, torque)
+    if any(f.severity == "fault" for f in found):
         return found
     return found + _dynamic(model, log, constraints, base, prepare)
+
+
+def _with_torque_of(log: Recording, model: TorqueModel) -> Recording:
+    """Return a log in which torques that the model does without are never still."""
+    if len(model.torque_joints) == len(log.joints):
+        return log
+    used = np.isin(log.joints, model.torque_joints)
+    torque = np.where(used, np.asarray(log.torque), np.asarray(log.position))
+    return replace(log, torque=torque)
 
 
 def _dynamic(
@@ -118,22 +147,33 @@ def _dynamic(
 ) -> list[Finding]:
     """Return what only torque and motion together show."""
     prepared = thinned(prepare(log).of(model.robot.joint_names), SAMPLES)
-    found = rank_findings(model, prepared, base)
+    found = [*extent_findings(prepared), *rank_findings(model, prepared, base)]
+    channel = []
+    if model.robot.nominal is not None:
+        channel = channel_findings(torque_parts(model, prepared))
+    if any(f.severity == "fault" for f in channel):
+        return found + channel
     try:
         as_is = fitted_log(model, prepared, constraints, base)
-        best = best_explanation(as_is, corrections(model.robot, model.torque_joints))
-        if best is not None and best.correction.fault.channels == "torque":
-            return [*found, explanation_finding(best)]
-        zeros = moved_zeros(model, lambda offsets: _linearised(_moved(as_is, offsets)))
-        # Exchanging channels that hardly matter can also take up a small zero offset;
-        # the offset is the fault if correcting it leaves less unexplained.
-        if best is None or _moved(as_is, zeros.offsets).misfit < best.misfit:
-            return found + shift_findings(model, zeros) + hidden_zeros(model, zeros)
-        return [*found, explanation_finding(best)]
+        return found + channel + _explained(as_is, log)
     except (InfeasibleError, SolverError) as failure:
         statement = f"no robot of the datasheet explains the log: {failure}"
         advice = "check masses and bounds; see the certificate of each method"
         return [*found, Finding("datasheet", "fault", log.name, statement, advice)]
+
+
+def _explained(as_is: FittedLog, log: Recording) -> list[Finding]:
+    """Return the one cause that explains a log, small shifts, or that none does."""
+    model = as_is.factors.model
+    best = best_explanation(as_is, corrections(model.robot, model.torque_joints))
+    if best is not None and best.correction.fault.channels == "torque":
+        return [explanation_finding(best)]
+    zeros = moved_zeros(model, lambda offsets: _linearised(_moved(as_is, offsets)))
+    # Exchanging channels that hardly matter can also take up a small zero offset;
+    # the offset is the fault if correcting it leaves less unexplained.
+    if best is None or _moved(as_is, zeros.offsets).misfit < best.misfit:
+        return shift_findings(model, zeros) + hidden_zeros(model, zeros)
+    return [explanation_finding(best)]
 
 
 def _moved(log: FittedLog, offsets: Vector) -> FittedLog:
