@@ -12,6 +12,8 @@ _NEAR = 1.3  # factor within which a ratio is taken for a known one
 
 _SAME = 0.05  # by which the ratios of joints agree, and one may be off from one
 _LATE = 0.012  # s: less is what filters of velocities do
+_CLEAR = 0.25  # of the squared misfit, that a lag may leave
+_SPAN = 0.1  # s, over which rates are averaged
 _COUNTS = 30.0  # ratio beyond which no clock is meant
 
 _RATIOS = {
@@ -56,7 +58,11 @@ def velocity_findings(recording: Recording) -> list[Finding]:
     if recording.velocity is None:
         return []
     from_position = np.gradient(recording.position, recording.time, axis=0)
-    ratios, agreed = _ratios(recording.velocity, from_position)
+    # Steps of an encoder average out over a while; they would make ratios too small.
+    span = max(int(_SPAN * recording.rate), 1)
+    ratios, agreed = _ratios(
+        _averaged(recording.velocity, span), _averaged(from_position, span)
+    )
     known = [np.inf] if not agreed.any() else ratios[agreed]
     common = float(np.median(known))
     for ratio, (kind, statement, advice) in _RATIOS.items():
@@ -64,14 +70,20 @@ def velocity_findings(recording: Recording) -> list[Finding]:
             seen = f"velocity over the position's rate is {common:.4g}: {statement}"
             return [Finding(kind, "fault", "all joints", seen, advice, 10.0)]
     return (
-        _common_ratio(ratios[agreed])
+        _late(recording, recording.velocity, from_position)
+        or _common_ratio(ratios[agreed])
         or [
             *_signs(recording, ratios, agreed),
             *_swaps(recording, recording.velocity, from_position, agreed),
             *_scales(recording, ratios, agreed),
         ]
-        or _late(recording, recording.velocity, from_position)
     )
+
+
+def _averaged(values: Array, span: int) -> Array:
+    """Return means over `span` samples."""
+    sums = np.cumsum(values, axis=0)
+    return np.asarray(sums[span:] - sums[:-span]) / span
 
 
 def _common_ratio(ratios: Vector) -> list[Finding]:
@@ -127,14 +139,18 @@ def _late(recording: Recording, velocity: Array, rate: Array) -> list[Finding]:
     if len(recording) < 4 * len(reach):
         return []
     inner = slice(len(reach), len(recording) - len(reach))
-    size = np.maximum(np.linalg.norm(rate, axis=0), 1e-300)
+    moves = rate.any(axis=0) & velocity.any(axis=0)
+    velocity, rate = velocity[:, moves], rate[:, moves]
+    size = np.linalg.norm(rate, axis=0)
     misfits = [
         float(np.sum(((velocity[inner] - np.roll(rate, k, axis=0)[inner]) / size) ** 2))
         for k in reach
     ]
     best = int(np.argmin(misfits))
     lag = reach[best] * step
-    if abs(lag) < _LATE + 1.5 * step or misfits[best] > 0.25 * misfits[-reach[0]]:
+    edge = best in (0, len(reach) - 1)
+    clear = misfits[best] < _CLEAR * misfits[-reach[0]]
+    if edge or not clear or abs(lag) < _LATE + 1.5 * step:
         return []
     later = "later" if lag > 0.0 else "earlier"
     return [

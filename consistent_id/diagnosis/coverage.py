@@ -17,14 +17,15 @@ _STILL = 0.02  # of a joint's largest velocity, below which it stands
 _IDLE = 0.2  # share of samples with all joints at rest that is worth a warning
 _PINNED = 5  # samples at a limit that are worth a word
 _SMALL, _SLOW = 0.05, 0.1  # rad or m; rad/s or m/s, of the joint that moves most
-_TURNS, _TURNING = 3.0, 0.05  # of the median joint; share of its top speed
+_BRIEF = 3.0  # s, below which a log may be too short for its motion to turn back
+_TURNS, _TURNING = 2.5, 0.05  # of the median joint; share of its top speed
 _MOVES = 2e-3  # rad or m of travel, below which a joint's readings only flicker
 
 
 def standstill_findings(recording: Recording) -> list[Finding]:
     """Warn of long rests of all joints together."""
     velocity = recording.velocity
-    if velocity is None:
+    if velocity is None or not velocity.any():
         velocity = np.gradient(recording.position, recording.time, axis=0)
     largest = abs(velocity).max(axis=0)
     still = (abs(velocity) <= _STILL * np.where(largest > 0.0, largest, 1.0)).all(
@@ -80,10 +81,17 @@ def extent_findings(prepared: Recording) -> list[Finding]:
     travel = float(np.ptp(prepared.position, axis=0).max())
     fastest = float(abs(velocity).max())
     turns = float(np.median([_turns(v) for v in velocity.T if v.any()] or [0]))
+    brief = prepared.duration < _BRIEF
     for kind, seen, least, unit, advice in (
-        ("small motion", travel, _SMALL, "rad or m is the widest travel", "more widely"),
+        (
+            "small motion",
+            travel,
+            _SMALL,
+            "rad or m is the widest travel",
+            "more widely",
+        ),
         ("slow motion", fastest, _SLOW, "rad/s or m/s is the top speed", "faster"),
-        ("short", turns, _TURNS, "times a joint turns back, by the median", "for longer"),
+        ("short", turns if brief else _TURNS, _TURNS, "turns of a joint", "for longer"),
     ):
         if seen < least:
             return [
@@ -91,9 +99,10 @@ def extent_findings(prepared: Recording) -> list[Finding]:
                     kind,
                     "warning",
                     prepared.name,
-                    f"{seen:.3g} {unit}; less than {least:g} shows little of the bodies",
+                    f"{seen:.3g} {unit} in {prepared.duration:.3g} s; less than "
+                    f"{least:g} shows little of the bodies",
                     f"move {advice}",
-                    least / max(seen, 1e-9),
+                    least / max(seen, 0.1 * least),
                 )
             ]
     return []

@@ -8,7 +8,6 @@ from consistent_id.robot.model import RobotModel
 _FAR = 50.0  # m between neighbouring joints, which no robot has
 _HEAVY = 2.3e4  # kg/m^3: osmium, the densest metal
 _EQUAL = 1e-9  # relative, to which made-up inertials are alike
-_POINT = 1e-4  # radius of gyration over the distance to the next joint: a point mass
 
 
 def model_findings(robot: RobotModel) -> list[Finding]:
@@ -61,25 +60,28 @@ def _masses(robot: RobotModel) -> list[Finding]:
     ]
 
 
-def _placeholders(robot: RobotModel) -> list[Finding]:
-    """Find inertials that are the same in all links, or points."""
+def placeholders(robot: RobotModel) -> bool:
+    """Return whether all links have the same inertials, which are made up then."""
     bodies = [link.nominal for link in robot.links]
     known = [body for body in bodies if body is not None]
     if len(known) < max(len(bodies), 2):
-        return []
+        return False
     masses = np.array([body.mass for body in known])
     central = np.array([body.central_inertia for body in known])
     alike = np.ptp(masses) <= _EQUAL * masses.max()
-    alike = bool(alike and np.ptp(central, axis=0).max() <= _EQUAL * central.max())
-    if not alike:
+    return bool(alike and np.ptp(central, axis=0).max() <= _EQUAL * central.max())
+
+
+def _placeholders(robot: RobotModel) -> list[Finding]:
+    if not placeholders(robot):
         return []
     return [
         Finding(
             "placeholder inertials",
             "warning",
             "model",
-            f"all {len(known)} links of the model have a mass of {masses[0]:.4g} kg "
-            "and the same inertia: they stand for no robot",
+            f"all {len(robot)} links of the model have the same mass and inertia: they "
+            "stand for no robot",
             'masses = "free" (--masses free), or those of the datasheet',
             2.0,
         )

@@ -10,11 +10,15 @@ from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.resolution import encoder_resolution, quantum
 
 _FROZEN = 0.1  # share of the log in one run of one value that is no chance
-_MOVING = 0.1  # of its own size, above which the rest of a joint says that it moves
+_MOVING = 0.01  # rad or m, above which a joint's other channel says that it moves
 _SPIKE = 15.0  # times the usual distance from the neighbours' median,
-_TALL = 0.5  # and of the span of nine tenths of the values: a spike
+_TALL = 1.5  # and of the span of nine tenths of the values: a spike
+_RARE = 2e-3  # share of samples up to which they are no more than a nuisance
+_ENDS = 3  # samples at either end, which have too few neighbours to be judged
 _JUMP = 5.0  # times a fast step of the position,
 _WIDE = 0.02  # and of the joint's travel: a jump
+_FEW = 0.02  # of the samples, at the most: more are steps of the encoder
+_HALF = 0.4  # of the travel: less than a wrapped encoder jumps
 _EQUAL = 0.1  # by which jumps of a wrapped encoder may differ
 _COARSE_TORQUE = 0.1  # step over the torque's standard deviation
 _COARSE_POSITION = 1.0 / 400.0  # step over the travel: accelerations are noise
@@ -24,31 +28,35 @@ _ALL_NOISE = 0.9  # beyond which there is hardly anything else
 
 def frozen_findings(recording: Recording) -> list[Finding]:
     """Find channels that hold one value for a part of the log while the joint moves."""
-    rate = np.gradient(recording.position, recording.time, axis=0)
+    moved = recording.position
+    if recording.velocity is not None:
+        steps = np.diff(recording.time, prepend=recording.time[0])
+        moved = np.cumsum(recording.velocity * steps[:, None], axis=0)
     found = []
     for k, joint in enumerate(recording.joints):
         for name, motion in (
-            ("torque", rate),
-            ("position", recording.velocity),
-            ("velocity", rate),
+            ("torque", recording.position),
+            ("position", moved),
+            ("velocity", recording.position),
         ):
             values = getattr(recording, name)
-            if values is None or motion is None:
+            if values is None:
                 continue
             run = longest_run(values[:, k])
             length = run.stop - run.start
             value = values[run.start, k]
             limit = name == "torque" and abs(value) >= abs(values[:, k]).max() > 0.0
-            if limit or not _moves(motion[:, k], run):
+            still = float(np.ptp(motion[run, k])) < _MOVING
+            # A torque without any signal is none, moving or not.
+            dead = name == "torque" and length == len(recording)
+            if limit or (still and not dead):
                 continue
             if length >= _FROZEN * len(recording):
                 found.append(_frozen(recording, joint, name, run, float(value)))
     return found
 
 
-def _frozen(
-    log: Recording, joint: str, name: str, run: slice, value: float
-) -> Finding:
+def _frozen(log: Recording, joint: str, name: str, run: slice, value: float) -> Finding:
     whole = run.stop - run.start == len(log)
     when = "throughout"
     if not whole:
@@ -63,12 +71,6 @@ def _frozen(
         "torque_joints",
         10.0,
     )
-
-
-def _moves(motion: Vector, run: slice) -> bool:
-    """Return whether a joint moves in a run of samples as it does elsewhere."""
-    size = float(np.sqrt(np.mean(motion**2)))
-    return size > 0.0 and float(np.sqrt(np.mean(motion[run] ** 2))) > _MOVING * size
 
 
 def longest_run(values: Vector) -> slice:
@@ -91,7 +93,7 @@ def spike_findings(recording: Recording) -> list[Finding]:
             found.append(
                 Finding(
                     "outliers",
-                    "fault",
+                    "fault" if count > _RARE * len(tau) else "warning",
                     joint,
                     f"{joint}: {count} of {len(tau)} torques leap away from those "
                     "before and after them",
@@ -109,7 +111,9 @@ def spikes(values: Vector) -> BoolArray:
     away = abs(values - median_filter(values, size=5, mode="nearest"))
     usual = float(np.median(away))
     low, high = np.quantile(values, [0.05, 0.95])
-    return np.asarray(away > max(_SPIKE * usual, _TALL * float(high - low), 1e-12))
+    leaps = away > max(_SPIKE * usual, _TALL * float(high - low), 1e-12)
+    leaps[:_ENDS] = leaps[-_ENDS:] = False
+    return np.asarray(leaps)
 
 
 def jump_findings(recording: Recording) -> list[Finding]:
@@ -143,14 +147,17 @@ def _jumps(q: Vector) -> BoolArray:
     steps = np.diff(q)
     fast = float(np.quantile(abs(steps), 0.95))
     away = abs(steps - median_filter(steps, size=5, mode="nearest"))
-    return np.asarray(away > max(_JUMP * fast, _WIDE * float(np.ptp(q)), 1e-9))
+    fine = 3.0 * quantum(q)
+    jumps = away > max(_JUMP * fast, _WIDE * float(np.ptp(q)), fine, 1e-9)
+    return np.asarray(jumps & (jumps.mean() <= _FEW))
 
 
 def _jumping(recording: Recording, k: int) -> Finding:
     q, joint = recording.position[:, k], recording.joints[k]
     sizes = abs(np.diff(q)[_jumps(q)])
-    alike = np.ptp(sizes) <= _EQUAL * sizes.max()
-    kind = "wrapped encoder" if alike else "outliers"
+    alike = bool(np.ptp(sizes) <= _EQUAL * sizes.max())
+    alike = alike and bool(sizes.max() >= _HALF * np.ptp(q))
+    kind = "wrapped encoder" if alike else "gap" if len(sizes) == 1 else "outliers"
     return Finding(
         kind,
         "fault",
@@ -159,7 +166,7 @@ def _jumping(recording: Recording, k: int) -> Finding:
         + (f", each time by {np.median(sizes):.4g}" if alike else ""),
         "add or take the turn that is missing after each jump (numpy.unwrap)"
         if alike
-        else "leave these rows out",
+        else "cut the log there, or leave these rows out",
         10.0,
     )
 
@@ -230,5 +237,8 @@ def noise_share(torque: Matrix) -> Vector:
     deviation ``s`` have ``sqrt(6) s``.
     """
     size = np.std(torque, axis=0)
-    white = np.std(np.diff(torque, 2, axis=0), axis=0) / np.sqrt(6.0)
+    # The median, so that spikes and edges of friction do not count; of a normal
+    # deviation it is 0.6745 standard deviations.
+    second = np.median(abs(np.diff(torque, 2, axis=0)), axis=0)
+    white = second / (0.6745 * np.sqrt(6.0))
     return np.asarray(white / np.where(size > 0.0, size, 1.0))

@@ -45,17 +45,24 @@ def channel_findings(parts: TorqueParts) -> list[Finding]:
     """
     for pattern in _PATTERNS:
         if pattern.applies(parts):
-            return [
-                Finding(
-                    pattern.kind,
-                    pattern.severity,
-                    "all joints",
-                    f"{pattern.statement} ({_slopes(parts)})",
-                    pattern.advice,
-                    2.0,
-                )
-            ]
+            return [_finding(pattern, parts)]
     return _common_gain(parts) or _currents(parts) or _single_gains(parts)
+
+
+def nothing_findings(parts: TorqueParts) -> list[Finding]:
+    """Say that nothing of the nominal model is in the torque, if that is so.
+
+    Motion that is not the robot's looks the same: to be asked last.
+    """
+    return [_finding(_NOTHING, parts)] if _nothing(parts) else []
+
+
+def _finding(pattern: _Pattern, parts: TorqueParts) -> Finding:
+    statement = f"{pattern.statement} ({_slopes(parts)})"
+    where = "all joints"
+    return Finding(
+        pattern.kind, pattern.severity, where, statement, pattern.advice, 2.0
+    )
 
 
 def _slopes(p: TorqueParts) -> str:
@@ -77,9 +84,14 @@ def _slopes(p: TorqueParts) -> str:
 
 
 def _all(values: Vector, shown: Array, low: float, high: float) -> bool:
-    """Return whether slopes that can be judged are within bounds; there is one."""
+    """Return whether slopes that can be judged are within bounds; there are two.
+
+    One joint alone may have a spring or a counterbalance.
+    """
     seen = values[shown]
-    return bool(len(seen)) and bool(((seen >= low) & (seen <= high)).all())
+    return len(seen) >= min(2, len(values)) and bool(
+        ((seen >= low) & (seen <= high)).all()
+    )
 
 
 def _explained(p: TorqueParts) -> bool:
@@ -124,6 +136,15 @@ def _no_friction(p: TorqueParts) -> bool:
     )
 
 
+_NOTHING = _Pattern(
+    "torque channel",
+    "fault",
+    _nothing,
+    "neither gravity nor inertia nor friction of the model is in the torque: it "
+    "is external torque, noise, or of another motion",
+    "log the torque, or the current, that the motors gave, during this motion",
+)
+
 _PATTERNS = (
     _Pattern(
         "torque channel",
@@ -132,14 +153,6 @@ _PATTERNS = (
         "the torque follows the velocity, and neither gravity nor inertia of the "
         "model: it is friction alone, a velocity error or the command of a controller",
         "log the torque, or the current, that the motors gave",
-    ),
-    _Pattern(
-        "torque channel",
-        "fault",
-        _nothing,
-        "neither gravity nor inertia nor friction of the model is in the torque: it "
-        "is external torque, noise, or of another motion",
-        "log the torque, or the current, that the motors gave, during this motion",
     ),
     _Pattern(
         "torque channel",

@@ -54,9 +54,7 @@ class TorqueParts:
     rest: Vector
 
 
-def torque_parts(
-    model: TorqueModel, prepared: Recording
-) -> TorqueParts:
+def torque_parts(model: TorqueModel, prepared: Recording) -> TorqueParts:
     """Regress a prepared log's torque on the parts of the nominal model."""
     g, inertial = nominal_parts(model, prepared)
     log = prepared.of(model.torque_joints)
@@ -92,9 +90,7 @@ def _of_joint(
     return (
         *_judged(a, fit.errors[0], float(np.std(g)), size),
         *_judged(b, fit.errors[1], float(np.std(inertial)), size),
-        *_judged(
-            whole.solution[0], whole.errors[0], float(np.std(g + inertial)), size
-        ),
+        *_judged(whole.solution[0], whole.errors[0], float(np.std(g + inertial)), size),
         float(np.sqrt(np.mean(rubbed**2))) / size,
         fit.misfit / (size * float(np.sqrt(len(torque)))),
     )
