@@ -1,12 +1,14 @@
 """Recordings of a problem, or a log without one, looked through for faults."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from consistent_id.diagnosis import Diagnosis, diagnose
+from consistent_id.problems.drafting import gains_of
 from consistent_id.problems.model import DEFAULT_DRIVE
 from consistent_id.problems.problem import Problem
+from consistent_id.recordings.column_guess import require_torque
 from consistent_id.recordings.readers import Columns, read_recording
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import differentiated, low_passed, resampled
@@ -29,7 +31,12 @@ def check_problem(problem: Problem) -> Diagnosis:
 
 
 def check_log(
-    model: Path, log: Path, columns: Columns, *, cutoff: float = 10.0
+    model: Path,
+    log: Path,
+    columns: Columns,
+    *,
+    torque_gain: Sequence[float] = (),
+    cutoff: float = 10.0,
 ) -> Diagnosis:
     """Look for faults in a log of a robot that has no problem file.
 
@@ -40,6 +47,8 @@ def check_log(
     log : Path
     columns : Columns
         Its `torque_joints` are the model's, too.
+    torque_gain : sequence of float
+        From the torque columns to torque: one for all joints, or one each.
     cutoff : float, [Hz]
         Of the filter before differentiation.
     """
@@ -48,7 +57,11 @@ def check_log(
         DEFAULT_DRIVE.terms,
         torque_joints=tuple(columns.torque_joints),
     )
-    recording = read_recording(log, torque_model.robot.joint_names, columns)
+    require_torque(columns.torque, torque_gain)
+    gain = gains_of(torque_gain, len(torque_model.robot))
+    recording = read_recording(
+        log, torque_model.robot.joint_names, columns, torque_gain=gain
+    )
 
     return diagnose(torque_model, recording, prepare=smoothed(cutoff))
 

@@ -41,6 +41,9 @@ class Cause:
         As in `Finding`; the statement is the condition under which misfits are told.
     threshold : float
         Ratio of misfits, as the log is over corrected, from which on it is reported.
+    excuse : bool
+        Whether it stands in for other causes, as a spring does for wrong geometry: it
+        is told as a candidate, and never named alone.
     """
 
     kind: str
@@ -48,6 +51,7 @@ class Cause:
     statement: str
     advice: str
     threshold: float
+    excuse: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -57,7 +57,7 @@ from consistent_id.regression.regressor import TorqueModel
 Prepare = Callable[[Recording], Recording]
 
 _LITTLE = ("standstill", "small motion", "slow motion")  # nothing more can be told
-_WORTH = 1.1  # ratio of misfits from which on a zero that is moved explains something
+_WORTH = 1.2  # ratio of misfits from which on a zero that is moved explains something
 _PULL = 1e-4  # squared misfit that a typical distance to the nominal robot weighs
 
 

@@ -122,7 +122,8 @@ class Explanations:
         Of causes that explain it about as well, none is known to be the one, unless
         they are of one kind.
         """
-        explained = [e for e in self.tried if e.misfit <= self.floor]
+        named = [e for e in self.tried if not e.cause.excuse]
+        explained = [e for e in named if e.misfit <= self.floor]
         if not explained:
             return None
         rivals = [e for e in explained if e.misfit <= _RIVAL * explained[0].misfit]
@@ -179,8 +180,9 @@ def explanations(
         a model of friction that is not quite right leaves is in the second one.
     """
     bounds = [c.factors.least_misfit() for c in candidates]
-    least = min([as_is.factors.least_misfit(), *bounds])
-    floor = max(_WHITE * noise, min(_BEYOND * least, _MOST))
+    own = [b for b, c in zip(bounds, candidates, strict=True) if not c.cause.excuse]
+    least = min([as_is.factors.least_misfit(), *own])
+    floor = min(max(_WHITE * noise, _BEYOND * least), _MOST)
     found: list[Explanation] = []
     for i in sorted(range(len(bounds)), key=bounds.__getitem__):
         candidate, asked = candidates[i], as_is.misfit / candidates[i].cause.threshold
@@ -259,7 +261,8 @@ def unexplained_findings(
 ) -> list[Finding]:
     """Report a log that no robot of the datasheet explains, with the candidates."""
     usual = max(_UNUSUAL, _WHITE * noise)
-    if as_is.misfit <= usual and not (found.tried and as_is.misfit > found.floor):
+    rivals = any(e.misfit <= found.floor and not e.cause.excuse for e in found.tried)
+    if as_is.misfit <= usual and not rivals:
         return []
     better = [
         f"{e.cause.statement} {e.misfit:.1%} would be left"
@@ -270,8 +273,8 @@ def unexplained_findings(
             "model does not explain",
             "fault" if as_is.misfit > _BAD else "warning",
             "all joints",
-            f"no robot with the datasheet's values explains the log: {as_is.misfit:.1%} "
-            "of the torque is left, "
+            "no robot with the datasheet's values explains the log: "
+            f"{as_is.misfit:.1%} of the torque is left, "
             f"{as_is.factors.least_misfit():.1%} by least squares without constraints"
             + (f"; {'; '.join(better)}, which proves no cause" if better else ""),
             "check that model and log are of one robot: load, springs and couplings, "

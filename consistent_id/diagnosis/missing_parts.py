@@ -51,7 +51,9 @@ class Residual:
     def taken_up(self, columns: Matrix) -> Vector:
         """Return the part of the torque that columns beside the model's explain."""
         beside = columns - self.spanned @ (self.spanned.T @ columns)
-        return np.asarray(columns @ np.linalg.lstsq(beside, self.rest, rcond=1e-6)[0])
+        amount = np.linalg.lstsq(beside, self.rest, rcond=1e-6)[0]
+        part: Vector = columns @ np.asarray(amount, dtype=np.float64)
+        return part
 
     def share(self, columns: Matrix) -> float:
         """Return the share of the squared residual that they take up."""
@@ -118,7 +120,12 @@ def _of_one_joint(
         ):
             if left[j].share(columns) >= _SHARE:
                 cause = Cause(
-                    kind, names[j], statement.format(names[j]), advice, _THRESHOLD
+                    kind,
+                    names[j],
+                    statement.format(names[j]),
+                    advice,
+                    _THRESHOLD,
+                    excuse=kind == "spring",
                 )
                 parts = {names[j]: left[j].taken_up(columns)}
                 yield _without(as_is, cause, parts)

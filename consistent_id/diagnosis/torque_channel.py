@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from consistent_id._support.arrays import Array, Vector
+from consistent_id._support.arrays import BoolArray, Vector
 from consistent_id.diagnosis.findings import Finding, Severity
 from consistent_id.diagnosis.torque_parts import TorqueParts
 
@@ -20,8 +20,8 @@ _LOW, _HIGH = 0.8, 1.25
 _ABSENT = 0.2  # slope below which a part is not in the torque
 _THERE = 0.4  # above which it is
 _COMMON = 1.15  # ratio within which the slopes of joints are equal
-_UNEQUAL = 1.5  # from which on they are not
 _FAR = 2.0  # ratio to one that no drawing's error reaches in all joints
+_CLEAR = 0.1  # standard error over a slope that is a factor of its own
 _EXPLAINED = 0.15  # of the torque, that the nominal model's parts may leave
 _NO_FRICTION = 0.01  # of the torque: friction that is not in it
 _EXACT = 0.05  # of the torque: misfit beside which so little friction would show
@@ -83,7 +83,7 @@ def _slopes(p: TorqueParts) -> str:
     return "; ".join(texts)
 
 
-def _all(values: Vector, shown: Array, low: float, high: float) -> bool:
+def _all(values: Vector, shown: BoolArray, low: float, high: float) -> bool:
     """Return whether slopes that can be judged are within bounds; there are two.
 
     One joint alone may have a spring or a counterbalance.
@@ -190,7 +190,8 @@ def _common_gain(p: TorqueParts) -> list[Finding]:
     gain = float(np.median(slopes))
     # Where friction is large, the body's part is the less sure: half of the joints.
     near = np.abs(np.log(np.maximum(slopes / gain, 1e-9))) <= np.log(_COMMON)
-    if gain <= 0.0 or near.mean() < 0.75 or _LOW <= gain <= _HIGH:
+    alike = min(near.mean(), _agreeing(p)[p.whole_shown].mean())
+    if gain <= 0.0 or alike < 0.75 or _LOW <= gain <= _HIGH:
         return []
     for unit, name in _UNITS.items():
         if 1 / _UNIT < gain / unit < _UNIT:
@@ -209,7 +210,9 @@ def _currents(p: TorqueParts) -> list[Finding]:
     if len(slopes) < 2 or not _explained(p) or not (slopes > 0.0).all():
         return []
     far = (slopes < 1.0 / _FAR).all() or (slopes > _FAR).all()
-    if not far or slopes.max() < _COMMON * slopes.min() or not _agreeing(p).all():
+    sure = (p.whole_error <= _CLEAR * abs(p.whole))[p.whole_shown].all()
+    unequal = slopes.max() >= _COMMON * slopes.min()
+    if not (far and sure and unequal and _agreeing(p).all()):
         return []
     return [
         Finding(
@@ -226,7 +229,7 @@ def _currents(p: TorqueParts) -> list[Finding]:
     ]
 
 
-def _agreeing(p: TorqueParts) -> Array:
+def _agreeing(p: TorqueParts) -> BoolArray:
     """Return where gravity and inertia have one slope, or only one of them shows."""
     both = p.gravity_shown & p.inertial_shown
     small = np.minimum(abs(p.gravity), abs(p.inertial))

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from consistent_id._support.arrays import Array, Matrix, Vector
+from consistent_id._support.arrays import BoolArray, Matrix, Vector
 from consistent_id.diagnosis.jackknife import Fitted, jackknife
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.regressor import TorqueModel
@@ -43,13 +43,13 @@ class TorqueParts:
     joints: tuple[str, ...]
     gravity: Vector
     gravity_error: Vector
-    gravity_shown: Array
+    gravity_shown: BoolArray
     inertial: Vector
     inertial_error: Vector
-    inertial_shown: Array
+    inertial_shown: BoolArray
     whole: Vector
     whole_error: Vector
-    whole_shown: Array
+    whole_shown: BoolArray
     friction: Vector
     rest: Vector
 
@@ -72,8 +72,9 @@ def nominal_parts(model: TorqueModel, prepared: Recording) -> tuple[Matrix, Matr
     bodies = reference_bodies(model.robot).ravel()
     log = prepared.of(model.robot.joint_names)
     still = np.zeros_like(log.position)
+    rates = np.asarray(log.velocity), np.asarray(log.acceleration)
     gravity = rigid.predict(bodies, log.position, still, still)
-    whole = rigid.predict(bodies, log.position, log.velocity, log.acceleration)
+    whole = rigid.predict(bodies, log.position, *rates)
     return gravity, whole - gravity
 
 
