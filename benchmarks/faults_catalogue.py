@@ -664,11 +664,11 @@ CATALOGUE: dict[str, tuple[tuple[str, ...], Fault]] = {
     "nothing moves": (("standstill", "rank"), held(0.98)),
     "one joint does not move": (("rank",), moved(_one_still)),
     "very small motion": (
-        ("rank", "noise", "standstill", "encoder resolution"),
+        ("small motion", "rank", "noise", "standstill", "encoder resolution"),
         moved(lambda m, _: replace(m, amplitude=0.01 * m.amplitude)),
     ),
     "very slow motion": (
-        ("rank", "standstill"),
+        ("slow motion", "rank", "standstill"),
         moved(lambda m, _: replace(m, frequency=0.03 * m.frequency)),
     ),
     "two seconds": (("rank", "short"), short(2.0)),

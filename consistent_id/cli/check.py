@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from consistent_id.cli.answers import Answer, answered, show
-from consistent_id.cli.log_options import add_columns
+from consistent_id.cli.log_options import add_columns, add_torque_gain
 from consistent_id.cli.options import (
     add_accept,
     add_command,
@@ -42,6 +42,7 @@ def add_check(commands: Any) -> None:
         "log", type=Path, nargs="?", help="a log, if PROBLEM is a URDF or MJCF file"
     )
     add_columns(command, "q_{joint}", "tau_{joint}")
+    add_torque_gain(command)
     command.add_argument(
         "--cutoff", type=positive, default=10.0, help="low-pass in Hz (default: 10)"
     )
@@ -75,7 +76,13 @@ def _check(options: argparse.Namespace) -> Answer:
             torque=options.torque,
             torque_joints=options.torque_joints,
         )
-        found = check_log(options.problem, options.log, columns, cutoff=options.cutoff)
+        found = check_log(
+            options.problem,
+            options.log,
+            columns,
+            torque_gain=options.torque_gain,
+            cutoff=options.cutoff,
+        )
     faults = [fault for fault in found.faults if fault.kind not in options.accept]
     text = diagnosis_table(found).text()
     if faults:

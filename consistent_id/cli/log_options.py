@@ -36,6 +36,18 @@ def add_columns(
     )
 
 
+def add_torque_gain(command: argparse.ArgumentParser) -> None:
+    """Take what makes torque of the torque columns."""
+    command.add_argument(
+        "--torque-gain",
+        nargs="+",
+        type=float,
+        default=(),
+        metavar="NUMBER",
+        help="from the torque columns to N m or N: one for all joints, or one each",
+    )
+
+
 def add_draft_options(command: argparse.ArgumentParser) -> None:
     """Take what a draft of a problem file is made from."""
     add_columns(command)
@@ -45,14 +57,7 @@ def add_draft_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--tip", metavar="LINK", help="last link that counts, such as the flange"
     )
-    command.add_argument(
-        "--torque-gain",
-        nargs="+",
-        type=float,
-        default=(),
-        metavar="NUMBER",
-        help="from the torque columns to N m or N: one for all joints, or one each",
-    )
+    add_torque_gain(command)
     command.add_argument(
         "--masses",
         choices=("model", "free"),

@@ -10,6 +10,12 @@ _SLOW = 0.5  # s between samples, above which the clock is hardly in seconds
 _AGREED = 0.8  # correlation of two rates that belong to one joint
 _NEAR = 1.3  # factor within which a ratio is taken for a known one
 
+_SAME = 0.05  # by which the ratios of joints agree, and one may be off from one
+_LATE = 0.012  # s: less is what filters of velocities do
+_CLEAR = 0.25  # of the squared misfit, that a lag may leave
+_SPAN = 0.1  # s, over which rates are averaged
+_COUNTS = 30.0  # ratio beyond which no clock is meant
+
 _RATIOS = {
     1e3: ("clock", "the clock counts milliseconds", "divide the time by 1000"),
     1e6: ("clock", "the clock counts microseconds", "divide the time by 1e6"),
@@ -31,7 +37,9 @@ def clock_findings(recording: Recording) -> list[Finding]:
     step = float(np.median(np.diff(recording.time)))
     if step < _SLOW:
         return []
-    unit, factor = ("milliseconds", 1e3) if step < 500.0 else ("microseconds", 1e6)
+    # Robots log at 10 Hz to 10 kHz: the unit is that in which the step fits.
+    units = (("milliseconds", 1e3), ("microseconds", 1e6), ("nanoseconds", 1e9))
+    unit, factor = next((u for u in units if step / u[1] < _SLOW), units[-1])
     return [
         Finding(
             "clock",
@@ -50,16 +58,111 @@ def velocity_findings(recording: Recording) -> list[Finding]:
     if recording.velocity is None:
         return []
     from_position = np.gradient(recording.position, recording.time, axis=0)
-    ratios, agreed = _ratios(recording.velocity, from_position)
+    # Steps of an encoder average out over a while; they would make ratios too small.
+    span = max(int(_SPAN * recording.rate), 1)
+    ratios, agreed = _ratios(
+        _averaged(recording.velocity, span), _averaged(from_position, span)
+    )
     known = [np.inf] if not agreed.any() else ratios[agreed]
     common = float(np.median(known))
     for ratio, (kind, statement, advice) in _RATIOS.items():
         if 1 / _NEAR < common / ratio < _NEAR:
             seen = f"velocity over the position's rate is {common:.4g}: {statement}"
             return [Finding(kind, "fault", "all joints", seen, advice, 10.0)]
+    return (
+        _late(recording, recording.velocity, from_position)
+        or _common_ratio(ratios[agreed])
+        or [
+            *_signs(recording, ratios, agreed),
+            *_swaps(recording, recording.velocity, from_position, agreed),
+            *_scales(recording, ratios, agreed),
+        ]
+    )
+
+
+def _averaged(values: Array, span: int) -> Array:
+    """Return means over `span` samples."""
+    sums = np.cumsum(values, axis=0)
+    return np.asarray(sums[span:] - sums[:-span]) / span
+
+
+def _common_ratio(ratios: Vector) -> list[Finding]:
+    """Find a factor between velocities and positions' rates that all joints share."""
+    if not len(ratios):
+        return []
+    common = float(np.median(ratios))
+    alike = abs(ratios / common - 1.0) <= _SAME
+    if common <= 0.0 or not alike.all() or abs(common - 1.0) <= _SAME:
+        return []
+    seen = f"velocity over the position's rate is {common:.4g} in all joints: "
+    if 1.0 / _COUNTS < common < _COUNTS:
+        kind = "clock"
+        cause = "the clock runs at another speed than it says, or velocities are scaled"
+        advice = "find out which: multiply the time, or the velocities, by {:.4g}"
+    else:
+        kind = "encoder scale"
+        cause = "positions are in counts of an encoder, or velocities in another unit"
+        advice = "multiply the positions by {:.4g} if the velocities are right"
     return [
-        *_signs(recording, ratios, agreed),
-        *_swaps(recording, recording.velocity, from_position, agreed),
+        Finding(
+            kind,
+            "fault",
+            "all joints",
+            seen + cause,
+            advice.format(1.0 / common if kind == "clock" else common),
+            abs(float(np.log(common))) / _SAME,
+        )
+    ]
+
+
+def _scales(recording: Recording, ratios: Vector, agreed: BoolArray) -> list[Finding]:
+    """Find joints whose position and velocity have different scales."""
+    return [
+        Finding(
+            "encoder scale",
+            "fault",
+            joint,
+            f"{joint}: velocity is {ratio:.4g} times the position's rate, in other "
+            "joints it is not",
+            "check the gear ratio and the unit of both channels",
+            abs(float(np.log(ratio))) / _SAME,
+        )
+        for joint, ratio, sure in zip(recording.joints, ratios, agreed, strict=True)
+        if sure and ratio > 0.0 and abs(np.log(ratio)) > 2.0 * _SAME
+    ]
+
+
+def _late(recording: Recording, velocity: Array, rate: Array) -> list[Finding]:
+    """Find velocities that are later or earlier than the positions' rates."""
+    step = float(np.median(np.diff(recording.time)))
+    reach = range(-int(0.3 / step) - 1, int(0.3 / step) + 2)
+    if len(recording) < 4 * len(reach):
+        return []
+    inner = slice(len(reach), len(recording) - len(reach))
+    moves = rate.any(axis=0) & velocity.any(axis=0)
+    velocity, rate = velocity[:, moves], rate[:, moves]
+    size = np.linalg.norm(rate, axis=0)
+    misfits = [
+        float(np.sum(((velocity[inner] - np.roll(rate, k, axis=0)[inner]) / size) ** 2))
+        for k in reach
+    ]
+    best = int(np.argmin(misfits))
+    lag = reach[best] * step
+    edge = best in (0, len(reach) - 1)
+    clear = misfits[best] < _CLEAR * misfits[-reach[0]]
+    if edge or not clear or abs(lag) < _LATE + 1.5 * step:
+        return []
+    later = "later" if lag > 0.0 else "earlier"
+    return [
+        Finding(
+            "lag",
+            "fault",
+            "all joints",
+            f"velocities are {1e3 * abs(lag):.3g} ms {later} than the positions' rates",
+            "shift one against the other, or leave the velocities out: they are "
+            "differences of the positions then",
+            abs(lag) / _LATE,
+        )
     ]
 
 

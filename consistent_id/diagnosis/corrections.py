@@ -32,6 +32,29 @@ class Change(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
+class Cause:
+    """What may be wrong: for a finding, and when it is reported.
+
+    Parameters
+    ----------
+    kind, where, statement, advice : str
+        As in `Finding`; the statement is the condition under which misfits are told.
+    threshold : float
+        Ratio of misfits, as the log is over corrected, from which on it is reported.
+    excuse : bool
+        Whether it stands in for other causes, as a spring does for wrong geometry: it
+        is told as a candidate, and never named alone.
+    """
+
+    kind: str
+    where: str
+    statement: str
+    advice: str
+    threshold: float
+    excuse: bool = False
+
+
+@dataclass(frozen=True, slots=True)
 class FaultKind:
     """A kind of fault: what may have happened, and when it is reported.
 
@@ -39,7 +62,7 @@ class FaultKind:
     ----------
     kind : str
         As in `Finding`.
-    channels : {"torque", "motion"}
+    channels : {"torque", "motion", "both"}
         What it changes.
     threshold : float
         Ratio of misfits, as the log is over corrected, from which on it is reported.
@@ -51,7 +74,7 @@ class FaultKind:
     """
 
     kind: str
-    channels: Literal["torque", "motion"]
+    channels: Literal["torque", "motion", "both"]
     threshold: float
     statement: str
     advice: str
@@ -76,6 +99,14 @@ class Correction:
         """What to do."""
         return self._filled(self.fault.advice)
 
+    @property
+    def cause(self) -> "Cause":
+        """The cause that it stands for."""
+        fault = self.fault
+        return Cause(
+            fault.kind, self.where, self.statement, self.advice, fault.threshold
+        )
+
     def _filled(self, text: str) -> str:
         size, unit = self.change.size, self.change.unit
         return text.format(joints=self.where, size=size, unit=unit)
@@ -87,8 +118,10 @@ class Correction:
         def mapped(values: Matrix | None) -> Matrix | None:
             return None if values is None else values @ matrix
 
+        if self.fault.channels != "motion":
+            prepared = replace(prepared, torque=mapped(prepared.torque))
         if self.fault.channels == "torque":
-            return replace(prepared, torque=mapped(prepared.torque))
+            return prepared
         return replace(
             prepared,
             position=prepared.position @ matrix + shift,
@@ -108,7 +141,7 @@ def corrections(robot: RobotModel, torque_joints: Sequence[str]) -> list[Correct
     """
     names = robot.joint_names
     known = [names.index(name) for name in torque_joints]
-    places = {"torque": known, "motion": range(len(names))}
+    places = {"torque": known, "motion": range(len(names)), "both": known}
     return [
         Correction(fault, change, ", ".join(names[j] for j in change.joints) or _ALL)
         for fault in FAULT_KINDS
@@ -118,6 +151,7 @@ def corrections(robot: RobotModel, torque_joints: Sequence[str]) -> list[Correct
 
 _ALL = "all joints"
 _QUARTERS = (90.0, -90.0, 180.0)  # degrees
+_SCALES = (0.01, 0.02, 0.8, 0.9, 1.1, 1.25)  # gears that were forgotten or are not so
 _UNITS = ((1e3, "kN m"), (1e-3, "N mm"))
 
 
@@ -130,6 +164,26 @@ def _scaling(joints: Sequence[Joint], places: Sequence[int], factor: float) -> M
 def _reversed(joints: Sequence[Joint], places: Sequence[int]) -> Iterator[Change]:
     for j in places:
         yield Change((j,), _scaling(joints, [j], -1.0), np.zeros(len(joints)))
+
+
+def _all_reversed(joints: Sequence[Joint], places: Sequence[int]) -> Iterator[Change]:
+    if len(places) > 1:
+        yield Change((), _scaling(joints, places, -1.0), np.zeros(len(joints)))
+
+
+def _other_scales(joints: Sequence[Joint], places: Sequence[int]) -> Iterator[Change]:
+    for j in places:
+        for factor in _SCALES:
+            matrix = _scaling(joints, [j], factor)
+            yield Change((j,), matrix, np.zeros(len(joints)), factor)
+    for factor in _SCALES[:1]:
+        matrix = _scaling(joints, places, factor)
+        yield Change((), matrix, np.zeros(len(joints)), factor)
+
+
+def _degrees_of_one(joints: Sequence[Joint], places: Sequence[int]) -> Iterator[Change]:
+    for j in _turning(joints, places):
+        yield Change((j,), _scaling(joints, [j], np.pi / 180), np.zeros(len(joints)))
 
 
 def _exchanged(joints: Sequence[Joint], places: Sequence[int]) -> Iterator[Change]:
@@ -166,15 +220,55 @@ FAULT_KINDS = (
     FaultKind(
         "torque sign",
         "torque",
-        1.15,
+        1.3,
         "with the torque of {joints} reversed",
         "reverse the torque channel of {joints}, or its axis in the model",
         _reversed,
     ),
     FaultKind(
+        "torque sign",
+        "torque",
+        1.3,
+        "with the torque of {joints} reversed",
+        "reverse the torque channel of {joints}",
+        _all_reversed,
+    ),
+    FaultKind(
+        "position sign",
+        "motion",
+        1.3,
+        "with the position of {joints} reversed",
+        "reverse position and velocity of {joints}, or its axis in the model",
+        _reversed,
+    ),
+    FaultKind(
+        "channel order",
+        "both",
+        1.3,
+        "with {joints} exchanged altogether",
+        "name the columns in the order of the joints they belong to",
+        _exchanged,
+    ),
+    FaultKind(
+        "encoder scale",
+        "motion",
+        1.3,
+        "with the position of {joints} times {size:.4g}",
+        "multiply position and velocity of {joints} by {size:.4g}: check gear and unit",
+        _other_scales,
+    ),
+    FaultKind(
+        "degrees",
+        "motion",
+        1.5,
+        "with the position of {joints} taken as degrees",
+        "multiply position and velocity of {joints} by pi / 180",
+        _degrees_of_one,
+    ),
+    FaultKind(
         "channel order",
         "torque",
-        1.15,
+        1.3,
         "with the torques of {joints} exchanged",
         "name the torque columns in the order of the joints they belong to",
         _exchanged,
@@ -190,7 +284,7 @@ FAULT_KINDS = (
     FaultKind(
         "channel order",
         "motion",
-        1.15,
+        1.3,
         "with the positions of {joints} exchanged",
         "name the position columns in the order of the joints they belong to",
         _exchanged,
@@ -206,7 +300,7 @@ FAULT_KINDS = (
     FaultKind(
         "offset zero",
         "motion",
-        1.15,
+        1.3,
         "with the zero of {joints} moved by {size:g} degrees",
         "add {size:g} degrees to the position of {joints}, or turn its frame in the "
         "model",

@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from consistent_id._support.arrays import Array, BoolArray
+from consistent_id._support.arrays import BoolArray, Vector
 from consistent_id.diagnosis.findings import Finding
 from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.signals.masks import saturated
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.data_rank import excitation_of
 from consistent_id.regression.regression import build_regression
@@ -14,14 +15,17 @@ from consistent_id.regression.regressor import TorqueModel
 
 _STILL = 0.02  # of a joint's largest velocity, below which it stands
 _IDLE = 0.2  # share of samples with all joints at rest that is worth a warning
-_PINNED = 5  # samples in a row at the largest torque that are a saturation
+_PINNED = 5  # samples at a limit that are worth a word
+_SMALL, _SLOW = 0.05, 0.1  # rad or m; rad/s or m/s, of the joint that moves most
+_BRIEF = 3.0  # s, below which a log may be too short for its motion to turn back
+_TURNS, _TURNING = 2.5, 0.05  # of the median joint; share of its top speed
 _MOVES = 2e-3  # rad or m of travel, below which a joint's readings only flicker
 
 
 def standstill_findings(recording: Recording) -> list[Finding]:
     """Warn of long rests of all joints together."""
     velocity = recording.velocity
-    if velocity is None:
+    if velocity is None or not velocity.any():
         velocity = np.gradient(recording.position, recording.time, axis=0)
     largest = abs(velocity).max(axis=0)
     still = (abs(velocity) <= _STILL * np.where(largest > 0.0, largest, 1.0)).all(
@@ -42,48 +46,72 @@ def standstill_findings(recording: Recording) -> list[Finding]:
     ]
 
 
-def dead_findings(recording: Recording) -> list[Finding]:
-    """Find torque channels without a signal: one value throughout."""
+def saturation_findings(recording: Recording) -> list[Finding]:
+    """Find torques that stay at their largest value (`saturated`)."""
     if recording.torque is None:
         return []
+    at_limit = saturated(recording)
     return [
         Finding(
-            "dead channel",
+            "saturation",
             "fault",
             joint,
-            f"{joint}: torque is {tau[0]:.4g} throughout",
-            "check column, unit and gain, or leave the joint out of torque_joints",
-            10.0,
+            f"{joint}: torque stays at {abs(tau[at]).max():.4g} in {int(at.sum())} of "
+            f"{len(tau)} samples",
+            "leave these samples out, or move more gently: what the drive could not "
+            "give is missing from the torque",
+            float(at.sum()) / _PINNED,
         )
-        for joint, tau in zip(recording.joints, recording.torque.T, strict=True)
-        if np.ptp(tau) == 0.0
+        for joint, tau, at in zip(
+            recording.joints, recording.torque.T, at_limit.T, strict=True
+        )
+        if at.sum() >= _PINNED and abs(tau[at]).max() > 0.0
     ]
 
 
-def saturation_findings(recording: Recording) -> list[Finding]:
-    """Find torques that stay at their largest value."""
-    if recording.torque is None:
-        return []
-    found = []
-    for joint, tau in zip(recording.joints, recording.torque.T, strict=True):
-        for limit in (tau.max(), tau.min()):
-            if limit == 0.0:
-                continue
-            run = _longest_run(tau == limit)
-            if run >= _PINNED:
-                found.append(
-                    Finding(
-                        "saturation",
-                        "fault",
-                        joint,
-                        f"{joint}: torque stays at {limit:.4g} for {run} samples",
-                        "leave these samples out, or move more gently: what the drive "
-                        "could not give is missing from the torque",
-                        run / _PINNED,
-                    )
+def extent_findings(prepared: Recording) -> list[Finding]:
+    """Warn of motion that is small, slow, or over before it has turned back twice.
+
+    Parameters
+    ----------
+    prepared : Recording
+        With velocity, filtered.
+    """
+    velocity = np.asarray(prepared.velocity)
+    travel = float(np.ptp(prepared.position, axis=0).max())
+    fastest = float(abs(velocity).max())
+    turns = float(np.median([_turns(v) for v in velocity.T if v.any()] or [0]))
+    brief = prepared.duration < _BRIEF
+    for kind, seen, least, unit, advice in (
+        (
+            "small motion",
+            travel,
+            _SMALL,
+            "rad or m is the widest travel",
+            "more widely",
+        ),
+        ("slow motion", fastest, _SLOW, "rad/s or m/s is the top speed", "faster"),
+        ("short", turns if brief else _TURNS, _TURNS, "turns of a joint", "for longer"),
+    ):
+        if seen < least:
+            return [
+                Finding(
+                    kind,
+                    "warning",
+                    prepared.name,
+                    f"{seen:.3g} {unit} in {prepared.duration:.3g} s; less than "
+                    f"{least:g} shows little of the bodies",
+                    f"move {advice}",
+                    least / max(seen, 0.1 * least),
                 )
-                break
-    return found
+            ]
+    return []
+
+
+def _turns(velocity: Vector) -> int:
+    """Return how often a joint turns back, flickering at rest left out."""
+    moving = velocity[abs(velocity) > _TURNING * abs(velocity).max()]
+    return int((np.diff(np.sign(moving)) != 0.0).sum())
 
 
 def rank_findings(
@@ -133,8 +161,3 @@ def _without_motion(recording: Recording, at_rest: BoolArray) -> Recording:
         for rate in (recording.velocity, recording.acceleration)
     )
     return replace(recording, position=q, velocity=dq, acceleration=ddq)
-
-
-def _longest_run(flags: Array) -> int:
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
-    return int(max(edges[1::2] - edges[::2], default=0))

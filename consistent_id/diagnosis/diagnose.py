@@ -3,14 +3,17 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from consistent_id._support.arrays import Vector
 from consistent_id._support.threads import single_threaded
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.distances import nominal_distance
+from consistent_id.diagnosis.alternatives import alternatives
 from consistent_id.diagnosis.clock import clock_findings, velocity_findings
 from consistent_id.diagnosis.corrections import corrections
 from consistent_id.diagnosis.coverage import (
-    dead_findings,
+    extent_findings,
     rank_findings,
     saturation_findings,
     standstill_findings,
@@ -18,20 +21,33 @@ from consistent_id.diagnosis.coverage import (
 from consistent_id.diagnosis.explain import (
     SAMPLES,
     FittedLog,
-    best_explanation,
+    corrected,
     datasheet_constraints,
     explanation_finding,
+    explanations,
     fitted_log,
     thinned,
+    unexplained_findings,
 )
 from consistent_id.diagnosis.findings import Diagnosis, Finding
 from consistent_id.diagnosis.linearise import Linearised, linearised
+from consistent_id.diagnosis.model_faults import model_findings, placeholders
 from consistent_id.diagnosis.repeats import leak_findings
+from consistent_id.diagnosis.signal_faults import (
+    frozen_findings,
+    jump_findings,
+    noise_findings,
+    noise_share,
+    resolution_findings,
+    spike_findings,
+)
 from consistent_id.diagnosis.small_shifts import (
     hidden_zeros,
     moved_zeros,
     shift_findings,
 )
+from consistent_id.diagnosis.torque_channel import channel_findings, nothing_findings
+from consistent_id.diagnosis.torque_parts import torque_parts
 from consistent_id.errors import InfeasibleError, SolverError
 from consistent_id.estimation.penalised import penalised_fit
 from consistent_id.recordings.recording import Recording
@@ -40,6 +56,8 @@ from consistent_id.regression.regressor import TorqueModel
 
 Prepare = Callable[[Recording], Recording]
 
+_LITTLE = ("standstill", "small motion", "slow motion")  # nothing more can be told
+_WORTH = 1.2  # ratio of misfits from which on a zero that is moved explains something
 _PULL = 1e-4  # squared misfit that a typical distance to the nominal robot weighs
 
 
@@ -82,7 +100,9 @@ def diagnose(
     base = base_parameters(model) if base is None else base
     constraints = datasheet_constraints(model) if constraints is None else constraints
     ready: Prepare = (lambda recording: recording) if prepare is None else prepare
-    found = list(leak_findings(training, validation))
+    found = [*leak_findings(training, validation), *model_findings(model.robot)]
+    if any(f.kind == "units" for f in found):
+        return Diagnosis(tuple(found), tuple(log.name for log in training))
     looked_at = [*training, *(v for v in validation if v.torque is not None)]
     for recording in looked_at:
         log = recording.of(model.robot.joint_names)
@@ -98,42 +118,82 @@ def _of_one(
     base: BaseParameters,
     prepare: Prepare,
 ) -> list[Finding]:
-    """Return what is found in one recording."""
+    """Return what is found in one recording: of signals first, of their sense last."""
     torque = log.of(model.torque_joints)
-    kinematic = clock_findings(log) or velocity_findings(log)
-    dead = dead_findings(torque)
-    found = [*kinematic, *standstill_findings(log)]
-    found += dead or saturation_findings(torque)
-    if kinematic or dead:
+    clock = clock_findings(log)
+    if clock:
+        return clock
+    prepared = thinned(prepare(log).of(model.robot.joint_names), SAMPLES)
+    found = standstill_findings(log)
+    signals = [*frozen_findings(_with_torque_of(log, model)), *jump_findings(log)]
+    found += signals or velocity_findings(log)
+    found += [] if found else extent_findings(prepared)
+    found += rank_findings(model, prepared, base)
+    if any(f.severity == "fault" or f.kind in _LITTLE for f in found):
         return found
-    return found + _dynamic(model, log, constraints, base, prepare)
+    found += spike_findings(torque) + noise_findings(torque)
+    coarse = resolution_findings(log, torque)
+    stepped = {f.where for f in coarse}
+    found += coarse
+    found += [f for f in saturation_findings(torque) if f.where not in stepped]
+    if any(f.severity == "fault" for f in found):
+        return found
+    noise = float(np.sqrt(np.mean(noise_share(np.asarray(torque.torque)) ** 2)))
+    return found + _dynamic(model, prepared, constraints, base, noise)
+
+
+def _with_torque_of(log: Recording, model: TorqueModel) -> Recording:
+    """Return a log in which torques that the model does without are never still."""
+    if len(model.torque_joints) == len(log.joints):
+        return log
+    used = np.isin(log.joints, model.torque_joints)
+    torque = np.where(used, np.asarray(log.torque), np.asarray(log.position))
+    return replace(log, torque=torque)
 
 
 def _dynamic(
     model: TorqueModel,
-    log: Recording,
+    prepared: Recording,
     constraints: Sequence[Constraint],
     base: BaseParameters,
-    prepare: Prepare,
+    noise: float,
 ) -> list[Finding]:
     """Return what only torque and motion together show."""
-    prepared = thinned(prepare(log).of(model.robot.joint_names), SAMPLES)
-    found = rank_findings(model, prepared, base)
+    known = model.robot.nominal is not None and not placeholders(model.robot)
+    parts = torque_parts(model, prepared) if known else None
+    channel = [] if parts is None else channel_findings(parts)
+    if any(f.severity == "fault" for f in channel):
+        return channel
     try:
         as_is = fitted_log(model, prepared, constraints, base)
-        best = best_explanation(as_is, corrections(model.robot, model.torque_joints))
-        if best is not None and best.correction.fault.channels == "torque":
-            return [*found, explanation_finding(best)]
-        zeros = moved_zeros(model, lambda offsets: _linearised(_moved(as_is, offsets)))
-        # Exchanging channels that hardly matter can also take up a small zero offset;
-        # the offset is the fault if correcting it leaves less unexplained.
-        if best is None or _moved(as_is, zeros.offsets).misfit < best.misfit:
-            return found + shift_findings(model, zeros) + hidden_zeros(model, zeros)
-        return [*found, explanation_finding(best)]
     except (InfeasibleError, SolverError) as failure:
         statement = f"no robot of the datasheet explains the log: {failure}"
         advice = "check masses and bounds; see the certificate of each method"
-        return [*found, Finding("datasheet", "fault", log.name, statement, advice)]
+        return [Finding("datasheet", "fault", prepared.name, statement, advice)]
+    candidates = corrected(as_is, corrections(model.robot, model.torque_joints))
+    candidates += alternatives(as_is)
+    found = explanations(as_is, candidates, noise)
+    if found.best is not None:
+        return [explanation_finding(found.best)]
+    missing = unexplained_findings(as_is, found, noise)
+    if missing and parts is not None and (nothing := nothing_findings(parts)):
+        return nothing
+    shifts = _shifts(as_is, found.floor)
+    if any(f.severity == "fault" for f in shifts):
+        return shifts
+    return [*missing, *(shifts if not missing else ()), *channel]
+
+
+def _shifts(as_is: FittedLog, floor: float) -> list[Finding]:
+    """Return zeros that are off and a lag, where correcting them explains the log."""
+    model = as_is.factors.model
+    zeros = moved_zeros(model, lambda offsets: _linearised(_moved(as_is, offsets)))
+    hidden = hidden_zeros(model, zeros)
+    if zeros.offsets.any():
+        left = _moved(as_is, zeros.offsets).misfit
+        if left > min(floor, as_is.misfit / _WORTH):
+            return hidden
+    return shift_findings(model, zeros) + hidden
 
 
 def _moved(log: FittedLog, offsets: Vector) -> FittedLog:

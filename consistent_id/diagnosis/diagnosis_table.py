@@ -7,8 +7,9 @@ from consistent_id._support.tables import Table
 from consistent_id.diagnosis.findings import Diagnosis, Finding
 
 _LOOKED_FOR = (
-    "clocks, units, signs, exchanged channels, zeros, lags, dead and saturated "
-    "channels, rests, joints that did not move, and validation that repeats training"
+    "clocks, units, signs, exchanged channels, gains, zeros, lags, dead, noisy and "
+    "saturated channels, what the torque is, gravity, masses, contact, rests, joints "
+    "that did not move, and validation rows that are training rows"
 )
 
 

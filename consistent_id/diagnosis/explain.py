@@ -10,6 +10,8 @@ until no bound is left that could win.
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from consistent_id.constraints import (
     Constraint,
     FixedMasses,
@@ -17,9 +19,9 @@ from consistent_id.constraints import (
     PhysicalConsistency,
 )
 from consistent_id.diagnosis.channel_factors import ChannelFactors, channel_factors
-from consistent_id.diagnosis.corrections import Correction
+from consistent_id.diagnosis.corrections import Cause, Correction
 from consistent_id.diagnosis.findings import Finding
-from consistent_id.errors import SolverError
+from consistent_id.errors import InfeasibleError, SolverError
 from consistent_id.estimation.best_fit import BestFit, best_fit
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import BaseParameters
@@ -30,6 +32,13 @@ SAMPLES = 1500
 
 _SCREENED = 300  # samples on which corrections of the motion are tried first
 _MARGIN = 1.1  # by which so few samples may overstate a misfit
+_WHITE = 3.0  # times the white noise: filters leave less, edges of friction more
+_BEYOND = 1.5  # times least squares: clean logs have 1.0 to 1.1, here and in robots
+_MOST = 0.12  # of the torque: misfit that explains nothing, least squares or not
+_RIVAL = 1.25  # ratio of misfits within which two causes explain a log alike
+_UNUSUAL = 0.06  # of the torque: clean logs without noise leave 0.5 to 3 %
+_BAD = 0.3  # of the torque: misfit of which no good comes
+_SHOWN = 3  # candidates that are worth mention
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,19 +68,67 @@ class FittedLog:
         return self.factors.relative(self.fit.misfit)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Candidate:
+    """A cause, and the log as it would be without it.
+
+    Parameters
+    ----------
+    cause : Cause
+    factors : ChannelFactors
+        Of the corrected log, or of a model that has what the log's robot has.
+    constraints : sequence of Constraint
+    """
+
+    cause: Cause
+    factors: ChannelFactors
+    constraints: Sequence[Constraint]
+
+
 @dataclass(frozen=True, slots=True)
 class Explanation:
-    """A correction, and the misfits with it and as it is, relative to the torque."""
+    """A cause, and the misfits without it and as it is, relative to the torque."""
 
-    correction: Correction
+    cause: Cause
     misfit: float
     as_is: float
 
     @property
     def score(self) -> float:
-        """How far the misfits' ratio is beyond the correction's threshold."""
+        """How far the misfits' ratio is beyond the cause's threshold."""
         ratio = self.as_is / max(self.misfit, 1e-12)
-        return ratio / self.correction.fault.threshold
+        return ratio / self.cause.threshold
+
+
+@dataclass(frozen=True, slots=True)
+class Explanations:
+    """What explains a log: candidates that were fitted, the best first.
+
+    Parameters
+    ----------
+    tried : tuple of Explanation
+        Those that leave less unexplained than their thresholds ask for.
+    floor : float
+        Misfit, relative to the torque, below which a log counts as explained.
+    """
+
+    tried: tuple[Explanation, ...]
+    floor: float
+
+    @property
+    def best(self) -> Explanation | None:
+        """The one cause that explains the log; None if there is none, or several.
+
+        Of causes that explain it about as well, none is known to be the one, unless
+        they are of one kind.
+        """
+        named = [e for e in self.tried if not e.cause.excuse]
+        explained = [e for e in named if e.misfit <= self.floor]
+        if not explained:
+            return None
+        rivals = [e for e in explained if e.misfit <= _RIVAL * explained[0].misfit]
+        alike = {e.cause.kind for e in rivals} == {rivals[0].cause.kind}
+        return explained[0] if alike else None
 
 
 def datasheet_constraints(model: TorqueModel) -> tuple[Constraint, ...]:
@@ -103,35 +160,58 @@ def thinned(recording: Recording, samples: int) -> Recording:
     return recording.samples(slice(None, None, -(-len(recording) // samples)))
 
 
-def best_explanation(
-    as_is: FittedLog, corrections: Sequence[Correction]
-) -> Explanation | None:
-    """Return the correction that explains the log far better than it is, if any does.
+def explanations(
+    as_is: FittedLog, candidates: Sequence[Candidate], noise: float
+) -> Explanations:
+    """Fit the candidates that may explain a log, the most promising first.
 
-    One at a time: others that rival the best are part of the same fault.
+    Parameters
+    ----------
+    as_is : FittedLog
+    candidates : sequence of Candidate
+    noise : float
+        White noise of the torque, relative to it.
+
+    Returns
+    -------
+    Explanations
+        The floor is the log's own noise: the larger of `noise` and what least squares,
+        free of all constraints, leaves of the best candidate, each with a margin; what
+        a model of friction that is not quite right leaves is in the second one.
     """
-    torque, motion = (
-        [c for c in corrections if c.fault.channels == channels]
-        for channels in ("torque", "motion")
-    )
-    candidates = [
-        *((c, as_is.factors.changed(c.change.matrix)) for c in torque),
-        *_moved(as_is, motion),
-    ]
-    bounds = [Explanation(c, f.least_misfit(), as_is.misfit) for c, f in candidates]
-    best: Explanation | None = None
-    for i in sorted(range(len(bounds)), key=lambda i: -bounds[i].score):
-        least = 1.0 if best is None else best.score
-        if bounds[i].score < least:
-            break  # nor do constraints allow what least squares does not reach
-        correction, factors = candidates[i]
-        try:
-            fit = _fit(factors, as_is.constraints)
-        except SolverError:
+    bounds = [c.factors.least_misfit() for c in candidates]
+    own = [b for b, c in zip(bounds, candidates, strict=True) if not c.cause.excuse]
+    least = min([as_is.factors.least_misfit(), *own])
+    floor = min(max(_WHITE * noise, _BEYOND * least), _MOST)
+    found: list[Explanation] = []
+    for i in sorted(range(len(bounds)), key=bounds.__getitem__):
+        candidate, asked = candidates[i], as_is.misfit / candidates[i].cause.threshold
+        best = min([e.misfit for e in found], default=np.inf)
+        # Nor do constraints allow what least squares does not reach.
+        if bounds[i] > min(asked, _RIVAL * best):
             continue
-        found = Explanation(correction, factors.relative(fit.misfit), as_is.misfit)
-        best = found if found.score >= least else best
-    return best
+        try:
+            fit = _fit(candidate.factors, candidate.constraints)
+        except (InfeasibleError, SolverError):
+            continue
+        misfit = candidate.factors.relative(fit.misfit)
+        if misfit <= asked:
+            found.append(Explanation(candidate.cause, misfit, as_is.misfit))
+    return Explanations(tuple(sorted(found, key=lambda e: e.misfit)), floor)
+
+
+def corrected(as_is: FittedLog, corrections: Sequence[Correction]) -> list[Candidate]:
+    """Return the candidates that corrections of channels are.
+
+    Corrections of the motion that a few samples rule out are left out.
+    """
+    torque = [c for c in corrections if c.fault.channels == "torque"]
+    motion = [c for c in corrections if c.fault.channels != "torque"]
+    changed = [(c, as_is.factors.changed(c.change.matrix)) for c in torque]
+    return [
+        Candidate(c.cause, factors, as_is.constraints)
+        for c, factors in (*changed, *_moved(as_is, motion))
+    ]
 
 
 def _fit(factors: ChannelFactors, constraints: Sequence[Constraint]) -> BestFit:
@@ -162,10 +242,10 @@ def _moved(
 
 
 def explanation_finding(explanation: Explanation) -> Finding:
-    """Report a correction, with what is unexplained with it and without."""
-    c = explanation.correction
+    """Report a cause, with what is unexplained without it and as it is."""
+    c = explanation.cause
     return Finding(
-        c.fault.kind,
+        c.kind,
         "fault",
         c.where,
         f"{c.statement}, a physically consistent robot with the datasheet's values "
@@ -174,3 +254,31 @@ def explanation_finding(explanation: Explanation) -> Finding:
         c.advice,
         explanation.score,
     )
+
+
+def unexplained_findings(
+    as_is: FittedLog, found: Explanations, noise: float
+) -> list[Finding]:
+    """Report a log that no robot of the datasheet explains, with the candidates."""
+    usual = max(_UNUSUAL, _WHITE * noise)
+    rivals = any(e.misfit <= found.floor and not e.cause.excuse for e in found.tried)
+    if as_is.misfit <= usual and not rivals:
+        return []
+    better = [
+        f"{e.cause.statement} {e.misfit:.1%} would be left"
+        for e in found.tried[:_SHOWN]
+    ]
+    return [
+        Finding(
+            "model does not explain",
+            "fault" if as_is.misfit > _BAD else "warning",
+            "all joints",
+            "no robot with the datasheet's values explains the log: "
+            f"{as_is.misfit:.1%} of the torque is left, "
+            f"{as_is.factors.least_misfit():.1%} by least squares without constraints"
+            + (f"; {'; '.join(better)}, which proves no cause" if better else ""),
+            "check that model and log are of one robot: load, springs and couplings, "
+            "base, units, delays, masses; see the residuals joint by joint",
+            max(1.0, as_is.misfit / usual),
+        )
+    ]

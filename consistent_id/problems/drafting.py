@@ -13,10 +13,11 @@ from consistent_id.problems.draft import Draft
 from consistent_id.problems.file import PreparationTable
 from consistent_id.problems.model import DEFAULT_DRIVE
 from consistent_id.problems.preparation import prepared
-from consistent_id.recordings.column_guess import guess_columns
+from consistent_id.recordings.column_guess import guess_columns, require_torque
 from consistent_id.recordings.readers import read_recording
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import (
+    estimated_period,
     resampled,
     split_at_gaps,
     standstill,
@@ -28,6 +29,7 @@ from consistent_id.robot.chains import Selection
 from consistent_id.robot.loaders import load_robot
 
 _TRAINING = 0.7  # of the motion; the rest is for validation
+_PERIOD = 0.02  # of the motion: shorter periods need no whole ones
 _GAP = 10.0  # steps without a sample
 _CUTOFFS = (2.0, 3.0, 5.0, 7.5, 10.0, 15.0, 20.0, 30.0, 50.0)  # Hz
 _SHARE = 0.2  # of the rate, up to which a cut-off is tried
@@ -80,15 +82,16 @@ def draft_problem(
     selection = Selection() if selection is None else selection
     robot = load_robot(model, **asdict(selection))
     guess = guess_columns(log, robot.joint_names, columns, torque_joints=torque_joints)
+    require_torque(guess.columns.torque, torque_gain)
     locked = tuple(name for name in robot.joint_names if name not in guess.joints)
     if locked:
         robot = load_robot(model, **asdict(replace(selection, joints=guess.joints)))
-    gain = _gain(torque_gain, len(guess.joints))
+    gain = gains_of(torque_gain, len(guess.joints))
     raw = read_recording(log, guess.joints, guess.columns, torque_gain=gain)
     known = any(link.datasheet.mass is not None for link in robot.links)
     clock = _clock(raw)
     start, stop = _moving(raw, clock)
-    middle = start + _TRAINING * (stop - start)
+    middle = start + _training(raw, stop - start)
     measured = tuple(guess.columns.torque_joints)
     torque_model = TorqueModel(robot, DEFAULT_DRIVE.terms, torque_joints=measured)
     cutoff, reason = _cutoff(torque_model, trimmed(raw, start, middle), clock)
@@ -115,12 +118,32 @@ def draft_problem(
     )
 
 
+def _training(raw: Recording, duration: float) -> float:
+    """Return how long the training lasts [s]: whole periods, where motion repeats."""
+    share = _TRAINING * duration
+    try:
+        period = estimated_period(raw, shortest=_PERIOD * duration)
+    except RecordingError:
+        return share
+    whole = int(duration / period)
+    if whole < 2:
+        return share
+    return period * min(max(round(_TRAINING * whole), 1), whole - 1)
+
+
 class _Clock(NamedTuple):
     resample: float | None  # Hz
     max_gap: float | None  # s
 
 
-def _gain(given: Sequence[float], joints: int) -> list[float] | float:
+def gains_of(given: Sequence[float], joints: int) -> list[float] | float:
+    """Return gains as `read_recording` takes them: one for all joints, or one each.
+
+    Raises
+    ------
+    ProblemError
+        If their number is neither.
+    """
     if len(given) not in (0, 1, joints):
         raise ProblemError(
             f"{len(given)} torque gains for {joints} joints, expected one or {joints}"

@@ -22,6 +22,7 @@ _WORDS = {
     "velocity": {"dq", "qd", "qdot", "vel", "velocity", "velocities"},
     "torque": {"tau", "trq", "torque", "torques", "effort", "efforts"},
 }
+_CURRENT = {"current", "currents", "amp", "amps", "ampere", "amperes", "i", "iq"}
 _TIME = ("time", "t", "timestamp", "stamp", "time_s", "t_s", "seconds", "sec")
 _NOT_MEASURED = {"target", "desired", "des", "cmd", "command", "commanded", "ref"}
 _NOT_MEASURED |= {"reference", "setpoint", "goal", "error", "limit"}
@@ -110,6 +111,30 @@ def guess_columns(
     return ColumnGuess(found, moved, tuple(notes))
 
 
+def require_torque(pattern: str | None, torque_gain: Sequence[float]) -> None:
+    """Refuse motor currents as torque, if no gain makes torque of them.
+
+    Parameters
+    ----------
+    pattern : str, optional
+        Name of the torque's columns.
+    torque_gain : sequence of float
+        As it was given; empty if it was not.
+
+    Raises
+    ------
+    RecordingError
+        If the name says current and not torque, and there is no gain.
+    """
+    words = _words(pattern or "")
+    if words & _CURRENT and not words & _WORDS["torque"] and not len(torque_gain):
+        raise RecordingError(
+            f"torque is taken from {pattern}, which is named as a current, without a "
+            "gain. Give the N m per ampere of each joint, gear ratio included: "
+            "--torque-gain (torque_gain); 1 if these columns are torques in N m"
+        )
+
+
 def _require_channels(known: Mapping[str, str]) -> None:
     channels = ("time", "position", "velocity", "torque")
     for name in known:
@@ -185,9 +210,14 @@ def _by_number(
 
 def _means(pattern: str, channel: str) -> bool:
     """Return whether a pattern has a word for the channel beside the joint."""
-    rest = re.sub(r"\{\w+\}", " ", pattern)
-    words = set(re.findall(r"[a-z]+", rest.lower()))
+    words = _words(pattern)
     return bool(words & _WORDS[channel]) and not words & _NOT_MEASURED
+
+
+def _words(pattern: str) -> set[str]:
+    """Return the words of a pattern beside the joint, in lower case."""
+    rest = re.sub(r"\{\w+\}", " ", pattern)
+    return set(re.findall(r"[a-z]+", rest.lower()))
 
 
 def _not_found(

@@ -12,8 +12,9 @@ from consistent_id.diagnosis import diagnose
 from consistent_id.diagnosis.channel_factors import channel_factors
 from consistent_id.diagnosis.corrections import FAULT_KINDS, corrections
 from consistent_id.diagnosis.explain import (
-    best_explanation,
+    corrected,
     datasheet_constraints,
+    explanations,
     fitted_log,
 )
 from consistent_id.estimation.best_fit import best_fit
@@ -47,17 +48,21 @@ def _by_hand(correction, log):
     places = [JOINTS.index(n) for n in correction.where.split(", ") if n in JOINTS]
     moving = [c for c in ("position", "velocity") if getattr(log, c) is not None]
     if kind == "channel order":
-        names = ["torque"] if channels == "torque" else moving
+        names = ["torque"] if channels != "motion" else []
+        names += moving if channels != "torque" else []
         return replace(log, **{n: _exchanged(getattr(log, n), *places) for n in names})
-    if kind == "degrees":
-        return replace(log, **{n: getattr(log, n) * np.pi / 180 for n in moving})
+    if kind in ("degrees", "position sign", "encoder scale"):
+        scale = np.ones(len(JOINTS))
+        size = {"degrees": np.pi / 180, "position sign": -1.0}
+        scale[places or slice(None)] = size.get(kind, correction.change.size)
+        return replace(log, **{n: getattr(log, n) * scale for n in moving})
     if kind == "offset zero":
         position = log.position.copy()
         position[:, places] += np.radians(correction.change.size)
         return replace(log, position=position)
     torque = log.torque.copy()
     if kind == "torque sign":
-        torque[:, places] *= -1.0
+        torque[:, places or slice(None)] *= -1.0
     else:
         assert kind == "torque unit"
         torque *= {"kN m": 1e3, "N mm": 1e-3}[correction.change.unit]
@@ -94,7 +99,7 @@ def test_factors_with_changed_torque_are_those_of_the_changed_log(measured):
     x = np.random.default_rng(0).normal(size=len(model.layout))
     kinds = set()
     for correction in corrections(model.robot, measured):
-        if correction.fault.channels == "motion":
+        if correction.fault.channels != "torque":
             continue
         kinds.add(correction.fault.kind)
         changed = factors.changed(correction.change.matrix)
@@ -152,22 +157,23 @@ def test_bounds_lose_no_explanation_that_trying_all_would_find(fault):
         return fit.misfit / np.sqrt(sum(weighted.counts))
 
     as_is = misfit(raw)
-    scores = {
-        (c.fault.kind, c.where, c.statement): as_is
-        / misfit(_by_hand(c, raw))
-        / c.fault.threshold
+    left = {
+        (c.fault.kind, c.where, c.statement): misfit(_by_hand(c, raw))
         for c in corrections(model.robot, JOINTS)
     }
+    thresholds = {c.fault.threshold for c in corrections(model.robot, JOINTS)}
     log = fitted_log(model, logs().prepared(raw), known, base)
     assert log.misfit == pytest.approx(as_is, rel=1e-6)
-    best = best_explanation(log, corrections(model.robot, JOINTS))
-    if max(scores.values()) < 1.0:
-        assert best is None
-        assert fault is None
+    candidates = corrected(log, corrections(model.robot, JOINTS))
+    found = explanations(log, candidates, noise=0.0)
+    if fault is None:
+        assert min(left.values()) > as_is / min(thresholds)
+        assert found.tried == ()
         return
-    c = best.correction
-    assert (c.fault.kind, c.where, c.statement) == max(scores, key=scores.get)
-    assert best.score == pytest.approx(max(scores.values()), rel=1e-4)
+    best = found.tried[0]
+    c = best.cause
+    assert (c.kind, c.where, c.statement) == min(left, key=left.get)
+    assert best.misfit == pytest.approx(min(left.values()), rel=1e-4)
 
 
 def test_each_log_is_prepared_once():
@@ -185,8 +191,9 @@ def test_each_log_is_prepared_once():
 def test_every_kind_of_the_table_occurs_and_fills_its_sentences():
     found = corrections(arm().robot, JOINTS)
     assert {c.fault for c in found} == set(FAULT_KINDS)
-    assert len(found) == 4 + 6 + 2 + 6 + 1 + 12
+    signs, scales, degrees = 4 + 1 + 4, 4 * 6 + 1, 1 + 4
+    assert len(found) == signs + 3 * 6 + 2 + scales + degrees + 12
     assert not any(mark in c.statement + c.advice for c in found for mark in "{}")
     pairs = [", ".join(pair) for pair in combinations(JOINTS, 2)]
     exchanged = [c.where for c in found if c.fault.kind == "channel order"]
-    assert exchanged == 2 * pairs
+    assert exchanged == 3 * pairs

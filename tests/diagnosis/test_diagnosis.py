@@ -214,15 +214,24 @@ def test_rests_are_counted():
     assert standstill_findings(clean_log(0)) == []
 
 
-def test_validation_that_repeats_the_training_is_a_leak():
+def test_a_motion_that_is_played_again_is_a_note_and_no_fault():
     case = logs().repeated(clean_case(0), np.random.default_rng(0))
     (finding,) = leak_findings([case.log], case.validation)
-    assert (finding.kind, finding.severity) == ("leak", "fault")
+    assert (finding.kind, finding.severity) == ("repeated motion", "note")
     assert finding.statement.startswith("100%")
     assert leak_findings([case.log], [clean_log(1)]) == []
 
 
-def test_a_period_repeated_at_another_rate_and_not_quite_is_a_leak():
+def test_validation_rows_that_were_trained_on_are_a_leak():
+    log = clean_log(0)
+    second_half = log.samples(slice(2000, 4000))
+    later = replace(second_half, time=second_half.time + 100.0)
+    (finding,) = leak_findings([log.samples(slice(0, 2500))], [later])
+    assert (finding.kind, finding.severity) == ("leak", "fault")
+    assert finding.statement.startswith("25%")
+
+
+def test_a_period_repeated_at_another_rate_and_not_quite_is_recognised():
     case = logs().repeated(clean_case(1), np.random.default_rng(0))
     (period,) = case.validation
     thin = period.samples(slice(None, None, 3))
@@ -242,8 +251,7 @@ def test_a_log_that_starts_where_another_did_is_no_fault():
         np.arange(150 + len(other)) / 200.0,
         np.vstack([start.position, rest]),
     )
-    (finding,) = leak_findings([case.log], [joined])
-    assert finding.severity == "note"
+    assert leak_findings([case.log], [joined]) == []
 
 
 def test_validation_is_looked_at_too():
@@ -351,8 +359,9 @@ def test_a_problem_whose_validation_repeats_its_training_is_found(tmp_path):
     np.savetxt(tmp_path / "log.csv", table, delimiter=",", header=names, comments="")
     (tmp_path / "problem.toml").write_text(PROBLEM)
     found = check_problem(load_problem(tmp_path))
-    assert [f.kind for f in found.suspicious] == ["leak"]
-    assert "log.csv (10 to 20 s)" in found.findings[0].recording
+    assert found.suspicious == ()
+    (note,) = found.of("repeated motion")
+    assert "log.csv (10 to 20 s)" in note.recording
     assert "repeats log.csv (0 to 9.995 s)" in diagnosis_table(found).text()
 
 

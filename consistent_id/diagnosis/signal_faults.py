@@ -1,0 +1,244 @@
+"""Channels that stop, jump, spike, step or hiss: seen in the signals alone."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from consistent_id._support.arrays import BoolArray, Matrix, Vector
+from consistent_id.diagnosis.findings import Finding
+from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.signals.resolution import encoder_resolution, quantum
+
+_FROZEN = 0.1  # share of the log in one run of one value that is no chance
+_MOVING = 0.01  # rad or m, above which a joint's other channel says that it moves
+_SPIKE = 15.0  # times the usual distance from the neighbours' median,
+_TALL = 1.5  # and of the span of nine tenths of the values: a spike
+_RARE = 2e-3  # share of samples up to which they are no more than a nuisance
+_ENDS = 3  # samples at either end, which have too few neighbours to be judged
+_JUMP = 5.0  # times a fast step of the position,
+_WIDE = 0.02  # and of the joint's travel: a jump
+_FEW = 0.02  # of the samples, at the most: more are steps of the encoder
+_HALF = 0.4  # of the travel: less than a wrapped encoder jumps
+_EQUAL = 0.1  # by which jumps of a wrapped encoder may differ
+_COARSE_TORQUE = 0.1  # step over the torque's standard deviation
+_COARSE_POSITION = 1.0 / 400.0  # step over the travel: accelerations are noise
+_NOISY = 0.5  # white noise over the torque's standard deviation, worth a warning
+_ALL_NOISE = 0.9  # beyond which there is hardly anything else
+
+
+def frozen_findings(recording: Recording) -> list[Finding]:
+    """Find channels that hold one value for a part of the log while the joint moves."""
+    moved = recording.position
+    if recording.velocity is not None:
+        steps = np.diff(recording.time, prepend=recording.time[0])
+        moved = np.cumsum(recording.velocity * steps[:, None], axis=0)
+    found = []
+    for k, joint in enumerate(recording.joints):
+        for name, motion in (
+            ("torque", recording.position),
+            ("position", moved),
+            ("velocity", recording.position),
+        ):
+            values = getattr(recording, name)
+            if values is None:
+                continue
+            run = longest_run(values[:, k])
+            length = run.stop - run.start
+            value = values[run.start, k]
+            limit = name == "torque" and abs(value) >= abs(values[:, k]).max() > 0.0
+            still = float(np.ptp(motion[run, k])) < _MOVING
+            # A torque without any signal is none, moving or not.
+            dead = name == "torque" and length == len(recording)
+            if limit or (still and not dead):
+                continue
+            if length >= _FROZEN * len(recording):
+                found.append(_frozen(recording, joint, name, run, float(value)))
+    return found
+
+
+def _frozen(log: Recording, joint: str, name: str, run: slice, value: float) -> Finding:
+    whole = run.stop - run.start == len(log)
+    when = "throughout"
+    if not whole:
+        last = log.time[run.stop - 1]
+        when = f"from {log.time[run.start]:.4g} s to {last:.4g} s"
+    return Finding(
+        "dead channel" if whole else "frozen channel",
+        "fault",
+        joint,
+        f"{joint}: {name} is {value:.4g} {when}, while the joint moves",
+        "check the column and its sensor; leave the rows out, or the joint out of "
+        "torque_joints",
+        10.0,
+    )
+
+
+def longest_run(values: Vector) -> slice:
+    """Return the longest run of one value."""
+    edges = np.flatnonzero(np.diff(values) != 0.0) + 1
+    ends = np.concatenate([[0], edges, [len(values)]])
+    k = int(np.argmax(np.diff(ends)))
+    return slice(int(ends[k]), int(ends[k + 1]))
+
+
+def spike_findings(recording: Recording) -> list[Finding]:
+    """Find torques that leap for a sample or two, away from those around them."""
+    torque = recording.torque
+    if torque is None:
+        return []
+    found = []
+    for joint, tau in zip(recording.joints, torque.T, strict=True):
+        count = int(spikes(tau).sum())
+        if count:
+            found.append(
+                Finding(
+                    "outliers",
+                    "fault" if count > _RARE * len(tau) else "warning",
+                    joint,
+                    f"{joint}: {count} of {len(tau)} torques leap away from those "
+                    "before and after them",
+                    "leave these rows out, or fit with method huber",
+                    max(1.0, 100.0 * count / len(tau)),
+                )
+            )
+    return found
+
+
+def spikes(values: Vector) -> BoolArray:
+    """Return where a signal leaps for one sample or two; steps are none."""
+    from scipy.ndimage import median_filter
+
+    away = abs(values - median_filter(values, size=5, mode="nearest"))
+    usual = float(np.median(away))
+    low, high = np.quantile(values, [0.05, 0.95])
+    leaps = away > max(_SPIKE * usual, _TALL * float(high - low), 1e-12)
+    leaps[:_ENDS] = leaps[-_ENDS:] = False
+    return np.asarray(leaps)
+
+
+def jump_findings(recording: Recording) -> list[Finding]:
+    """Find positions that jump: rows that were lost, or encoders that wrap."""
+    jumps = np.column_stack([_jumps(q) for q in recording.position.T])
+    moving = np.ptp(recording.position, axis=0) > 0.0
+    lost = jumps[:, moving].sum(axis=1) >= max(0.5 * moving.sum(), 2.0)
+    if lost.any():
+        times = ", ".join(f"{t:.4g}" for t in recording.time[1:][lost][:3])
+        return [
+            Finding(
+                "gap",
+                "fault",
+                recording.name,
+                f"most joints jump at once ({times} s), though the time goes on evenly",
+                "samples were lost: cut the log there, and use the parts",
+                10.0,
+            )
+        ]
+    return [
+        _jumping(recording, k)
+        for k in range(len(recording.joints))
+        if jumps[:, k].any()
+    ]
+
+
+def _jumps(q: Vector) -> BoolArray:
+    """Return where a position steps far beyond its steps before and after."""
+    from scipy.ndimage import median_filter
+
+    steps = np.diff(q)
+    fast = float(np.quantile(abs(steps), 0.95))
+    away = abs(steps - median_filter(steps, size=5, mode="nearest"))
+    fine = 3.0 * quantum(q)
+    jumps = away > max(_JUMP * fast, _WIDE * float(np.ptp(q)), fine, 1e-9)
+    return np.asarray(jumps & (jumps.mean() <= _FEW))
+
+
+def _jumping(recording: Recording, k: int) -> Finding:
+    q, joint = recording.position[:, k], recording.joints[k]
+    sizes = abs(np.diff(q)[_jumps(q)])
+    alike = bool(np.ptp(sizes) <= _EQUAL * sizes.max())
+    alike = alike and bool(sizes.max() >= _HALF * np.ptp(q))
+    kind = "wrapped encoder" if alike else "gap" if len(sizes) == 1 else "outliers"
+    return Finding(
+        kind,
+        "fault",
+        joint,
+        f"{joint}: the position jumps {len(sizes)} times"
+        + (f", each time by {np.median(sizes):.4g}" if alike else ""),
+        "add or take the turn that is missing after each jump (numpy.unwrap)"
+        if alike
+        else "cut the log there, or leave these rows out",
+        10.0,
+    )
+
+
+def resolution_findings(recording: Recording, torque: Recording) -> list[Finding]:
+    """Warn of steps that are coarse beside what the channel has to tell."""
+    found = []
+    travel = np.ptp(recording.position, axis=0)
+    for joint, step, way in zip(
+        recording.joints, encoder_resolution(recording), travel, strict=True
+    ):
+        if step > _COARSE_POSITION * way > 0.0:
+            found.append(_steps("encoder resolution", joint, "position", step, way))
+    for joint, tau in zip(torque.joints, np.asarray(torque.torque).T, strict=True):
+        size = float(np.std(tau))
+        step = quantum(tau) or _levels(tau)
+        if step > _COARSE_TORQUE * size > 0.0:
+            found.append(_steps("torque resolution", joint, "torque", step, size))
+    return found
+
+
+def _levels(values: Vector) -> float:
+    """Return the step between so few values that no quantum shows, or 0."""
+    levels = np.unique(values)
+    return float(np.median(np.diff(levels))) if 1 < len(levels) <= 50 else 0.0
+
+
+def _steps(kind: str, joint: str, name: str, step: float, size: float) -> Finding:
+    return Finding(
+        kind,
+        "warning",
+        joint,
+        f"{joint}: the {name} comes in steps of {step:.3g}, the motion of the log is "
+        f"worth {size:.3g}",
+        "log it with more digits, or move more widely; lower cut-offs average steps",
+        step / size / (_COARSE_POSITION if name == "position" else _COARSE_TORQUE),
+    )
+
+
+def noise_findings(torque: Recording) -> list[Finding]:
+    """Warn of torques that are mostly noise."""
+    return list(_noisy(torque))
+
+
+def _noisy(torque: Recording) -> Iterator[Finding]:
+    values = np.asarray(torque.torque)
+    for joint, share in zip(torque.joints, noise_share(values), strict=True):
+        if share < _NOISY:
+            continue
+        nothing = share >= _ALL_NOISE
+        yield Finding(
+            "torque channel" if nothing else "noise",
+            "fault" if nothing else "warning",
+            joint,
+            f"{joint}: noise that is new in each sample is {share:.0%} of the torque's "
+            "standard deviation" + (": there is no signal in it" if nothing else ""),
+            "check that this column is the joint's torque"
+            if nothing
+            else "average more: longer logs, lower cut-offs; see the standard errors",
+            share / _NOISY,
+        )
+
+
+def noise_share(torque: Matrix) -> Vector:
+    """Return white noise over the standard deviation, shape (joints,).
+
+    Second differences of a smooth signal are small; those of white noise of standard
+    deviation ``s`` have ``sqrt(6) s``.
+    """
+    size = np.std(torque, axis=0)
+    # The median, so that spikes and edges of friction do not count; of a normal
+    # deviation it is 0.6745 standard deviations.
+    second = np.median(abs(np.diff(torque, 2, axis=0)), axis=0)
+    white = second / (0.6745 * np.sqrt(6.0))
+    return np.asarray(white / np.where(size > 0.0, size, 1.0))

@@ -1,0 +1,274 @@
+"""What the torque channel is: judged by the parts of the nominal model that it holds.
+
+A controller may log torque that is not the joint's: without gravity, without friction,
+in amperes, times a gain, the command's or the external one.  Each has its own pattern
+of slopes (`torque_parts`).  The nominal model's inertials may be wrong: what follows as
+well from wrong inertials is said as such.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from consistent_id._support.arrays import BoolArray, Vector
+from consistent_id.diagnosis.findings import Finding, Severity
+from consistent_id.diagnosis.torque_parts import TorqueParts
+
+# Nominal inertials are 10 to 20 % off in practice, so that a slope within these is one.
+_LOW, _HIGH = 0.8, 1.25
+_ABSENT = 0.2  # slope below which a part is not in the torque
+_THERE = 0.4  # above which it is
+_COMMON = 1.15  # ratio within which the slopes of joints are equal
+_FAR = 2.0  # ratio to one that no drawing's error reaches in all joints
+_CLEAR = 0.1  # standard error over a slope that is a factor of its own
+_EXPLAINED = 0.15  # of the torque, that the nominal model's parts may leave
+_NO_FRICTION = 0.01  # of the torque: friction that is not in it
+_EXACT = 0.05  # of the torque: misfit beside which so little friction would show
+_UNITS = {1e3: "N mm", 1e-3: "kN m"}
+_UNIT = 1.6  # ratio within which a gain is a unit: friction and drawing considered
+
+
+@dataclass(frozen=True, slots=True)
+class _Pattern:
+    kind: str
+    severity: Severity
+    applies: Callable[[TorqueParts], bool]
+    statement: str
+    advice: str
+
+
+def channel_findings(parts: TorqueParts) -> list[Finding]:
+    """Say what the torque channel is, where it is not the torque of the model.
+
+    One finding at most for all joints; else one for each joint whose gain is off.
+    """
+    for pattern in _PATTERNS:
+        if pattern.applies(parts):
+            return [_finding(pattern, parts)]
+    return _common_gain(parts) or _currents(parts) or _single_gains(parts)
+
+
+def nothing_findings(parts: TorqueParts) -> list[Finding]:
+    """Say that nothing of the nominal model is in the torque, if that is so.
+
+    Motion that is not the robot's looks the same: to be asked last.
+    """
+    return [_finding(_NOTHING, parts)] if _nothing(parts) else []
+
+
+def _finding(pattern: _Pattern, parts: TorqueParts) -> Finding:
+    statement = f"{pattern.statement} ({_slopes(parts)})"
+    where = "all joints"
+    return Finding(
+        pattern.kind, pattern.severity, where, statement, pattern.advice, 2.0
+    )
+
+
+def _slopes(p: TorqueParts) -> str:
+    """Return the slopes that can be judged, with their standard errors."""
+    texts = []
+    for name, slope, error, shown in (
+        ("gravity", p.gravity, p.gravity_error, p.gravity_shown),
+        ("inertial part", p.inertial, p.inertial_error, p.inertial_shown),
+    ):
+        seen = [
+            f"{joint} {a:.2f} +- {e:.2f}"
+            for joint, a, e, s in zip(p.joints, slope, error, shown, strict=True)
+            if s
+        ]
+        if seen:
+            texts.append(f"slope on the nominal {name}: {', '.join(seen)}")
+    texts.append(f"friction: {np.median(p.friction):.0%} of the torque")
+    return "; ".join(texts)
+
+
+def _all(values: Vector, shown: BoolArray, low: float, high: float) -> bool:
+    """Return whether slopes that can be judged are within bounds; there are two.
+
+    One joint alone may have a spring or a counterbalance.
+    """
+    seen = values[shown]
+    return len(seen) >= min(2, len(values)) and bool(
+        ((seen >= low) & (seen <= high)).all()
+    )
+
+
+def _explained(p: TorqueParts) -> bool:
+    return bool(np.median(p.rest) <= _EXPLAINED)
+
+
+def _no_gravity(p: TorqueParts) -> bool:
+    return (
+        _all(p.gravity, p.gravity_shown, -_ABSENT, _ABSENT)
+        and _all(p.inertial, p.inertial_shown, _THERE, np.inf)
+        and _explained(p)
+    )
+
+
+def _gravity_only(p: TorqueParts) -> bool:
+    return (
+        _all(p.gravity, p.gravity_shown, _THERE, np.inf)
+        and _all(p.inertial, p.inertial_shown, -_ABSENT, _ABSENT)
+        and bool((p.friction <= 5 * _NO_FRICTION).all())
+        and _explained(p)
+    )
+
+
+def _no_body(p: TorqueParts) -> bool:
+    """Return whether nothing of a rigid body is in a torque that should have it."""
+    return _all(p.gravity, p.gravity_shown, -0.1, 0.1) and _all(
+        p.inertial, p.inertial_shown, -0.1, 0.1
+    )
+
+
+def _friction_only(p: TorqueParts) -> bool:
+    return _no_body(p) and bool(np.median(p.friction) >= 2 * np.median(p.rest))
+
+
+def _nothing(p: TorqueParts) -> bool:
+    return _no_body(p) and bool(np.median(p.rest) >= 0.8)
+
+
+def _no_friction(p: TorqueParts) -> bool:
+    return bool((p.friction <= _NO_FRICTION).all() and (p.rest <= _EXACT).all()) and (
+        _all(p.whole, p.whole_shown, _THERE, 1.0 / _THERE)
+    )
+
+
+_NOTHING = _Pattern(
+    "torque channel",
+    "fault",
+    _nothing,
+    "neither gravity nor inertia nor friction of the model is in the torque: it "
+    "is external torque, noise, or of another motion",
+    "log the torque, or the current, that the motors gave, during this motion",
+)
+
+_PATTERNS = (
+    _Pattern(
+        "torque channel",
+        "fault",
+        _friction_only,
+        "the torque follows the velocity, and neither gravity nor inertia of the "
+        "model: it is friction alone, a velocity error or the command of a controller",
+        "log the torque, or the current, that the motors gave",
+    ),
+    _Pattern(
+        "torque channel",
+        "fault",
+        _no_gravity,
+        "inertia and friction are in the torque, gravity is not: it is "
+        "gravity-compensated, as some drivers log it, or the model's masses and "
+        "gravity are not the robot's",
+        "log the whole torque, or add the gravity torque that the controller took off",
+    ),
+    _Pattern(
+        "torque channel",
+        "fault",
+        _gravity_only,
+        "gravity is in the torque, inertia and friction are not: it is the gravity "
+        "torque of a model, not a measured one",
+        "log the torque, or the current, that the motors gave",
+    ),
+    _Pattern(
+        "torque channel",
+        "warning",
+        _no_friction,
+        "there is no friction in the torque: it is computed or friction-compensated, "
+        "or measured behind the gears",
+        "bodies can be identified from it; friction and the drives' torque cannot",
+    ),
+)
+
+
+def _common_gain(p: TorqueParts) -> list[Finding]:
+    """Find a factor that all joints share."""
+    slopes = p.whole[p.whole_shown]
+    if len(slopes) < 2 or not _explained(p):
+        return []
+    gain = float(np.median(slopes))
+    # Where friction is large, the body's part is the less sure: half of the joints.
+    near = np.abs(np.log(np.maximum(slopes / gain, 1e-9))) <= np.log(_COMMON)
+    alike = min(near.mean(), _agreeing(p)[p.whole_shown].mean())
+    if gain <= 0.0 or alike < 0.75 or _LOW <= gain <= _HIGH:
+        return []
+    for unit, name in _UNITS.items():
+        if 1 / _UNIT < gain / unit < _UNIT:
+            statement = f"all torques are {gain:.3g} times the model's: they are {name}"
+            return [_gain("torque unit", "fault", "all joints", statement, 1 / unit, p)]
+    statement = (
+        f"all torques are {gain:.3g} times the model's: a gain or a gear ratio is "
+        "missing, or all masses of the model are wrong by this factor"
+    )
+    return [_gain("torque gain", "fault", "all joints", statement, 1 / gain, p)]
+
+
+def _currents(p: TorqueParts) -> list[Finding]:
+    """Find positive factors that differ from joint to joint, all far from one."""
+    slopes = p.whole[p.whole_shown]
+    if len(slopes) < 2 or not _explained(p) or not (slopes > 0.0).all():
+        return []
+    far = (slopes < 1.0 / _FAR).all() or (slopes > _FAR).all()
+    sure = (p.whole_error <= _CLEAR * abs(p.whole))[p.whole_shown].all()
+    unequal = slopes.max() >= _COMMON * slopes.min()
+    if not (far and sure and unequal and _agreeing(p).all()):
+        return []
+    return [
+        Finding(
+            "torque channel",
+            "fault",
+            "all joints",
+            "the torque follows the model with another factor for each joint: it is "
+            "motor currents or torques before the gears, or the model's inertials are "
+            f"not the robot's ({_slopes(p)})",
+            "give --torque-gain (torque_gain): N m per ampere, gear ratio included, "
+            "for each joint",
+            float(_FAR),
+        )
+    ]
+
+
+def _agreeing(p: TorqueParts) -> BoolArray:
+    """Return where gravity and inertia have one slope, or only one of them shows."""
+    both = p.gravity_shown & p.inertial_shown
+    small = np.minimum(abs(p.gravity), abs(p.inertial))
+    apart = abs(p.gravity - p.inertial) > (_COMMON - 1.0) * small
+    return np.asarray(~(both & apart))
+
+
+def _single_gains(p: TorqueParts) -> list[Finding]:
+    """Warn of joints whose gravity and inertia have one slope, and not one."""
+    both = p.gravity_shown & p.inertial_shown & _agreeing(p)
+    slopes = np.where(both, p.whole, 1.0)
+    off = both & (slopes > 0.0) & ((slopes < _LOW) | (slopes > _HIGH))
+    judged = p.gravity_shown | p.inertial_shown
+    if not off.any() or off.sum() > 0.5 * judged.sum():
+        return []
+    return [
+        _gain(
+            "torque gain",
+            "warning",
+            p.joints[j],
+            f"{p.joints[j]}: gravity and inertial torque are both {p.whole[j]:.2f} "
+            f"(+- {p.whole_error[j]:.2f}) times the model's: its gain is wrong, or the "
+            "masses that it carries",
+            1.0 / float(p.whole[j]),
+            p,
+        )
+        for j in np.flatnonzero(off & (p.rest <= _EXPLAINED))
+    ]
+
+
+def _gain(
+    kind: str,
+    severity: Severity,
+    where: str,
+    statement: str,
+    factor: float,
+    parts: TorqueParts,
+) -> Finding:
+    advice = f"check the gain (times {factor:.3g} would fit), or the model's masses"
+    if where == "all joints":
+        statement = f"{statement} ({_slopes(parts)})"
+    return Finding(kind, severity, where, statement, advice, 1.5)
