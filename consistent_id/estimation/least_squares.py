@@ -24,6 +24,7 @@ from consistent_id.regression.linear import LinearSolution, solve_linear
 from consistent_id.regression.noise import joint_noise, residual_sigma
 from consistent_id.regression.regression import Regression, require_match
 from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.residual_noise import residual_noise
 
 _STATIONARITY = 1e-9
 
@@ -68,11 +69,13 @@ def least_squares(
     parameters = base.lift(solution.x)
     sigma = residual_sigma(regression, parameters, solution.rank)
     redundant = sum(regression.counts) > solution.rank
-    covariance = _covariance(regression, base, solution, sigma) if redundant else None
+    noise = residual_noise(regression, base)
+    level = sigma * np.sqrt(noise.length)
+    covariance = _covariance(regression, base, solution, level) if redundant else None
     undetermined = tuple(
         linear_combination(direction, base.names) for direction in solution.null_space.T
     )
-    notes = ["standard errors are for white noise"]
+    notes = [noise.sentence]
     if not redundant:
         notes = ["no more rows than parameters: the noise is unknown, so are errors"]
     if undetermined:
@@ -123,15 +126,18 @@ def _covariance(
     regression: Regression,
     base: BaseParameters,
     solution: LinearSolution,
-    sigma: Vector,
+    level: Vector,
 ) -> Matrix:
-    """Covariance of the estimate under each joint's own noise (the sandwich form)."""
+    """Covariance of the estimate under each joint's own noise (the sandwich form).
+
+    `level` is the white noise that does as much as each joint's; see `ResidualNoise`.
+    """
     # x = A^+ b with A^+ = (A^T A)^+ A^T; joint j contributes (A^T A)^+ A_j^T.
     columns = list(base.independent)
     gram_inverse = solution.pseudo_inverse @ solution.pseudo_inverse.T
     noise = np.zeros((len(base), len(base)))
     for factor, weight, s in zip(
-        regression.factors, regression.sigma, sigma, strict=True
+        regression.factors, regression.sigma, level, strict=True
     ):
         rows = (factor[:, columns] @ gram_inverse) * (s / weight**2)
         noise += rows.T @ rows

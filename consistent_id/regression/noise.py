@@ -45,9 +45,12 @@ def joint_noise(
 
 
 def residual_sigma(regression: Regression, x: Vector, rank: int) -> Vector:
-    """Residual standard deviation of each joint, less the degrees of freedom spent."""
+    """Residual standard deviation of each joint, less the degrees of freedom spent.
+
+    Of correlated noise a fit takes more: `rank` of the effective samples.
+    """
     counts = np.array(regression.counts, dtype=np.float64)
-    spent = rank / counts.sum()
+    spent = rank / float(np.sum(counts / regression.correlation))
     if spent >= 1.0:
         return regression.residual_rms(x)
     return np.asarray(regression.residual_rms(x) / np.sqrt(1.0 - spent))
