@@ -1,7 +1,7 @@
 """Estimates side by side: held-out torque, consistency, distance to nominal."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -9,19 +9,24 @@ from consistent_id._support.arrays import Vector
 from consistent_id._support.tables import Table
 from consistent_id._support.threads import single_threaded
 from consistent_id.comparison.base_feasibility import BaseFeasibility, base_feasibility
+from consistent_id.comparison.consistency_test import ConsistencyTest, consistency_test
 from consistent_id.constraints.cones.certificate import Verdict
 from consistent_id.constraints.distances import pullback_distance
 from consistent_id.constraints.link_condition import LinkCondition, link_conditions
-from consistent_id.errors import ProblemError
+from consistent_id.errors import ProblemError, SolverError
 from consistent_id.estimation.estimate import Estimate
+from consistent_id.estimation.method import Method
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.mass_matrix import (
     POSES,
     least_mass_eigenvalue,
     random_poses,
 )
+from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.scaling import reference_bodies
+
+_UNCONSTRAINED = (Method.LEAST_SQUARES, Method.WEIGHTED_LEAST_SQUARES, Method.HUBER)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,6 +72,9 @@ class EstimateReport:
         Smallest eigenvalue of the mass matrix over `POSES` random poses.
     distance_to_nominal : ndarray, shape (links,)
         Pullback distance of each link to its reference body.
+    consistency : ConsistencyTest, optional
+        Of an impossible estimate: whether the data contradict physics, or noise alone
+        makes it so.
     """
 
     estimate: Estimate
@@ -76,6 +84,17 @@ class EstimateReport:
     base_feasibility: BaseFeasibility
     least_mass_eigenvalue: float
     distance_to_nominal: Vector
+    consistency: ConsistencyTest | None = None
+
+    @property
+    def possible_links(self) -> tuple[bool, ...]:
+        """Whether each link can be consistent, whatever the other links are.
+
+        Of the base parameters: the standard parameters of least squares are only the
+        smallest of many vectors that fit alike.
+        """
+        wrong = {violation.link for violation in self.base_feasibility.violations}
+        return tuple(link.link not in wrong for link in self.links)
 
     @property
     def consistent_links(self) -> tuple[bool, ...]:
@@ -86,7 +105,8 @@ class EstimateReport:
     def refusal(self) -> str:
         """Why no robot could have these parameters, or the certificate's reason."""
         if self.base_feasibility.answer == "impossible":
-            return self.base_feasibility.summary
+            summary, test = self.base_feasibility.summary, self.consistency
+            return summary if test is None else f"{summary}; {test.sentence}"
         return self.estimate.certificate.reason
 
     @property
@@ -143,14 +163,14 @@ def verdict_table(comparison: Comparison) -> Table:
         (
             "estimate",
             "verdict",
-            "physically consistent links",
+            "links that can be consistent",
             *(f"torque error on {name}" for name in held_out),
         ),
         tuple(
             (
                 r.estimate.method,
                 r.verdict,
-                f"{sum(r.consistent_links)} of {len(r.consistent_links)}",
+                f"{sum(r.possible_links)} of {len(r.possible_links)}",
                 *(f"{error.stacked:.2%}" for error in r.validation),
             )
             for r in reports
@@ -165,6 +185,7 @@ def compare(
     validation: Sequence[Recording],
     *,
     training: Sequence[Recording] = (),
+    regression: Regression | None = None,
     seed: int = 0,
 ) -> Comparison:
     """Compare estimates of one robot on recordings.
@@ -175,6 +196,9 @@ def compare(
         Of one torque model, with different methods.
     validation, training : sequence of Recording
         With velocity, acceleration and torque.
+    regression : Regression, optional
+        Of the training recordings: where least squares is impossible, these data are
+        asked if they contradict physics; see `consistency_test`.
     seed : int
         Of the poses at which the mass matrix is examined.
 
@@ -189,7 +213,7 @@ def compare(
     if any(e.model.fingerprint != model.fingerprint for e in estimates):
         raise ProblemError("the estimates have different parameters, or are of others")
     poses = random_poses(model, POSES, seed)
-    reports = (
+    reports = [
         EstimateReport(
             estimate=estimate,
             training=tuple(torque_error(estimate, r) for r in training),
@@ -214,8 +238,32 @@ def compare(
             ),
         )
         for estimate in estimates
-    )
+    ]
+    if regression is not None:
+        reports = _tested(reports, regression)
     return Comparison(model, tuple(reports))
+
+
+def _tested(
+    reports: Sequence[EstimateReport], regression: Regression
+) -> list[EstimateReport]:
+    """Add to what least squares found impossible whether the data mean it."""
+    places = [
+        i
+        for i, report in enumerate(reports)
+        if report.estimate.method in _UNCONSTRAINED
+        and report.base_feasibility.answer == "impossible"
+    ]
+    found = list(reports)
+    if places:
+        estimate = reports[places[0]].estimate
+        try:
+            test = consistency_test(estimate.model, regression, base=estimate.base)
+        except SolverError:
+            return found
+        for i in places:
+            found[i] = replace(reports[i], consistency=test)
+    return found
 
 
 def torque_error(estimate: Estimate, recording: Recording) -> TorqueError:

@@ -7,10 +7,10 @@ from time import perf_counter
 from consistent_id._support.arrays import Vector
 from consistent_id.constraints import Constraint, PhysicalConsistency
 from consistent_id.constraints.link_condition import link_conditions
+from consistent_id.estimation.determination import determinations
 from consistent_id.estimation.estimate import Certificate, Estimate
 from consistent_id.estimation.scaled_fit import ScaledFit
-from consistent_id.regression.base import BaseParameters, parameter_origins
-from consistent_id.regression.linear import solve_linear
+from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.mass_matrix import (
     POSES,
     least_mass_eigenvalue,
@@ -19,6 +19,7 @@ from consistent_id.regression.mass_matrix import (
 from consistent_id.regression.noise import residual_sigma
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.residual_noise import residual_noise
 
 _SEED = 0  # of the poses at which mass matrices are examined
 
@@ -88,16 +89,19 @@ def audited(
         },
     }
     consistent = any(isinstance(c, PhysicalConsistency) for c in problem.constraints)
-    R, columns = regression.stacked(), list(base.independent)
     return Estimate(
         method=method,
         model=model,
         base=base,
         parameters=x,
         base_covariance=None,
-        origins=parameter_origins(
-            solve_linear(R[:, columns], R[:, -1]).row_space @ base.projection,
-            scaled.constraints.A_eq,
+        origins=determinations(
+            model,
+            regression,
+            base,
+            residual_noise(regression, base),
+            x,
+            known=scaled.constraints.A_eq,
             elsewhere="prior",
         ),
         undetermined=(),

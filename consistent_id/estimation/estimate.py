@@ -57,8 +57,8 @@ class Estimate:
         a note says so); None where it has no simple form.
     origins : tuple of str
         What determines each parameter: ``"data"``, ``"combination"`` (data fix only
-        sums it is part of), ``"constraint"``, ``"prior"``, or ``"convention"`` (the
-        smallest vector); see `parameter_origins`.
+        sums it is part of), ``"loose"`` (data bound it loosely), ``"constraint"``,
+        ``"prior"``, or ``"convention"`` (the smallest vector); see `determinations`.
     undetermined : tuple of str
         Combinations of base parameters that are not identifiable from the data, as
         readable sums.

@@ -12,13 +12,13 @@ import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
 from consistent_id._support.threads import single_threaded
+from consistent_id.estimation.determination import determinations
 from consistent_id.estimation.estimate import Certificate, Estimate
 from consistent_id.estimation.method import Method
 from consistent_id.regression.base import (
     BaseParameters,
     base_parameters,
     linear_combination,
-    parameter_origins,
 )
 from consistent_id.regression.linear import LinearSolution, solve_linear
 from consistent_id.regression.noise import joint_noise, residual_sigma
@@ -89,9 +89,13 @@ def least_squares(
         base=base,
         parameters=parameters,
         base_covariance=covariance,
-        origins=parameter_origins(
-            solution.row_space @ base.projection,
-            np.zeros((0, len(model.layout))),
+        origins=determinations(
+            model,
+            regression,
+            base,
+            noise,
+            parameters,
+            known=np.zeros((0, len(model.layout))),
             elsewhere="convention",
         ),
         undetermined=undetermined,

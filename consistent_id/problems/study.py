@@ -155,7 +155,12 @@ class Study:
     @cached_property
     def comparison(self) -> Comparison:
         """The estimates side by side."""
-        return compare(self.estimates, self.validation, training=self.training)
+        return compare(
+            self.estimates,
+            self.validation,
+            training=self.training,
+            regression=self.regression,
+        )
 
     @cached_property
     def costs(self) -> tuple[ConstraintCost, ...]:

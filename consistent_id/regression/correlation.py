@@ -23,7 +23,7 @@ _WINDOW = 2**16
 """Samples whose autocorrelation is found at a time; pairs across windows are left out,
 which are few beside noise of up to a thousand samples."""
 
-_EXACT = 1e-9  # residual, relative to the noise, that is rounding alone
+_EXACT = 1e-3  # residual, relative to the least noise, that is rounding alone
 
 
 def correlation_length(residuals: Sequence[Vector], sigma: Vector) -> float:

@@ -39,7 +39,7 @@ def joint_fit(factors: Sequence[Matrix], counts: Sequence[int]) -> JointFit:
     width = factors[0].shape[1]
     size = np.sqrt(counts)
     torque = np.array([np.linalg.norm(F[:, -1]) for F in factors]) / size
-    floor = np.maximum(_EXACT * torque, 1e-300)
+    floor = _EXACT * np.maximum(torque, _EXACT * (torque.max() or 1.0))
     noise = np.ones(len(factors))
     ends = np.cumsum([len(F) for F in factors])[:-1]
     for _ in range(_ROUNDS):

@@ -113,15 +113,17 @@ def _compared(report: EstimateReport) -> str:
 
 def _refusal(report: EstimateReport) -> str:
     """Say why an estimate cannot be used."""
-    links = report.consistent_links
+    links = report.possible_links
     said = []
     if report.base_feasibility.answer == "impossible":
         said.append("no physically consistent robot has its base parameters (proven)")
+        if report.consistency is not None:
+            said.append(report.consistency.sentence)
     elif report.verdict != "certified":
         said.append(f"{report.verdict} ({report.estimate.certificate.reason})")
     if not all(links):
         wrong = len(links) - sum(links)
-        said.append(f"{wrong} of {len(links)} links are not physically consistent")
+        said.append(f"{wrong} of {len(links)} links cannot be consistent")
     return ", ".join(said) or "every link is consistent here, but nothing ensures it"
 
 
