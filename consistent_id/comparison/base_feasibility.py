@@ -99,10 +99,14 @@ class BaseFeasibility:
             return "a consistent robot with these base parameters exists"
         if self.answer == "undecided":
             return "neither a consistent robot nor a proof that there is none was found"
+        within = (
+            f"(proven among parameters up to {self.proof.reach:.0f} times the typical)"
+        )
         if self.violations:
-            return "impossible: " + "; ".join(v.statement for v in self.violations)
+            said = "; ".join(v.statement for v in self.violations)
+            return f"impossible: {said} {within}"
         blamed = ", ".join(self.proof.to_blame)
-        return f"impossible: {blamed} contradict each other"
+        return f"impossible: {blamed} contradict each other {within}"
 
 
 @single_threaded

@@ -1,7 +1,7 @@
 """Estimates side by side: held-out torque, consistency, distance to nominal."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -9,12 +9,14 @@ from consistent_id._support.arrays import Vector
 from consistent_id._support.tables import Table
 from consistent_id._support.threads import single_threaded
 from consistent_id.comparison.base_feasibility import BaseFeasibility, base_feasibility
+from consistent_id.comparison.consistency_test import ConsistencyTest, consistency_test
 from consistent_id.constraints.distances import pullback_distance
 from consistent_id.constraints.link_condition import LinkCondition, link_conditions
-from consistent_id.errors import ProblemError
+from consistent_id.errors import ProblemError, SolverError
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.evidence import Evidence
 from consistent_id.estimation.judge import judge
+from consistent_id.estimation.method import Method
 from consistent_id.estimation.torque_error import (
     MeasuredTorque,
     TorqueError,
@@ -28,8 +30,11 @@ from consistent_id.regression.mass_matrix import (
     least_mass_eigenvalue,
     random_poses,
 )
+from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.scaling import reference_bodies
+
+_UNCONSTRAINED = (Method.LEAST_SQUARES, Method.WEIGHTED_LEAST_SQUARES, Method.HUBER)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,6 +56,9 @@ class EstimateReport:
         Pullback distance of each link to its reference body.
     findings : tuple of Finding
         What was found in the recordings.
+    consistency : ConsistencyTest, optional
+        Of an impossible estimate: whether the data contradict physics, or noise alone
+        makes it so.
     """
 
     estimate: Estimate
@@ -61,6 +69,17 @@ class EstimateReport:
     least_mass_eigenvalue: float
     distance_to_nominal: Vector
     findings: tuple[Finding, ...] = ()
+    consistency: ConsistencyTest | None = None
+
+    @property
+    def possible_links(self) -> tuple[bool, ...]:
+        """Whether each link can be consistent, whatever the other links are.
+
+        Of the base parameters: the standard parameters of least squares are only the
+        smallest of many vectors that fit alike.
+        """
+        wrong = {violation.link for violation in self.base_feasibility.violations}
+        return tuple(link.link not in wrong for link in self.links)
 
     @property
     def consistent_links(self) -> tuple[bool, ...]:
@@ -71,7 +90,6 @@ class EstimateReport:
     def evidence(self) -> Evidence:
         """What the verdict is judged by."""
         own = self.estimate
-        feasibility = self.base_feasibility
         return Evidence(
             method=own.method,
             optimum=own.certificate.verdict,
@@ -79,14 +97,20 @@ class EstimateReport:
             links=self.links,
             least_mass_eigenvalue=self.least_mass_eigenvalue,
             fit=own.fit,
-            impossible=(
-                feasibility.summary if feasibility.answer == "impossible" else ""
-            ),
+            impossible=self.impossibility,
             held_out=self.validation,
             findings=self.findings,
             undetermined=own.undetermined,
             accepted=own.accepted,
         )
+
+    @property
+    def impossibility(self) -> str:
+        """Why no robot could have these parameters, and what that says of the data."""
+        if self.base_feasibility.answer != "impossible":
+            return ""
+        summary, test = self.base_feasibility.summary, self.consistency
+        return summary if test is None else f"{summary}; {test.sentence}"
 
     @property
     def verdict(self) -> Verdict:
@@ -141,14 +165,14 @@ def verdict_table(comparison: Comparison) -> Table:
         (
             "estimate",
             "verdict",
-            "consistent links",
+            "links that can be consistent",
             *(f"held-out error {i}" for i in range(1, len(held_out) + 1)),
         ),
         tuple(
             (
                 report.estimate.method,
                 verdict.word,
-                f"{sum(report.consistent_links)} of {len(report.consistent_links)}",
+                f"{sum(report.possible_links)} of {len(report.possible_links)}",
                 *(f"{error.stacked:.2%}" for error in report.validation),
             )
             for report, verdict in judged
@@ -164,6 +188,7 @@ def compare(
     *,
     training: Sequence[Recording] = (),
     findings: Sequence[Finding] = (),
+    regression: Regression | None = None,
     seed: int = 0,
 ) -> Comparison:
     """Compare estimates of one robot on recordings.
@@ -176,6 +201,9 @@ def compare(
         With velocity, acceleration and torque.
     findings : sequence of Finding
         What is wrong with the recordings, as `diagnose` finds it; verdicts heed it.
+    regression : Regression, optional
+        Of the training recordings: where least squares is impossible, these data are
+        asked if they contradict physics; see `consistency_test`.
     seed : int
         Of the poses at which the mass matrix is examined.
 
@@ -194,7 +222,7 @@ def compare(
         [MeasuredTorque.of(model, recording) for recording in recordings]
         for recordings in (training, validation)
     )
-    reports = (
+    reports = [
         EstimateReport(
             estimate=estimate,
             training=tuple(one.error(estimate) for one in learnt),
@@ -220,5 +248,29 @@ def compare(
             findings=tuple(findings),
         )
         for estimate in estimates
-    )
+    ]
+    if regression is not None:
+        reports = _tested(reports, regression)
     return Comparison(model, tuple(reports))
+
+
+def _tested(
+    reports: Sequence[EstimateReport], regression: Regression
+) -> list[EstimateReport]:
+    """Add to what least squares found impossible whether the data mean it."""
+    places = [
+        i
+        for i, report in enumerate(reports)
+        if report.estimate.method in _UNCONSTRAINED
+        and report.base_feasibility.answer == "impossible"
+    ]
+    found = list(reports)
+    if places:
+        estimate = reports[places[0]].estimate
+        try:
+            test = consistency_test(estimate.model, regression, base=estimate.base)
+        except SolverError:
+            return found
+        for i in places:
+            found[i] = replace(reports[i], consistency=test)
+    return found

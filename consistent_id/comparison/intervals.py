@@ -1,12 +1,16 @@
 """Which values a parameter can take among all consistent robots that fit nearly best.
 
 ``minimise, and maximise, x_i  subject to  the constraints and
-||R x - z|| <= (1 + slack) least``
+||R x - z||^2 <= least^2 + added_i``
 
-are two small cone programmes for each parameter.  The ends are not the points that the
-solver stopped at but bounds from its multipliers: no robot that satisfies the
-constraints and fits within the slack has a value outside, unless it is a thousand times
-as large as the nominal one.
+are two small cone programmes for each parameter.  By default these are 95 % intervals
+by profile likelihood: ``added_i`` is what moving ``x_i`` by ``t`` standard errors adds,
+with ``t`` the quantile of Student's distribution and noise correlated as the residuals
+are.  For all parameters at once (`joint`) it is ``p F``, in the limit ``chi^2_p``.
+
+The ends are not the points that the solver stopped at but bounds from its multipliers:
+no robot that satisfies the constraints and fits within the slack has a value outside,
+unless it is a thousand times as large as the nominal one.
 """
 
 from collections.abc import Sequence
@@ -25,13 +29,14 @@ from consistent_id.constraints.cones.programmes import (
     set_rows,
     solve_cones,
 )
-from consistent_id.constraints.priors import noise_slack
+from consistent_id.constraints.priors import misfit_increase
 from consistent_id.errors import ProblemError, SolverError
 from consistent_id.estimation.best_fit import BestFit, best_fit
 from consistent_id.estimation.constrained import DEFAULT_CONSTRAINTS
 from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.residual_noise import ResidualNoise, residual_noise
 from consistent_id.robot.parameters import ParameterLayout
 
 _WORKERS = 2  # Clarabel frees the interpreter's lock
@@ -52,12 +57,19 @@ class ConsistentIntervals:
         Least and largest values, in the layout's units; infinite where only that size
         stops them, or no bound was proven.
     slack : float
-        Relative misfit above the best constrained fit that counts as fitting.
+        Relative misfit above the best constrained fit that counts as fitting; the
+        largest of all parameters'.
+    level : float, optional
+        How often intervals hold the truth; None if the slack was given.
+    joint : bool
+        Whether all intervals do together, and not each by itself.
     """
 
     layout: ParameterLayout
     bounds: Array
     slack: float
+    level: float | None = None
+    joint: bool = False
 
     def __post_init__(self) -> None:
         freeze_arrays(self, {"bounds": (len(self.layout), 2)}, finite=False)
@@ -67,6 +79,21 @@ class ConsistentIntervals:
         """Largest less least value of each parameter."""
         return np.asarray(self.bounds[:, 1] - self.bounds[:, 0])
 
+    @property
+    def meaning(self) -> str:
+        """What the intervals are, in words."""
+        within = "among robots up to a thousand times the nominal"
+        if self.level is None:
+            return (
+                "proven bounds on what satisfies the constraints and fits within "
+                f"{self.slack:.2%} of the best, {within}"
+            )
+        each = "for all parameters at once" if self.joint else "for each parameter"
+        return (
+            f"{self.level:.0%} interval by profile likelihood over all robots that "
+            f"satisfy the constraints, {each}; its ends are proven bounds {within}"
+        )
+
 
 @single_threaded
 def consistent_intervals(
@@ -75,6 +102,8 @@ def consistent_intervals(
     *,
     constraints: Sequence[Constraint] = DEFAULT_CONSTRAINTS,
     slack: float | None = None,
+    level: float = 0.95,
+    joint: bool = False,
     base: BaseParameters | None = None,
 ) -> ConsistentIntervals:
     """Bound every standard parameter over all robots that fit and satisfy constraints.
@@ -86,38 +115,68 @@ def consistent_intervals(
         Its `sigma` are the weights.
     constraints : sequence of Constraint
     slack : float, optional
-        By default what noise itself brings, `noise_slack`.
+        Relative misfit that counts as fitting, instead of a level.
+    level : float
+        How often the intervals are to hold the truth.
+    joint : bool
+        Whether they are to hold it all together, and not each by itself.
     base : BaseParameters, optional
 
     Raises
     ------
     ProblemError
-        If the slack is not positive.
+        If the slack is not positive, or the level is not between 0 and 1.
     InfeasibleError, NotExcitedError, SolverError
         See `constrained_least_squares`.
     """
     base = base_parameters(model) if base is None else base
-    if slack is None:
-        slack = noise_slack(len(base), sum(regression.counts))
-    if not 0.0 < slack < np.inf:
+    if slack is not None and not 0.0 < slack < np.inf:
         raise ProblemError(f"slack is {slack}, expected a positive number")
+    if not 0.0 < level < 1.0:
+        raise ProblemError(f"level is {level}, expected between 0 and 1")
     best = best_fit(model, regression, constraints, base=base)
+    # A misfit below a millionth of the torque counts as that: see `ScaledFit`.
+    least = max(best.misfit, best.scaled.size) ** 2
+    if slack is None:
+        added = _added(residual_noise(regression, base), base, level, joint)
+    else:
+        added = np.full(len(model.layout), ((1.0 + slack) ** 2 - 1.0) * least)
     unit = best.scaled.unit
     centre = best.scaled.centre
     ball = Ball(centre, _RADIUS * (1.0 + float(np.linalg.norm(centre))))
-    programme = _programme(best, slack, ball)
+    programme = _programme(best, ball)
     low, high = _box(model, best)
 
     def bounds(i: int) -> tuple[float, float]:
         if low[i] == high[i]:
             return low[i], high[i]
-        up = np.eye(len(unit))[i]
-        least, most = programme.least(up), -programme.least(-up)
-        return max(least, low[i]), min(most, high[i])
+        up, allowed = np.eye(len(unit))[i], (least + added[i]) / best.scaled.size**2
+        ends = programme.least(up, allowed), -programme.least(-up, allowed)
+        return max(ends[0], low[i]), min(ends[1], high[i])
 
     with ThreadPoolExecutor(_WORKERS) as pool:
         found = list(pool.map(bounds, range(len(unit))))
-    return ConsistentIntervals(model.layout, np.array(found) * unit[:, None], slack)
+    return ConsistentIntervals(
+        layout=model.layout,
+        bounds=np.array(found) * unit[:, None],
+        slack=misfit_increase(float(added.max()), least) if slack is None else slack,
+        level=level if slack is None else None,
+        joint=joint and slack is None,
+    )
+
+
+def _added(
+    noise: ResidualNoise, base: BaseParameters, level: float, joint: bool
+) -> Vector:
+    """Return the squared misfit that each parameter's interval allows."""
+    from scipy import stats
+
+    freedom = max(noise.freedom, 1.0)
+    if joint:
+        ratio = noise.rank * float(stats.f.ppf(level, noise.rank, freedom))
+    else:
+        ratio = float(stats.t.ppf(0.5 + level / 2.0, freedom)) ** 2
+    return ratio * noise.squared_misfit(base.lift(np.eye(len(base))))
 
 
 def _box(model: TorqueModel, best: BestFit) -> tuple[Vector, Vector]:
@@ -139,37 +198,42 @@ def _box(model: TorqueModel, best: BestFit) -> tuple[Vector, Vector]:
 class _Programme:
     """All that fits and is possible, about the best fit as the origin."""
 
+    best: BestFit
     rows: tuple[ConeRows, ...]
     ball: Ball
-    origin: Vector
+    misfit: ConeRows
 
-    def least(self, cost: Vector) -> float:
-        """Return a proven lower bound on ``cost.u``; minus infinity without one."""
+    def least(self, cost: Vector, allowed: float) -> float:
+        """Return a proven lower bound on ``cost.u``; minus infinity without one.
+
+        `allowed` is the squared misfit, in units of the residual, or of a millionth of
+        the torque where that is larger.
+        """
+        radius = float(np.sqrt(allowed - self.best.scaled.residual**2))
+        misfit = ConeRows(
+            "second order",
+            self.misfit.A / radius,
+            np.append(1.0, self.misfit.b[1:] / radius),
+        )
+        rows = (*self.rows, misfit, self.ball.rows())
         for tolerance in _TOLERANCES:
             try:
-                point = solve_cones(cost, self.rows, tolerance=tolerance)
+                point = solve_cones(cost, rows, tolerance=tolerance)
             except SolverError:
                 continue
             # The ball's multiplier is what a radius twice as large would add.
             if point.duals[-1][0] > _FELT * max(abs(float(cost @ point.x)), _SMALL):
                 return -np.inf
-            bound = lower_bound(cost, self.rows, point.duals, self.ball)
-            return bound + float(cost @ self.origin)
+            bound = lower_bound(cost, rows, point.duals, self.ball)
+            return bound + float(cost @ self.best.solution.u)
         return -np.inf
 
 
-def _programme(best: BestFit, slack: float, ball: Ball) -> _Programme:
+def _programme(best: BestFit, ball: Ball) -> _Programme:
     scaled, origin = best.scaled, best.solution.u
-    total = scaled.excess(origin) + scaled.residual**2
-    # In units of the residual, or of a millionth of the torque where that is larger.
-    allowed = (1.0 + slack) ** 2 * max(total, 1.0) - scaled.residual**2
-    radius = float(np.sqrt(allowed))
-    misfit = np.vstack([np.zeros(len(origin)), -scaled.M / radius])
-    b = np.append(1.0, (scaled.M @ origin - scaled.z) / radius)
-    moved = ball.moved(origin)
-    rows = (
-        *set_rows(scaled.domain.moved(origin)),
-        ConeRows("second order", misfit, b),
-        moved.rows(),
+    misfit = np.vstack([np.zeros(len(origin)), -scaled.M])
+    b = np.append(0.0, scaled.M @ origin - scaled.z)
+    rows = tuple(set_rows(scaled.domain.moved(origin)))
+    return _Programme(
+        best, rows, ball.moved(origin), ConeRows("second order", misfit, b)
     )
-    return _Programme(rows, moved, origin)

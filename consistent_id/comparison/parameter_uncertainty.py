@@ -1,42 +1,41 @@
 """How sure each parameter of the constrained estimate is, and what determines it.
 
-Three answers side by side: the standard error from the scatter between segments,
-projected on the active constraints; the bootstrap's interval; and the values that any
-consistent robot can have that fits nearly best.  From the last follows the verdict.
+Three answers side by side: the standard error, of scatter on the active constraints and
+of the prior's bias together; the bootstrap's interval; and the 95 % interval among all
+consistent robots.
 """
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from consistent_id._support.arrays import Vector
+from consistent_id._support.arrays import Matrix
 from consistent_id._support.threads import single_threaded
 from consistent_id.comparison.intervals import ConsistentIntervals, consistent_intervals
 from consistent_id.comparison.segment_bootstrap import Bootstrap, bootstrap
-from consistent_id.comparison.sensitivity import covariance, segment_scores
-from consistent_id.constraints import Constraint, lowered
+from consistent_id.comparison.sensitivity import (
+    covariance,
+    segment_scores,
+    white_scores,
+)
+from consistent_id.constraints import Constraint
 from consistent_id.constraints.priors import Prior
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.constrained import DEFAULT_CONSTRAINTS
 from consistent_id.estimation.constrained_fit import ConstrainedFit, constrained_fit
-from consistent_id.regression.base import (
-    BaseParameters,
-    base_parameters,
-    parameter_origins,
-)
-from consistent_id.regression.linear import solve_linear
+from consistent_id.estimation.determination import determinations
+from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.residual_noise import ResidualNoise, residual_noise
 from consistent_id.regression.segments import merged
 from consistent_id.robot.parameters import did_you_mean
 
-KNOWN = 0.5
-"""Width of the consistent interval, in typical sizes, up to which data determine it."""
-
-PINNED = 0.1
-"""Width up to which constraints and data together determine a parameter."""
+LONG = 10.0
+"""Length of a segment, in correlation lengths, from which on segments are independent:
+their scatter then shows the noise, whatever it is like."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,21 +48,23 @@ class ParameterUncertainty:
     value : float
         Of the constrained estimate.
     standard_error : float
-        See `sensitivity`.
+        Root of the sum of squared scatter (see `sensitivity`) and squared
+        `prior_shift`; NaN where the verdict says that the value is not known by it.
+    prior_shift : float
+        How far the prior moved the parameter from the best fit: its bias.
     resampled : tuple of float
         Central 95 % of the bootstrap's estimates.
     consistent : tuple of float
         Least and largest value of any consistent robot that fits nearly best.
-    verdict : {"data", "constraint", "combination", "prior"}
-        ``"data"``: the data determine it by themselves.  ``"constraint"``: an equality
-        fixes it, or constraints together with the data do.  ``"combination"``: the
-        data fix only sums it is part of.  ``"prior"``: its value is the prior's.
+    verdict : str
+        What determines it; see `determinations`.
     """
 
     name: str
     unit: str
     value: float
     standard_error: float
+    prior_shift: float
     resampled: tuple[float, float]
     consistent: tuple[float, float]
     verdict: str
@@ -71,11 +72,15 @@ class ParameterUncertainty:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Uncertainty:
-    """What is known of all parameters, and how it was found."""
+    """What is known of all parameters, and how it was found.
+
+    `scatter` says what standard errors rest on.
+    """
 
     parameters: tuple[ParameterUncertainty, ...]
     bootstrap: Bootstrap
     intervals: ConsistentIntervals
+    scatter: str = ""
 
     def __getitem__(self, name: str) -> ParameterUncertainty:
         for parameter in self.parameters:
@@ -95,6 +100,8 @@ class Uncertainty:
                 "failed": resampled.failed,
             },
             "slack": self.intervals.slack,
+            "level": self.intervals.level,
+            "scatter": self.scatter,
         }
 
 
@@ -138,8 +145,11 @@ def uncertainty(
     base = base_parameters(model) if base is None else base
     whole = merged(segments)
     fitted = constrained_fit(model, whole, constraints, prior, base)
-    scatter = covariance(fitted, segment_scores(fitted, segments, base))
-    errors = np.sqrt(np.maximum(np.diag(scatter), 0.0))
+    noise = residual_noise(whole, base)
+    scores = _scores(fitted, segments, whole, base, noise)
+    scatter = np.diag(covariance(fitted, scores.rows))
+    shift = abs(fitted.parameters - fitted.best.parameters)
+    errors = np.sqrt(np.maximum(scatter, 0.0) + shift**2)
     resampled = bootstrap(
         model,
         segments,
@@ -153,20 +163,28 @@ def uncertainty(
     intervals = consistent_intervals(
         model, whole, constraints=constraints, slack=slack, base=base
     )
-    verdicts = _verdicts(
-        intervals,
-        _typical_sizes(model, whole, fitted, intervals.bounds[:, 1]),
-        _linear_origins(model, whole, constraints, base),
+    verdicts = determinations(
+        model,
+        whole,
+        base,
+        noise,
+        fitted.parameters,
+        known=fitted.best.scaled.constraints.A_eq,
+        elsewhere="prior",
+        width=intervals.width,
     )
+    known = np.array([v in ("data", "constraint") for v in verdicts])
+    errors, shift = (np.where(known, a, np.nan) for a in (errors, shift))
     layout = model.layout
     return Uncertainty(
         parameters=tuple(
-            ParameterUncertainty(name, unit, float(x), float(e), tuple(b), tuple(c), v)
-            for name, unit, x, e, b, c, v in zip(
+            ParameterUncertainty(name, unit, x, e, d, tuple(b), tuple(c), v)
+            for name, unit, x, e, d, b, c, v in zip(
                 layout.names,
                 layout.units,
-                fitted.parameters,
-                errors,
+                fitted.parameters.tolist(),
+                errors.tolist(),
+                shift.tolist(),
                 resampled.interval().tolist(),
                 intervals.bounds.tolist(),
                 verdicts,
@@ -175,58 +193,44 @@ def uncertainty(
         ),
         bootstrap=resampled,
         intervals=intervals,
+        scatter=scores.sentence,
     )
 
 
-def _typical_sizes(
-    model: TorqueModel, regression: Regression, fitted: ConstrainedFit, most: Vector
-) -> Vector:
-    """Return what widths are compared with.
+class _Scores(NamedTuple):
+    """Factor of the scores' covariance, and where it comes from."""
 
-    Of inertial parameters the link's typical size, or the value where that is larger;
-    of drive terms the value that would explain all torque of their own joints, or the
-    largest possible where they cannot be negative.
-    """
-    unit, n = fitted.best.scaled.unit.copy(), model.layout.inertial_size
-    unit[:n] = np.maximum(unit[:n], abs(fitted.parameters[:n]))
-    for i in range(n, len(unit)):
-        own = [F for F in regression.factors if F[:, i].any()]
-        if own:
-            torque = np.sqrt(sum(float(np.sum(F[:, -1] ** 2)) for F in own))
-            unit[i] = torque / np.sqrt(sum(float(np.sum(F[:, i] ** 2)) for F in own))
-    low, _ = fitted.best.scaled.domain.box
-    signed = (low == 0.0) & (np.arange(len(unit)) >= n)
-    return np.where(signed, np.minimum(unit, most), unit)
+    rows: Matrix
+    sentence: str
 
 
-def _linear_origins(
-    model: TorqueModel,
-    regression: Regression,
-    constraints: Sequence[Constraint],
+def _scores(
+    fitted: ConstrainedFit,
+    segments: Sequence[Regression],
+    whole: Regression,
     base: BaseParameters,
-) -> tuple[str, ...]:
-    R, columns = regression.stacked(), list(base.independent)
-    rows = solve_linear(R[:, columns], R[:, -1]).row_space @ base.projection
-    return parameter_origins(rows, lowered(constraints, model).A_eq, elsewhere="prior")
+    noise: ResidualNoise,
+) -> _Scores:
+    """Take the scatter between segments where they are long, else effective samples."""
+    rows = segment_scores(fitted, segments, base)
+    shortest = np.min([segment.counts for segment in segments], axis=0)
+    count = len(segments)
+    if (shortest >= LONG * noise.length).all():
+        from scipy import stats
 
-
-def _verdicts(
-    intervals: ConsistentIntervals, unit: Vector, origins: tuple[str, ...]
-) -> list[str]:
-    """Correct what linear algebra says by how wide the intervals are.
-
-    Rank knows neither noise nor inequalities: what it calls determined may be anything
-    within reason, and the consistency cone's boundary may determine the rest.
-    """
-    verdicts = []
-    for width, size, origin in zip(intervals.width, unit, origins, strict=True):
-        if origin == "data":
-            verdicts.append("data" if width <= KNOWN * size else "prior")
-        elif origin == "constraint" or width <= PINNED * size:
-            verdicts.append("constraint")
-        else:
-            verdicts.append(origin)
-    return verdicts
+        t = float(stats.t.ppf(0.975, count - 1))
+        return _Scores(
+            rows,
+            f"scatter is that between {count} segments, each {LONG:.0f} correlation "
+            f"lengths long or longer: 95 % are {t:.2f} standard errors either way",
+        )
+    longest = float(noise.length.max())
+    return _Scores(
+        white_scores(fitted, whole, base, noise.level),
+        f"segments are shorter than {LONG:.0f} correlation lengths, {longest:.0f} "
+        f"samples each; scatter is that of noise with as much correlation: "
+        f"{noise.sentence}. The bootstrap's intervals are too narrow",
+    )
 
 
 def _plain(record: dict[str, Any]) -> dict[str, Any]:

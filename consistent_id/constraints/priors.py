@@ -19,8 +19,8 @@ class PointToSet:
     ----------
     slack : float, optional
         Relative increase of the weighted misfit norm that counts as "nearly best".  By
-        default the increase that noise itself brings: ``sqrt(1 + b / (N - b)) - 1``
-        for ``b`` base parameters and ``N`` rows.
+        default what one standard error costs, of all that the data determine together
+        (``chi^2 <= 1``, noise correlated as the residuals are).
     distance : {"pullback", "euclidean", "entropic"}
         See `distances`.
 
@@ -38,11 +38,17 @@ class PointToSet:
             raise ProblemError(f"slack is {self.slack}, expected between 0 and 1")
         _require_known(self.distance)
 
-    def relative_slack(self, base: int, rows: int) -> float:
-        """Return the slack for these counts of base parameters and rows."""
-        if self.slack is not None:
-            return self.slack
-        return noise_slack(base, rows)
+    def relative_slack(self, error: float, least: float) -> float:
+        """Return the slack, given the squared misfit of one standard error.
+
+        Parameters
+        ----------
+        error : float
+            Squared misfit that a move by one standard error adds.
+        least : float
+            Squared misfit of the best fit.
+        """
+        return misfit_increase(error, least) if self.slack is None else self.slack
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,9 +78,9 @@ class Penalty:
 Prior = PointToSet | Penalty
 
 
-def noise_slack(base: int, rows: int) -> float:
-    """Return the relative misfit that fitting `base` parameters to noise takes away."""
-    return min(float(np.sqrt(1.0 + base / max(rows - base, 1)) - 1.0), 1.0)
+def misfit_increase(added: float, least: float) -> float:
+    """Return by what share a misfit norm grows when its square grows from `least`."""
+    return float(np.expm1(0.5 * np.log1p(added / least)))
 
 
 def _require_known(distance: str) -> None:

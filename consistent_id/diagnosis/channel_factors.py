@@ -12,7 +12,8 @@ import numpy as np
 from consistent_id._support.arrays import Array, Matrix
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import BaseParameters
-from consistent_id.regression.regression import Regression, motion_of, triangle
+from consistent_id.regression.motion_arrays import motion_of
+from consistent_id.regression.regression import Regression, triangle
 from consistent_id.regression.regressor import CHUNK, TorqueModel
 
 _LEAST = 1e-12  # N m or N, instead of a torque of zero, by which one could not divide

@@ -15,7 +15,7 @@ from consistent_id.diagnosis.channel_factors import channel_factors
 from consistent_id.diagnosis.corrections import Cause
 from consistent_id.diagnosis.explain import Candidate, FittedLog
 from consistent_id.recordings.recording import Recording
-from consistent_id.regression.regression import motion_of
+from consistent_id.regression.motion_arrays import motion_of
 
 _THRESHOLD = 1.3  # ratio of misfits, as in the table of corrections
 _SHARE = 0.5  # of the squared residual, that what is missing has to take up
@@ -79,7 +79,7 @@ def residuals(log: FittedLog) -> list[Residual]:
 
 def _unit(columns: Matrix) -> Matrix:
     norms = np.linalg.norm(columns, axis=0)
-    return columns[:, norms > 0.0] / norms[norms > 0.0]
+    return np.asarray(columns[:, norms > 0.0] / norms[norms > 0.0])
 
 
 def missing_parts(as_is: FittedLog) -> list[Candidate]:

@@ -7,14 +7,11 @@ from time import perf_counter
 from consistent_id._support.arrays import Vector
 from consistent_id.constraints import Constraint, PhysicalConsistency
 from consistent_id.constraints.link_condition import link_conditions
+from consistent_id.estimation.determination import determinations
 from consistent_id.estimation.estimate import Certificate, Estimate
 from consistent_id.estimation.fit import fit_of
 from consistent_id.estimation.scaled_fit import ScaledFit
-from consistent_id.regression.base import (
-    BaseParameters,
-    linear_combination,
-    parameter_origins,
-)
+from consistent_id.regression.base import BaseParameters, linear_combination
 from consistent_id.regression.linear import solve_linear
 from consistent_id.regression.mass_matrix import (
     POSES,
@@ -24,6 +21,7 @@ from consistent_id.regression.mass_matrix import (
 from consistent_id.regression.noise import residual_sigma
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.residual_noise import residual_noise
 
 _SEED = 0  # of the poses at which mass matrices are examined
 
@@ -101,9 +99,13 @@ def audited(
         base=base,
         parameters=x,
         base_covariance=None,
-        origins=parameter_origins(
-            solution.row_space @ base.projection,
-            scaled.constraints.A_eq,
+        origins=determinations(
+            model,
+            regression,
+            base,
+            residual_noise(regression, base),
+            x,
+            known=scaled.constraints.A_eq,
             elsewhere="prior",
         ),
         undetermined=tuple(

@@ -23,6 +23,7 @@ from consistent_id.estimation.scaled_fit import REFERENCE
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.residual_noise import residual_noise
 
 SLACK_GAP = 0.01
 """Share of the slack by which the least misfit may be unknown."""
@@ -141,11 +142,19 @@ def constrained_fit(
     distance = nominal_distance(model, prior.distance, best.scaled.unit)
     if isinstance(prior, Penalty):
         return _compromise(best, distance, prior)
-    slack = prior.relative_slack(len(base), sum(regression.counts))
+    # A misfit below a millionth of the torque counts as that: see `ScaledFit`.
+    least = max(best.misfit, best.scaled.size) ** 2
+    slack = prior.relative_slack(residual_noise(regression, base).one_error, least)
     near = nearest_within(best, distance, slack)
     note = (
         f"nearest to nominal ({prior.distance} distance) among estimates whose misfit "
-        f"is within {slack:.2%} of the best constrained fit"
+        f"is within {slack:.2g} (relative) of the best constrained fit"
+        + (
+            ""
+            if prior.slack
+            else ": what the data determine moves by one standard "
+            "error at the most, in all"
+        )
     )
     optimality = best.optimality
     gap = 2.0 * optimality.gap * max(optimality.objective, REFERENCE)

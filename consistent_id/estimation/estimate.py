@@ -55,11 +55,12 @@ class Estimate:
     parameters : array_like, shape (parameters,)
         Standard parameters; only their base parameters are determined by data.
     base_covariance : array_like, shape (base, base), optional
-        Of the base parameters, for white noise; None where it has no simple form.
+        Of the base parameters, under noise correlated as the residuals are (white, if
+        a note says so); None where it has no simple form.
     origins : tuple of str
         What determines each parameter: ``"data"``, ``"combination"`` (data fix only
-        sums it is part of), ``"constraint"``, ``"prior"``, or ``"convention"`` (the
-        smallest vector); see `parameter_origins`.
+        sums it is part of), ``"loose"`` (data bound it loosely), ``"constraint"``,
+        ``"prior"``, or ``"convention"`` (the smallest vector); see `determinations`.
     undetermined : tuple of str
         Combinations of base parameters that are not identifiable from the data, as
         readable sums.

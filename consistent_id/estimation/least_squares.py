@@ -12,6 +12,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
 from consistent_id._support.threads import single_threaded
+from consistent_id.estimation.determination import determinations
 from consistent_id.estimation.estimate import Certificate, Estimate
 from consistent_id.estimation.fit import fit_of
 from consistent_id.estimation.method import Method
@@ -19,12 +20,12 @@ from consistent_id.regression.base import (
     BaseParameters,
     base_parameters,
     linear_combination,
-    parameter_origins,
 )
 from consistent_id.regression.linear import LinearSolution, solve_linear
 from consistent_id.regression.noise import joint_noise, residual_sigma
 from consistent_id.regression.regression import Regression, require_match
 from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.residual_noise import residual_noise
 
 _STATIONARITY = 1e-9
 
@@ -69,11 +70,13 @@ def least_squares(
     parameters = base.lift(solution.x)
     sigma = residual_sigma(regression, parameters, solution.rank)
     redundant = sum(regression.counts) > solution.rank
-    covariance = _covariance(regression, base, solution, sigma) if redundant else None
+    noise = residual_noise(regression, base)
+    level = sigma * np.sqrt(noise.length)
+    covariance = _covariance(regression, base, solution, level) if redundant else None
     undetermined = tuple(
         linear_combination(direction, base.names) for direction in solution.null_space.T
     )
-    notes = ["standard errors are for white noise"]
+    notes = [noise.sentence]
     if not redundant:
         notes = ["no more rows than parameters: the noise is unknown, so are errors"]
     notes += base.near
@@ -88,9 +91,13 @@ def least_squares(
         base=base,
         parameters=parameters,
         base_covariance=covariance,
-        origins=parameter_origins(
-            solution.row_space @ base.projection,
-            np.zeros((0, len(model.layout))),
+        origins=determinations(
+            model,
+            regression,
+            base,
+            noise,
+            parameters,
+            known=np.zeros((0, len(model.layout))),
             elsewhere="convention",
         ),
         undetermined=undetermined,
@@ -126,15 +133,18 @@ def _covariance(
     regression: Regression,
     base: BaseParameters,
     solution: LinearSolution,
-    sigma: Vector,
+    level: Vector,
 ) -> Matrix:
-    """Covariance of the estimate under each joint's own noise (the sandwich form)."""
+    """Covariance of the estimate under each joint's own noise (the sandwich form).
+
+    `level` is the white noise that does as much as each joint's; see `ResidualNoise`.
+    """
     # x = A^+ b with A^+ = (A^T A)^+ A^T; joint j contributes (A^T A)^+ A_j^T.
     columns = list(base.independent)
     gram_inverse = solution.pseudo_inverse @ solution.pseudo_inverse.T
     noise = np.zeros((len(base), len(base)))
     for factor, weight, s in zip(
-        regression.factors, regression.sigma, sigma, strict=True
+        regression.factors, regression.sigma, level, strict=True
     ):
         rows = (factor[:, columns] @ gram_inverse) * (s / weight**2)
         noise += rows.T @ rows

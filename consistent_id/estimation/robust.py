@@ -6,7 +6,7 @@ from time import perf_counter
 
 import numpy as np
 
-from consistent_id._support.arrays import Array
+from consistent_id._support.arrays import Array, Matrix, Vector
 from consistent_id._support.threads import single_threaded
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.estimate import Certificate, Estimate
@@ -15,8 +15,10 @@ from consistent_id.estimation.least_squares import least_squares
 from consistent_id.estimation.method import Method
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import BaseParameters, base_parameters
+from consistent_id.regression.correlation import correlation_lengths
+from consistent_id.regression.linear import solve_linear
 from consistent_id.regression.noise import joint_noise
-from consistent_id.regression.regression import build_regression
+from consistent_id.regression.regression import Regression, build_regression
 from consistent_id.regression.regressor import TorqueModel
 
 HUBER_K = 1.345
@@ -92,9 +94,9 @@ def huber(
     return replace(
         estimate,
         sigma=scale,
-        base_covariance=None,  # the weights depend on the data
+        base_covariance=_covariance(plain, base, residuals, k * scale),
         certificate=_certificate(change, tolerance),
-        notes=(f"Huber's loss, k = {k:g}; no standard errors are computed",),
+        notes=(f"Huber's loss, k = {k:g}", *estimate.notes),
         seconds=perf_counter() - started,
         fit=fit_of(model, plain, estimate.parameters, base),
     )
@@ -109,6 +111,33 @@ def _residuals(estimate: Estimate, recordings: Sequence[Recording]) -> list[Arra
             raise ProblemError(f"{recording.name} has no torque")
         residuals.append(torque - estimate.predict(recording))
     return residuals
+
+
+def _covariance(
+    regression: Regression,
+    base: BaseParameters,
+    residuals: Sequence[Array],
+    bound: Vector,
+) -> Matrix | None:
+    """Return the sandwich ``H^-1 G H^-1`` of Huber's estimate [Huber1981]_.
+
+    With ``psi`` the residual cut at its bound, ``H`` counts the rows that are not cut
+    and ``G`` has the variance of ``psi``, raised by the length of its correlation.
+    None where the data leave parameters open.
+    """
+    psi = [np.clip(r, -bound, bound) for r in residuals]
+    inside = np.mean(abs(np.vstack(residuals)) < bound, axis=0)
+    level = np.vstack(psi).std(axis=0) * np.sqrt(correlation_lengths(psi))
+    columns = list(base.independent)
+    share, noise = np.sqrt(inside) / bound, level / bound**2
+    factors = [F[:, columns] for F in regression.factors]
+    H = np.vstack([F * s for F, s in zip(factors, share, strict=True)])
+    solution = solve_linear(H, np.zeros(len(H)))
+    if solution.rank < len(base):
+        return None
+    inverse = solution.pseudo_inverse @ solution.pseudo_inverse.T
+    G = np.vstack([F * s for F, s in zip(factors, noise, strict=True)]) @ inverse
+    return np.asarray(G.T @ G)
 
 
 def _certificate(change: float, tolerance: float) -> Certificate:

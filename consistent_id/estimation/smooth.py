@@ -29,6 +29,7 @@ from consistent_id.constraints.cones.programmes import Multipliers
 from consistent_id.estimation.body_variables import BodyVariables
 from consistent_id.estimation.constrained import DEFAULT_CONSTRAINTS
 from consistent_id.estimation.constraint_variables import body_variables
+from consistent_id.estimation.determination import determinations
 from consistent_id.estimation.estimate import Certificate, Estimate
 from consistent_id.estimation.fit import fit_of
 from consistent_id.estimation.scaled_fit import REFERENCE, ScaledFit, scaled_fit
@@ -37,12 +38,12 @@ from consistent_id.regression.base import (
     BaseParameters,
     base_parameters,
     linear_combination,
-    parameter_origins,
 )
 from consistent_id.regression.linear import solve_linear
 from consistent_id.regression.noise import residual_sigma
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.residual_noise import residual_noise
 from consistent_id.robot.inertia import PSEUDO_INERTIA_BASIS, pseudo_inertia
 from consistent_id.robot.scaling import reference_bodies
 
@@ -108,9 +109,13 @@ def smooth_least_squares(
         base=base,
         parameters=x,
         base_covariance=None,
-        origins=parameter_origins(
-            solution.row_space @ base.projection,
-            lowered(constraints, model).A_eq,
+        origins=determinations(
+            model,
+            regression,
+            base,
+            residual_noise(regression, base),
+            x,
+            known=lowered(constraints, model).A_eq,
             elsewhere="prior",
         ),
         undetermined=tuple(

@@ -194,6 +194,7 @@ class Study:
             self.validation,
             training=self.training,
             findings=self.findings,
+            regression=self.regression,
         )
 
     @cached_property

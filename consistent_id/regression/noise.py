@@ -33,6 +33,7 @@ def joint_noise(
     counts = np.array(regression.counts, dtype=np.float64)
     columns = [*base.independent, -1]
     factors = [factor[:, columns] for factor in regression.factors]
+    effective = _effective(regression)
     sigma, rank = regression.sigma, 0
     for _ in range(iterations):
         rows = [factor / s for factor, s in zip(factors, sigma, strict=True)]
@@ -44,7 +45,7 @@ def joint_noise(
             x, rank = solution.x, solution.rank
         norms = [np.linalg.norm(factor @ np.append(x, -1.0)) for factor in factors]
         rms = np.array(norms) / np.sqrt(counts)
-        updated = np.maximum(_less_freedom(rms, rank, counts), floor)
+        updated = np.maximum(_less_freedom(rms, rank, effective), floor)
         converged = np.all(abs(updated - sigma) <= 1e-3 * sigma)
         sigma = updated
         if converged:
@@ -53,13 +54,20 @@ def joint_noise(
 
 
 def residual_sigma(regression: Regression, x: Vector, rank: int) -> Vector:
-    """Residual standard deviation of each joint, less the degrees of freedom spent."""
-    counts = np.array(regression.counts, dtype=np.float64)
-    return _less_freedom(regression.residual_rms(x), rank, counts)
+    """Residual standard deviation of each joint, less the degrees of freedom spent.
+
+    Of correlated noise a fit takes more: `rank` of the effective samples.
+    """
+    return _less_freedom(regression.residual_rms(x), rank, _effective(regression))
 
 
-def _less_freedom(rms: Vector, rank: int, counts: Vector) -> Vector:
-    spent = rank / counts.sum()
+def _effective(regression: Regression) -> Vector:
+    """Return the samples of white noise that determine as much, of each joint."""
+    return np.asarray(np.array(regression.counts) / regression.correlation)
+
+
+def _less_freedom(rms: Vector, rank: int, effective: Vector) -> Vector:
+    spent = rank / float(effective.sum())
     return rms if spent >= 1.0 else np.asarray(rms / np.sqrt(1.0 - spent))
 
 

@@ -8,8 +8,9 @@ recordings add; weights of joints scale factors.
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import lru_cache
-from typing import Any, NamedTuple, Self
+from functools import lru_cache, reduce
+from operator import add
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,16 +25,20 @@ from consistent_id._support.arrays import (
     frozen,
 )
 from consistent_id._support.threads import single_threaded
-from consistent_id.errors import NotExcitedError, ProblemError, RecordingError
+from consistent_id.errors import NotExcitedError, ProblemError
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.clocks import uniform_rate
-from consistent_id.regression.base import BaseParameters, random_regressor
-from consistent_id.regression.columns import STRUCTURAL_TOLERANCE
+from consistent_id.regression.base import BaseParameters
+from consistent_id.regression.correlation import correlation_lengths
+from consistent_id.regression.joint_fit import joint_fit
+from consistent_id.regression.motion_arrays import Motion, motion_of
 from consistent_id.regression.regressor import CHUNK, TorqueModel
 from consistent_id.regression.row_filter import RowFilter
+from consistent_id.regression.row_structure import row_structure
 from consistent_id.robot.parameters import ParameterLayout
 
 _WORKERS = 2
+_SHOWN = 2**17  # rows of a recording whose residuals show how noise is correlated
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,6 +58,10 @@ class Regression:
         by default ones.
     fingerprint : str
         Of the torque model it was built with, if known.
+    effective : array_like, shape (joints,), optional
+        Samples of white noise that determine as much as the samples behind each
+        factor, whose noise is correlated; see `correlation_lengths`.  None where no
+        residuals were at hand: noise is then taken to be white.
     peaks : array_like, shape (joints,) or (), optional, [N m or N]
         Largest torque of each joint; by default zero: not known.
     """
@@ -63,6 +72,7 @@ class Regression:
     counts: tuple[int, ...]
     sigma: Vector = array_default(1.0)
     fingerprint: str = ""
+    effective: Vector | None = None
     peaks: Vector = array_default(0.0)
 
     def __post_init__(self) -> None:
@@ -82,6 +92,13 @@ class Regression:
         peaks = self.peaks if np.ndim(self.peaks) else np.full(n, self.peaks)
         peaks = frozen(peaks, (n,), "peaks")
         freeze(self, factors=factors, sigma=sigma, peaks=peaks)
+        if self.effective is not None:
+            effective = frozen(self.effective, (n,), "effective samples")
+            if not (effective > 0.0).all():
+                raise ProblemError(
+                    f"effective samples are {effective}, expected positive numbers"
+                )
+            freeze(self, effective=effective)
 
     def __add__(self, other: "Regression") -> Self:
         """Merge two regressions of one torque model."""
@@ -95,8 +112,20 @@ class Regression:
             for mine, theirs in zip(self.factors, other.factors, strict=True)
         )
         counts = tuple(a + b for a, b in zip(self.counts, other.counts, strict=True))
-        peaks = np.maximum(self.peaks, other.peaks)
-        return replace(self, factors=factors, counts=counts, peaks=peaks)
+        pair = self.effective, other.effective
+        return replace(
+            self,
+            factors=factors,
+            counts=counts,
+            effective=None if pair[0] is None or pair[1] is None else pair[0] + pair[1],
+            peaks=np.maximum(self.peaks, other.peaks),
+        )
+
+    @property
+    def correlation(self) -> Vector:
+        """Samples that determine as much as one with white noise, of each joint."""
+        counts = np.array(self.counts, dtype=np.float64)
+        return counts / (counts if self.effective is None else self.effective)
 
     def weighted(self, sigma: ArrayLike) -> Self:
         """Return the regression with each joint's rows divided by its noise level."""
@@ -163,13 +192,47 @@ def build_regression(
             f"row_weights for {len(row_weights)} recordings, but there are "
             f"{len(recordings)}"
         )
-    structure = row_structure(model)
     motions = [
         motion_of(model, recording, None if row_weights is None else row_weights[i])
         for i, recording in enumerate(recordings)
     ]
     row_filter = RowFilter(decimate)
     kept = [_centres(recording, row_filter) for recording in recordings]
+    regression = _compressed(model, motions, kept, row_filter)
+    return _with_effective(model, regression, motions, kept, row_filter)
+
+
+def compressed_pieces(
+    model: TorqueModel, pieces: Sequence[Recording], whole: Sequence[Recording]
+) -> tuple[Regression, ...]:
+    """Compress each piece of recordings by itself.
+
+    Noise is correlated alike in all pieces: as it is in the `whole` recordings.
+
+    Raises
+    ------
+    RecordingError
+        If a channel or a joint is missing.
+    """
+    plain, found = RowFilter(), []
+    for piece in pieces:
+        motion = motion_of(model, piece, None)
+        found.append(_compressed(model, [motion], [range(len(piece))], plain))
+    motions = [motion_of(model, recording, None) for recording in whole]
+    kept = [range(len(recording)) for recording in whole]
+    together = reduce(add, found)
+    length = _with_effective(model, together, motions, kept, plain).correlation
+    return tuple(replace(r, effective=np.array(r.counts) / length) for r in found)
+
+
+def _compressed(
+    model: TorqueModel,
+    motions: Sequence[Motion],
+    kept: Sequence[range],
+    row_filter: RowFilter,
+) -> Regression:
+    """Compress the rows that are kept of motions."""
+    structure = row_structure(model)
     pieces = [
         (motion, piece)
         for motion, centres in zip(motions, kept, strict=True)
@@ -195,7 +258,7 @@ def build_regression(
         for R, (_, expand) in zip(merged, structure, strict=True)
     )
     pairs = zip(motions, kept, strict=True)
-    counts = np.sum([_counts(*pair) for pair in pairs], axis=0)
+    counts = np.sum([motion.counts(centres) for motion, centres in pairs], axis=0)
     if not counts.all():
         unseen = model.torque_joints[int(np.argmin(counts))]
         raise NotExcitedError(f"every row of {unseen} has the weight 0")
@@ -206,6 +269,42 @@ def build_regression(
         counts=tuple(counts.tolist()),
         fingerprint=model.fingerprint,
         peaks=np.max([_peaks(motion) for motion in motions], axis=0),
+    )
+
+
+def _with_effective(
+    model: TorqueModel,
+    regression: Regression,
+    motions: Sequence[Motion],
+    kept: Sequence[range],
+    row_filter: RowFilter,
+) -> Regression:
+    """Count effective samples in the residuals of least squares."""
+    fit = joint_fit(regression.factors, regression.counts)
+    residuals = []
+    for whole, rows in zip(motions, kept, strict=True):
+        motion, centres = _middle(whole, rows, row_filter)
+        rest = motion.torque - model.predict(fit.x, motion.q, motion.dq, motion.ddq)
+        if motion.weights is not None:
+            rest *= motion.weights
+        pieces = [row_filter(rest[piece]) for piece in row_filter.pieces(centres)]
+        residuals.append(np.concatenate(pieces))
+    spent = fit.spent * sum(len(r) for r in residuals) / sum(len(k) for k in kept)
+    lengths = correlation_lengths(residuals, spent=spent, noise=fit.noise)
+    return replace(regression, effective=np.array(regression.counts) / lengths)
+
+
+def _middle(
+    motion: Motion, centres: range, row_filter: RowFilter
+) -> tuple[Motion, range]:
+    """Return so much of a motion's middle as shows how noise is correlated."""
+    surplus = len(centres) - _SHOWN
+    if surplus <= 0:
+        return motion, centres
+    rows = centres[surplus // 2 : surplus // 2 + _SHOWN]
+    start, stop = rows[0] - row_filter.reach, rows[-1] + row_filter.reach + 1
+    return motion.samples(start, stop), range(
+        row_filter.reach, stop - start - row_filter.reach, rows.step
     )
 
 
@@ -258,56 +357,11 @@ def require_same_model(
         )
 
 
-class Motion(NamedTuple):
-    """A recording's arrays in the model's order of joints, all of one length.
-
-    Torque and weights are those of the model's torque joints.
-    """
-
-    q: Array
-    dq: Array
-    ddq: Array
-    torque: Array
-    weights: Array | None
-
-
-def motion_of(
-    model: TorqueModel, recording: Recording, weights: Array | None
-) -> Motion:
-    """Return a recording's arrays as a model wants them.
-
-    Raises
-    ------
-    RecordingError
-        If a channel or a joint is missing.
-    """
-    tau = recording.of(model.torque_joints).torque
-    recording = recording.of(model.robot.joint_names)
-    dq, ddq = recording.velocity, recording.acceleration
-    if dq is None or ddq is None or tau is None:
-        given = {"velocity": dq, "acceleration": ddq, "torque": tau}
-        missing = [name for name, values in given.items() if values is None]
-        raise RecordingError(
-            f"{recording.name} has no {' and no '.join(missing)}; velocity and "
-            "acceleration come from signals.differentiated(recording)"
-        )
-    if weights is not None:
-        weights = frozen(weights, tau.shape, f"row_weights of {recording.name}")
-    return Motion(recording.position, dq, ddq, tau, weights)
-
-
 def _centres(recording: Recording, row_filter: RowFilter) -> range:
     """Return the samples whose rows are kept."""
     if row_filter.factor > 1:
         uniform_rate(recording)  # else rows around a sample are not evenly around it
     return row_filter.centres(len(recording), recording.name)
-
-
-def _counts(motion: Motion, centres: range) -> IntArray:
-    """Return how many samples there are of each joint's torque."""
-    if motion.weights is None:
-        return np.full(motion.torque.shape[1], len(centres))
-    return np.asarray(np.count_nonzero(motion.weights[centres], axis=0))
 
 
 def _peaks(motion: Motion) -> Vector:
@@ -341,45 +395,6 @@ def _compress(
                 rows[done:] *= weights[part, j, None]
             factors[j] = triangle(row_filter(rows))
     return factors
-
-
-@lru_cache(maxsize=16)
-def row_structure(model: TorqueModel) -> tuple[tuple[IntArray, Matrix], ...]:
-    """Return, per joint, its row's independent columns and how they give all others.
-
-    A row of joint ``j`` is zero beyond its descendants, and of the rest about half are
-    combinations of others for every motion; only independent columns are factorised,
-    chosen by pivoting so that the others follow without loss of digits.
-    """
-    p, inertial = len(model.layout), model.layout.inertial_size
-    structure = []
-    for row in random_regressor(model):
-        kept, K = _pivoted_columns(row[:inertial].T)
-        drive = [i for i in range(inertial, p) if row[i].any()]
-        expand = np.zeros((len(kept) + len(drive), p))
-        expand[: len(kept), :inertial] = K
-        expand[range(len(kept), len(expand)), drive] = 1.0
-        structure.append((np.array([*kept, *drive], dtype=np.intp), expand))
-    return tuple(structure)
-
-
-def _pivoted_columns(W: Matrix) -> tuple[list[int], Matrix]:
-    """Return independent columns and the map ``K`` with ``W = W[:, kept] K``."""
-    from scipy.linalg import qr, solve_triangular
-
-    norms = np.linalg.norm(W, axis=0)
-    if not norms.any():
-        return [], np.zeros((0, W.shape[1]))
-    unit = np.where(norms > 0.0, norms, 1.0)
-    R, order = qr(W / unit, mode="r", pivoting=True)
-    size = abs(np.diag(R))
-    rank = int((size > STRUCTURAL_TOLERANCE * size[0]).sum())
-    kept = order[:rank]
-    K = np.zeros((rank, W.shape[1]))
-    K[:, order] = solve_triangular(R[:rank, :rank], R[:rank])
-    K = K * unit / unit[kept, None]
-    K[:, kept] = np.eye(rank)
-    return kept.tolist(), K
 
 
 def triangle(rows: Matrix) -> Matrix:

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from consistent_id.errors import NotExcitedError, ProblemError
 from consistent_id.recordings.recording import Recording
-from consistent_id.regression.regression import Regression, build_regression
+from consistent_id.regression.regression import Regression, compressed_pieces
 from consistent_id.regression.regressor import TorqueModel
 
 SEGMENTS = 24
@@ -67,7 +67,7 @@ def segment_regressions(
             f"{sum(len(r) for r in recordings)} samples are too few to be cut into "
             "segments"
         )
-    segments = tuple(build_regression(model, piece) for piece in pieces)
+    segments = compressed_pieces(model, pieces, recordings)
     return segments if sigma is None else tuple(s.weighted(sigma) for s in segments)
 
 

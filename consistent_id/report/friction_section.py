@@ -5,7 +5,7 @@ import numpy as np
 from consistent_id._support.arrays import Array, IntArray
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.recordings.recording import Recording
-from consistent_id.regression.regression import motion_of
+from consistent_id.regression.motion_arrays import motion_of
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.report.markup import folded, grid, joined, paragraphs, tag
 from consistent_id.report.plot import Frame, dots, plot, spanning

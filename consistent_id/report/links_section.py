@@ -116,4 +116,6 @@ def _impossible(report: EstimateReport) -> Html:
             f". The torque of the nearest consistent robot differs by "
             f"{found.nearest.torque_change:.2%} along random motions"
         )
+    if report.consistency is not None:
+        said.append(f". {report.consistency.sentence.capitalize()}")
     return tag("p", *said, ".", class_="proof")

@@ -21,11 +21,12 @@ from consistent_id.report.markup import (
     tag,
 )
 from consistent_id.report.report_content import ReportContent, Section
-from consistent_id.report.summary import uncertainty_table
+from consistent_id.report.summary import error_text, uncertainty_table
 
 _MEANING = {
     "data": "the data determine it",
     "combination": "the data determine only sums that contain it",
+    "loose": "the data bound it, but only loosely",
     "constraint": "an equality, or constraints and data together, determine it",
     "prior": "its value is the prior's",
     "convention": "the smallest of many values that fit alike",
@@ -105,7 +106,7 @@ def _row(p: ParameterUncertainty) -> list[object]:
     return [
         p.name.rpartition(".")[2],
         f"{p.value:.4g}",
-        f"{p.standard_error:.2g}",
+        error_text(p),
         _ends(p.resampled),
         _ends(p.consistent),
         _drawn(p),

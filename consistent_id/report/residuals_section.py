@@ -4,7 +4,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Vector
 from consistent_id.recordings.recording import Recording
-from consistent_id.regression.regression import motion_of
+from consistent_id.regression.motion_arrays import motion_of
 from consistent_id.report.markup import Html, folded, grid, joined, paragraphs, tag
 from consistent_id.report.plot import (
     Frame,

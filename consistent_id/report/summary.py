@@ -14,7 +14,10 @@ from consistent_id.comparison.comparison import (
 )
 from consistent_id.comparison.constraint_prices import ShadowPrice
 from consistent_id.comparison.fit_costs import ConstraintCost
-from consistent_id.comparison.parameter_uncertainty import Uncertainty
+from consistent_id.comparison.parameter_uncertainty import (
+    ParameterUncertainty,
+    Uncertainty,
+)
 from consistent_id.estimation.cross_validation import RegularisationPath
 from consistent_id.problems.study import Study
 from consistent_id.regression.data_rank import Excitation
@@ -179,7 +182,7 @@ def _consistency_table(reports: Sequence[EstimateReport]) -> Table:
         (
             "estimate",
             "verdict",
-            "physically consistent links",
+            "links that can be consistent",
             "any consistent robot with its base parameters",
             "torque change to the nearest consistent robot",
             "least eigenvalue of M(q)",
@@ -189,7 +192,7 @@ def _consistency_table(reports: Sequence[EstimateReport]) -> Table:
             (
                 report.estimate.method,
                 report.verdict.word,
-                f"{sum(report.consistent_links)} of {len(report.consistent_links)}",
+                f"{sum(report.possible_links)} of {len(report.possible_links)}",
                 report.base_feasibility.answer,
                 _to_nearest(report),
                 f"{report.least_mass_eigenvalue:.4g}",
@@ -198,8 +201,8 @@ def _consistency_table(reports: Sequence[EstimateReport]) -> Table:
             for report in reports
         ),
         (
-            "links: from the standard parameters as they stand (least squares: the "
-            "smallest of many vectors that fit alike)",
+            "links: those that can be consistent by themselves, with these base "
+            "parameters",
             "nearest consistent robot: relative RMS change of the torque along "
             "random motions",
             "least eigenvalue over 10 000 random poses; distance: "
@@ -269,7 +272,7 @@ def uncertainty_table(found: Uncertainty) -> Table:
             (
                 p.name,
                 f"{p.value:.4g}",
-                f"{p.standard_error:.2g}",
+                error_text(p),
                 _interval(p.resampled),
                 _interval(p.consistent),
                 p.unit,
@@ -280,15 +283,20 @@ def uncertainty_table(found: Uncertainty) -> Table:
         (
             f"bootstrap: {len(resampled.estimates)} estimates from segments drawn "
             f"anew, {resampled.certified} certified, {resampled.failed} failed",
-            "any consistent robot: proven bounds on what satisfies the constraints and "
-            f"fits within {found.intervals.slack:.2%} of the best",
-            "standard error and bootstrap show how far the estimate would scatter; "
-            "where a prior determines a parameter, only the interval shows what is "
+            f"any consistent robot: {found.intervals.meaning}",
+            found.scatter,
+            "the standard error holds scatter and bias by the prior; where a prior "
+            "determines a parameter there is none: only the interval shows what is "
             "known",
             "where a link is on the boundary of the consistency cone with a small "
             "multiplier, the standard error is too small; the bootstrap is not",
         ),
     )
+
+
+def error_text(p: ParameterUncertainty) -> str:
+    """Return a standard error for people; a dash where it means nothing."""
+    return f"{p.standard_error:.2g}" if np.isfinite(p.standard_error) else "-"
 
 
 def _interval(ends: tuple[float, float]) -> str:

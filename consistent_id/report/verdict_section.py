@@ -22,15 +22,15 @@ def verdict_section(content: ReportContent) -> Section:
 
 def _tiles(content: ReportContent) -> Html:
     main, plain = content.main, content.plain
-    error, consistent = main.held_out_error, main.consistent_links
+    error, consistent = main.held_out_error, main.possible_links
     tiles = []
     if error is not None:
         other = None if plain is None else plain.held_out_error
         beside = "" if other is None else f"least squares: {other:.2%}"
         tiles.append(_tile(f"{error:.2%}", "torque error on held-out motion", beside))
-    beside = "" if plain is None else f"least squares: {sum(plain.consistent_links)}"
+    beside = "" if plain is None else f"least squares: {sum(plain.possible_links)}"
     links = f"{sum(consistent)} of {len(consistent)}"
-    tiles.append(_tile(links, "links are physically consistent", beside))
+    tiles.append(_tile(links, "links can be physically consistent", beside))
     if content.excitation is not None:
         found = content.excitation
         rank = f"{found.data_rank} of {found.structural_rank}"
@@ -58,12 +58,12 @@ def _estimates(content: ReportContent) -> Html:
     reports = content.comparison.reports
     names = [error.recording for error in reports[0].validation]
     header = ["estimate", *(f"error on {name}" for name in names)]
-    header += ["physically consistent links", "verdict"]
+    header += ["links that can be consistent", "verdict"]
     return grid(header, [_row(r, content) for r in reports])
 
 
 def _row(report: EstimateReport, content: ReportContent) -> list[object]:
-    method, links = report.estimate.method, report.consistent_links
+    method, links = report.estimate.method, report.possible_links
     chosen = method == content.advice.method
     word = report.verdict.word
     return [

@@ -6,6 +6,7 @@ from typing import get_args
 import numpy as np
 import pytest
 from experiments import experiment, pendulum
+from scipy import stats
 
 from consistent_id import (
     FixedCentresOfMass,
@@ -17,10 +18,11 @@ from consistent_id import (
     build_regression,
     constrained_least_squares,
     joint_noise,
+    least_squares,
     simulate_torque,
 )
 from consistent_id.comparison.intervals import consistent_intervals
-from consistent_id.constraints.priors import Distance, noise_slack
+from consistent_id.constraints.priors import Distance
 
 SIGMA = 0.2
 SEEN = ["link1.hx", "link1.hy", "link1.Izz", "joint1.viscous"]
@@ -50,15 +52,41 @@ def ellipsoid(model, regression, slack, names=SEEN, known=()):
     return np.column_stack([x - half, x + half])
 
 
-@pytest.mark.parametrize("slack", [None, 0.01, 0.2])
+@pytest.mark.parametrize("slack", [0.01, 0.2])
 def test_without_constraints_it_is_the_ellipsoid_of_least_squares(slack):
     model, _, regression = noisy_pendulum()
     found = consistent_intervals(model, regression, constraints=(), slack=slack)
-    expected = ellipsoid(
-        model, regression, noise_slack(4, 500) if slack is None else slack
-    )
+    expected = ellipsoid(model, regression, slack)
     for name, ends in zip(SEEN, expected, strict=True):
         assert interval(found, name) == pytest.approx(ends, abs=1e-5)
+
+
+@pytest.mark.parametrize("sigma", [SIGMA, 1.0])
+def test_without_constraints_profile_likelihood_is_students_interval(sigma):
+    # Whatever the weight: the interval of least squares, t standard errors wide.
+    model, _, regression = noisy_pendulum()
+    regression = regression.weighted([sigma])
+    found = consistent_intervals(model, regression, constraints=())
+    estimate = least_squares(model, regression)
+    effective = float(regression.effective[0])
+    t = stats.t.ppf(0.975, effective - 4)
+    for name, x, error in zip(
+        estimate.base.names, estimate.base_values, estimate.standard_errors, strict=True
+    ):
+        ends = x - t * error, x + t * error
+        assert interval(found, name) == pytest.approx(ends, abs=1e-5)
+
+
+def test_intervals_of_all_parameters_together_are_those_of_f():
+    # Scheffe's: wider than each by itself by sqrt(p F) over t.
+    model, _, regression = noisy_pendulum()
+    each = consistent_intervals(model, regression, constraints=())
+    every = consistent_intervals(model, regression, constraints=(), joint=True)
+    freedom = float(regression.effective[0]) - 4
+    ratio = np.sqrt(4 * stats.f.ppf(0.95, 4, freedom)) / stats.t.ppf(0.975, freedom)
+    for name in SEEN:
+        k = model.layout.index(name)
+        assert every.width[k] / each.width[k] == pytest.approx(ratio, rel=1e-4)
 
 
 def test_what_the_data_do_not_touch_is_without_bounds_or_has_those_given():

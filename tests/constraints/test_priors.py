@@ -121,10 +121,10 @@ def test_reference_bodies_are_bodies_also_where_the_nominal_is_flat_or_unknown()
     assert link_scales(robot).mass.tolist() == [2.0, 2.0]  # the mean of those known
 
 
-def test_slack_is_what_noise_brings_and_is_between_zero_and_one():
-    # b parameters fitted to N rows of noise lower the squared misfit by b / N.
-    assert PointToSet().relative_slack(50, 5050) == pytest.approx(np.sqrt(1.01) - 1)
-    assert PointToSet(slack=0.2).relative_slack(50, 5050) == 0.2
+def test_slack_is_what_one_standard_error_costs_and_is_between_zero_and_one():
+    # One unit more of a squared misfit of a hundred.
+    assert PointToSet().relative_slack(1.0, 100.0) == pytest.approx(np.sqrt(1.01) - 1)
+    assert PointToSet(slack=0.2).relative_slack(1.0, 100.0) == 0.2
     for slack in (0.0, 1.0, -0.1, np.nan):
         with pytest.raises(ProblemError, match="slack"):
             PointToSet(slack=slack)

@@ -61,6 +61,11 @@ class Interior:
     multipliers: tuple[Matrix, ...]
 
     @property
+    def reach(self) -> float:
+        """Radius of the ball of proofs, in normalised units."""
+        return _reach_of(self.u)
+
+    @property
     def proves_empty(self) -> bool:
         """True iff the multipliers prove that no point of the ball is in the set."""
         return self.bound < -_ROUNDING
@@ -186,7 +191,7 @@ def _contradiction(domain: ConicSet) -> tuple[Interior | None, float]:
         domain.eq_labels[i] for i in heavy if abs(residual[i]) > _SHARE * largest
     )
     nothing = tuple(np.zeros_like(block.constant) for block in domain.blocks)
-    reach = max(_REACH, _FARTHER * float(np.linalg.norm(u)))
+    reach = _reach_of(u)
     slope = float(np.linalg.norm(domain.A_eq.T @ residual))
     bound = (slope * reach - float(residual @ domain.b_eq)) / missed
     if bound >= -_ROUNDING:
@@ -199,6 +204,11 @@ def _margin(domain: ConicSet, u: Vector) -> float:
     if len(domain.b_in):
         margins.append(float((domain.b_in - domain.A_in @ u).min()))
     return min(margins, default=1.0)
+
+
+def _reach_of(u: Vector) -> float:
+    """Return the radius in which what is proven about a best point holds."""
+    return max(_REACH, _FARTHER * float(np.linalg.norm(u)))
 
 
 def _bound(
@@ -223,7 +233,7 @@ def _bound(
         taken = np.asarray(solved[0], dtype=np.float64)
         slope = slope - domain.A_eq.T @ taken
         value += float(taken @ (domain.b_eq - domain.A_eq @ u))
-    reach = max(_REACH, _FARTHER * float(np.linalg.norm(u)))
+    reach = _reach_of(u)
     return float((value + np.linalg.norm(slope) * reach) / weight), taken / weight
 
 

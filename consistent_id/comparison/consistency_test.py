@@ -1,0 +1,140 @@
+"""Whether data contradict constraints, or only least squares' point does.
+
+Least squares falls outside the set of consistent robots as soon as the truth is near
+its boundary: that is noise, not a contradiction.  What tells is how much worse the best
+consistent robot fits.  With noise of unit level its increase of the squared misfit,
+
+``T = min_{u in C} ||M u - z||^2 - min_u ||M u - z||^2``,
+
+has a chi-bar-square distribution where the truth is on the boundary: a mixture of
+``chi^2`` of different orders [Shapiro1988]_.  Its weights have no closed form for cones
+of matrices, so it is simulated: noise is added to what the best consistent robot
+predicts, and the constrained fit is solved anew.
+"""
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+
+from consistent_id._support.arrays import Vector
+from consistent_id._support.threads import single_threaded
+from consistent_id.constraints import Constraint, PhysicalConsistency
+from consistent_id.constraints.cones.least_norm import LeastNorm, solve_least_norm
+from consistent_id.errors import ProblemError, SolverError
+from consistent_id.estimation.best_fit import BestFit, best_fit
+from consistent_id.regression.base import BaseParameters, base_parameters
+from consistent_id.regression.noise import joint_noise
+from consistent_id.regression.regression import Regression
+from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.residual_noise import residual_noise
+
+DRAWS = 199
+"""Simulated data sets: a p-value of 0.05 is then known to 0.03 (two standard errors).
+"""
+
+SIGNIFICANT = 0.05
+"""p-value below which data are said to contradict the constraints."""
+
+_WORKERS = 2  # Clarabel frees the interpreter's lock
+_TOLERANCE = 1e-8
+
+
+@dataclass(frozen=True, slots=True)
+class ConsistencyTest:
+    """How much worse the best robot that satisfies constraints fits, and if by chance.
+
+    Parameters
+    ----------
+    increase : float
+        Of the squared misfit over that of least squares, each joint divided by its
+        noise level and samples counted by their correlation: an effective chi^2.
+    p_value : float
+        Share of simulated data, of the best robot itself, that raise it as much.
+    draws : int
+        Simulated data sets that gave a fit.
+    white : bool
+        Whether noise was taken to be white, for want of residuals.
+    """
+
+    increase: float
+    p_value: float
+    draws: int
+    white: bool
+
+    @property
+    def significant(self) -> bool:
+        """Whether the data contradict the constraints."""
+        return self.p_value < SIGNIFICANT
+
+    @property
+    def sentence(self) -> str:
+        """The answer in words."""
+        figures = f"chi^2 rises by {self.increase:.3g}, p = {self.p_value:.2g}"
+        if self.white:
+            figures += ", for white noise"
+        if self.significant:
+            return f"nor does a consistent robot fit as well ({figures})"
+        return f"impossible as a point; a consistent robot fits as well ({figures})"
+
+
+@single_threaded
+def consistency_test(
+    model: TorqueModel,
+    regression: Regression,
+    *,
+    constraints: Sequence[Constraint] = (PhysicalConsistency(margin=0.0),),
+    base: BaseParameters | None = None,
+    draws: int = DRAWS,
+    seed: int = 0,
+) -> ConsistencyTest:
+    """Test whether data contradict constraints, by default physical consistency.
+
+    Each joint is weighted by its own noise, whatever the regression's weights.
+
+    Raises
+    ------
+    ProblemError
+        If no draws are asked for.
+    InfeasibleError, NotExcitedError, SolverError
+        See `constrained_least_squares`; also if no simulated data give a fit.
+    """
+    if draws < 1:
+        raise ProblemError(f"draws is {draws}, expected 1 or more")
+    base = base_parameters(model) if base is None else base
+    weighted = regression.weighted(joint_noise(model, regression, base=base))
+    noise = residual_noise(weighted, base)
+    best = best_fit(model, weighted.weighted(noise.level), constraints, base=base)
+    increase = _squared_distance(best, best.scaled.z)
+    rng = np.random.default_rng(seed)
+    predicted = best.scaled.M @ best.solution.u
+    shaken = predicted + rng.normal(size=(draws, len(predicted))) / best.scaled.size
+
+    def simulated(z: Vector) -> float | None:
+        try:
+            return _squared_distance(best, z)
+        except SolverError:
+            return None
+
+    with ThreadPoolExecutor(_WORKERS) as pool:
+        found = [T for T in pool.map(simulated, shaken) if T is not None]
+    if not found:
+        raise SolverError("none of the simulated data gave a constrained fit")
+    reached = sum(T >= increase for T in found)
+    return ConsistencyTest(
+        increase=increase,
+        p_value=(1 + reached) / (1 + len(found)),
+        draws=len(found),
+        white=not noise.measured,
+    )
+
+
+def _squared_distance(best: BestFit, z: Vector) -> float:
+    """Return ``T`` for other data, in the units of the rows."""
+    scaled = best.scaled
+    problem = LeastNorm(scaled.M, z, scaled.domain)
+    u = solve_least_norm(problem, tolerance=_TOLERANCE, origin=best.solution.u).u
+    free = np.linalg.lstsq(scaled.M, z, rcond=None)[0]
+    misfit, least = (float(np.sum((scaled.M @ v - z) ** 2)) for v in (u, free))
+    return max(misfit - least, 0.0) * scaled.size**2

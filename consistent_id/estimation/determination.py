@@ -1,0 +1,135 @@
+"""What determines each parameter: the one classifier behind every table.
+
+Rank says which parameters data and equalities determine.  It knows nothing of noise: a
+parameter that is known to plus or minus ten times its value is not determined by data.
+Nor does it know inequalities, which may leave no room to what data do not see.
+"""
+
+from typing import Literal
+
+import numpy as np
+
+from consistent_id._support.arrays import Matrix, Vector
+from consistent_id.regression.base import BaseParameters, parameter_origins
+from consistent_id.regression.linear import solve_linear
+from consistent_id.regression.regression import Regression
+from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.residual_noise import ResidualNoise
+from consistent_id.robot.scaling import link_scales
+
+Determination = Literal[
+    "data", "combination", "loose", "constraint", "prior", "convention"
+]
+"""``"data"``: the data determine it, with the equalities among the constraints.
+``"combination"``: they determine only sums that it is part of.  ``"loose"``: they see
+it, but bound it only loosely.  ``"constraint"``: an equality fixes it, or the
+constraints leave it next to no room.  ``"prior"``, ``"convention"``: its value is the
+prior's, or that of the smallest of many vectors that fit alike."""
+
+KNOWN = 0.5
+"""Width of the 95 % interval, in sizes of the parameter, up to which data determine it:
+the value to a quarter, either way."""
+
+PINNED = 0.1
+"""Width in sizes up to which constraints leave a parameter no room."""
+
+USED = 0.1
+"""Share of its joints' torque that a parameter of one size explains, at the least.  Who
+knows that a parameter is worth less than a tenth of the torque knows it for its use,
+though the value itself be uncertain to more than its size."""
+
+_WIDTH = 2 * 1.96  # of a 95 % interval, in standard errors
+_NULL = 1e-9  # singular value of equalities, relative to the largest, that is zero
+
+
+def determinations(
+    model: TorqueModel,
+    regression: Regression,
+    base: BaseParameters,
+    noise: ResidualNoise,
+    x: Vector,
+    *,
+    known: Matrix,
+    elsewhere: Determination,
+    width: Vector | None = None,
+) -> tuple[Determination, ...]:
+    """Say of each parameter what determines its value.
+
+    Parameters
+    ----------
+    model : TorqueModel
+    regression : Regression
+    base : BaseParameters
+    noise : ResidualNoise
+        Of the regression.
+    x : ndarray, shape (parameters,)
+        The estimate.
+    known : ndarray, shape (rows, parameters)
+        Rows of the equalities that hold by assumption.
+    elsewhere : str
+        What determines parameters that neither data nor equalities touch.
+    width : ndarray, shape (parameters,), optional
+        Of consistent intervals: where these leave no room, constraints determine.
+    """
+    R, columns = regression.stacked(), list(base.independent)
+    rows = solve_linear(R[:, columns], R[:, -1]).row_space @ base.projection
+    origins = parameter_origins(rows, known, elsewhere=elsewhere)
+    size = parameter_sizes(model, regression, x)
+    loose = _WIDTH * linear_errors(base, noise, known) > KNOWN * size
+    pinned = np.zeros(len(x), dtype=bool) if width is None else width <= PINNED * size
+    found: list[Determination] = []
+    for origin, is_loose, is_pinned in zip(origins, loose, pinned, strict=True):
+        if origin == "data" and not is_loose:
+            found.append("data")
+        elif origin == "constraint" or is_pinned:
+            found.append("constraint")
+        elif origin == "data":
+            found.append("loose")
+        else:
+            found.append("combination" if origin == "combination" else elsewhere)
+    return tuple(found)
+
+
+def parameter_sizes(model: TorqueModel, regression: Regression, x: Vector) -> Vector:
+    """Return the size of each parameter: its value, or what matters in its use.
+
+    The latter explains `USED` of the torque of the joints that feel it.  Of what no
+    joint feels it is the typical one of the link.
+    """
+    units, n = link_scales(model.robot).units, model.layout.inertial_size
+    sizes = np.append(units, np.ones(len(x) - n))
+    for i in range(len(x)):
+        own = [F for F in regression.factors if F[:, i].any()]
+        if own:
+            torque, column = (
+                np.sqrt(sum(float(np.sum(F[:, k] ** 2)) for F in own)) for k in (-1, i)
+            )
+            sizes[i] = USED * torque / column
+    return np.maximum(sizes, abs(x))
+
+
+def linear_errors(base: BaseParameters, noise: ResidualNoise, known: Matrix) -> Vector:
+    """Return each parameter's standard error in least squares under equalities.
+
+    Of parameters that data and equalities do not determine it is that of the smallest
+    solution, and means nothing.
+    """
+    M = np.linalg.pinv(noise.steps) @ base.projection
+    T = _null_space(known, M.shape[1])
+    A = M @ T
+    norms = np.linalg.norm(A, axis=0)
+    if not norms.any():
+        return np.zeros(M.shape[1])
+    inverse = solve_linear(A, np.zeros(len(A))).pseudo_inverse
+    values, axes = np.linalg.eigh(noise.inflation)
+    root = axes * np.sqrt(np.maximum(values, 0.0))
+    return np.asarray(np.linalg.norm(T @ inverse @ root, axis=1))
+
+
+def _null_space(rows: Matrix, width: int) -> Matrix:
+    """Return an orthonormal basis of the steps that rows do not see."""
+    if not rows.any():
+        return np.eye(width)
+    norms = np.linalg.norm(rows, axis=1, keepdims=True)
+    _, s, Vt = np.linalg.svd(rows / np.where(norms > 0.0, norms, 1.0))
+    return np.asarray(Vt[int((s > _NULL * s[0]).sum()) :].T)

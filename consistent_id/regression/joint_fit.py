@@ -1,0 +1,57 @@
+"""Least squares of all parameters, each joint weighted by its own residual."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from consistent_id._support.arrays import Matrix, Vector
+from consistent_id.regression.linear import DATA_RANK_TOLERANCE
+
+_ROUNDS = 3  # of weights and solution; joints' levels settle to a few per cent
+_EXACT = 1e-6  # residual, relative to the torque, that counts as none
+
+
+class JointFit(NamedTuple):
+    """A fit whose residuals show each joint's noise.
+
+    Parameters
+    ----------
+    x : ndarray, shape (parameters,)
+        The smallest solution.
+    noise : ndarray, shape (joints,), [N m or N]
+        RMS residual, or a millionth of the torque.
+    spent : ndarray, shape (joints,)
+        Degrees of freedom of each joint's rows that the fit takes: their leverage.
+    """
+
+    x: Vector
+    noise: Vector
+    spent: Vector
+
+
+def joint_fit(factors: Sequence[Matrix], counts: Sequence[int]) -> JointFit:
+    """Fit parameters to the triangular factors of joints.
+
+    Weights and solution alternate, from weights of one.  Rank is decided on unit
+    columns.
+    """
+    width = factors[0].shape[1]
+    size = np.sqrt(counts)
+    torque = np.array([np.linalg.norm(F[:, -1]) for F in factors]) / size
+    floor = _EXACT * np.maximum(torque, _EXACT * (torque.max() or 1.0))
+    noise = np.ones(len(factors))
+    ends = np.cumsum([len(F) for F in factors])[:-1]
+    for _ in range(_ROUNDS):
+        rows = np.vstack([F / s for F, s in zip(factors, noise, strict=True)])
+        norms = np.linalg.norm(rows[:, :-1], axis=0)
+        unit = np.where(norms > DATA_RANK_TOLERANCE * norms.max(), norms, np.inf)
+        U, s, Vt = np.linalg.svd(rows[:, :-1] / unit, full_matrices=False)
+        U = U[:, s > DATA_RANK_TOLERANCE * max(float(s[0]), 1e-300)]
+        rank = U.shape[1]
+        x = (Vt[:rank].T / s[:rank]) @ (U.T @ rows[:, -1]) / unit
+        z = np.append(x, -1.0).reshape(width)
+        rest = np.array([np.linalg.norm(F @ z) for F in factors]) / size
+        noise = np.maximum(rest, floor)
+    spent = np.array([float(np.sum(part**2)) for part in np.split(U, ends)])
+    return JointFit(x, noise, spent)

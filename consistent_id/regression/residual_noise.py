@@ -1,0 +1,159 @@
+"""The noise that residuals show, and what it does to parameters: one value per fit."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from consistent_id._support.arrays import Matrix, Vector
+from consistent_id.regression.base import BaseParameters
+from consistent_id.regression.linear import DATA_RANK_TOLERANCE, solve_linear
+from consistent_id.regression.noise import residual_sigma
+from consistent_id.regression.regression import Regression
+
+_EXACT = 1e-6  # residual, relative to the torque, that counts as none
+_WHITE = 1.5  # samples of correlation up to which noise is called white
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ResidualNoise:
+    """Noise of each joint, and the covariance of least squares under it.
+
+    With ``A = Q D`` the weighted base regressor and ``Q`` orthonormal, a change of the
+    base parameters by ``steps @ y`` raises the squared misfit by ``y^T y``, and least
+    squares scatters ``y`` with the covariance ``inflation = sum_j v_j Q_j^T Q_j``,
+    ``v_j = length_j sigma_j^2 / weight_j^2`` (the sandwich form; one, where weights are
+    right and noise is white).
+
+    Parameters
+    ----------
+    sigma : ndarray, shape (joints,), [N m or N]
+        Standard deviation of each joint's residual.
+    length : ndarray, shape (joints,)
+        Samples that determine as much as one with white noise.
+    effective : float
+        Samples of white noise that determine as much as all samples.
+    measured : bool
+        Whether `length` comes from residuals; else noise is taken to be white.
+    steps : ndarray, shape (base, rank)
+    inflation : ndarray, shape (rank, rank)
+    """
+
+    sigma: Vector
+    length: Vector
+    effective: float
+    measured: bool
+    steps: Matrix
+    inflation: Matrix
+
+    @property
+    def rank(self) -> int:
+        """How many combinations of base parameters the data determine."""
+        return len(self.inflation)
+
+    @property
+    def freedom(self) -> float:
+        """Degrees of freedom of `sigma`: effective samples less those spent."""
+        return self.effective - self.rank
+
+    @property
+    def level(self) -> Vector:
+        """White noise that does as much to parameters as each joint's, [N m or N]."""
+        return np.asarray(self.sigma * np.sqrt(self.length))
+
+    @property
+    def one_error(self) -> float:
+        """Squared misfit within which nothing moves by more than a standard error.
+
+        The least eigenvalue of `inflation`: ``y^T inflation^-1 y <= 1`` for every ``y``
+        with ``y^T y`` up to it.
+        """
+        return float(np.linalg.eigvalsh(self.inflation)[0])
+
+    def squared_misfit(self, functionals: Matrix) -> Vector:
+        """Return the squared misfit of one standard error of each functional.
+
+        Moving ``f @ base`` by one standard error with all others free raises the
+        squared misfit of least squares by one under right weights and white noise, and
+        by ``(f S K S^T f) / (f S S^T f)`` in general, ``S`` the steps and ``K`` the
+        inflation.  For a functional that the data do not touch, the mean is returned.
+
+        Parameters
+        ----------
+        functionals : ndarray, shape (rows, base)
+        """
+        G = functionals @ self.steps
+        norms = np.sum(G**2, axis=1)
+        raised = np.einsum("ij,jk,ik->i", G, self.inflation, G)
+        mean = np.trace(self.inflation) / self.rank
+        touched = norms > np.finfo(np.float64).tiny
+        ratios = raised / np.where(touched, norms, 1.0)
+        return np.asarray(np.where(touched, ratios, mean))
+
+    @property
+    def sentence(self) -> str:
+        """What standard errors rest on, in words."""
+        if not self.measured:
+            return (
+                "standard errors are for white noise: no residuals were at hand; on "
+                "recordings, build_regression finds how noise is correlated"
+            )
+        least, most = float(self.length.min()), float(self.length.max())
+        if most <= _WHITE:
+            return "residuals are white: standard errors are those of white noise"
+        lengths = _span(least, most, ".0f")
+        factors = _span(np.sqrt(least), np.sqrt(most), ".1f")
+        few = (
+            f"; there are only {self.effective:.0f} effective samples for {self.rank} "
+            "parameters, so that errors are rough"
+            if self.freedom < self.rank
+            else ""
+        )
+        return (
+            f"residuals are correlated over {lengths} samples, depending on the joint: "
+            f"standard errors are {factors} times those of white noise{few}"
+        )
+
+
+def residual_noise(regression: Regression, base: BaseParameters) -> ResidualNoise:
+    """Find the noise in the residuals of least squares.
+
+    Raises
+    ------
+    NotExcitedError
+        If the data excite nothing.
+    """
+    columns = list(base.independent)
+    R = regression.stacked()
+    solution = solve_linear(R[:, columns], R[:, -1])
+    sigma = residual_sigma(regression, base.lift(solution.x), solution.rank)
+    floor = _EXACT * np.maximum(regression.torque_rms, 1e-12)
+    sigma, length = np.maximum(sigma, floor), regression.correlation
+    steps = _steps(R[:, columns])
+    inflation = np.zeros((steps.shape[1], steps.shape[1]))
+    for factor, weight, s, c in zip(
+        regression.factors, regression.sigma, sigma, length, strict=True
+    ):
+        Q = factor[:, columns] @ steps / weight
+        inflation += (Q.T @ Q) * (c * (s / weight) ** 2)
+    return ResidualNoise(
+        sigma=sigma,
+        length=length,
+        effective=float(np.sum(np.array(regression.counts) / length)),
+        measured=regression.effective is not None,
+        steps=steps,
+        inflation=inflation,
+    )
+
+
+def _steps(A: Matrix) -> Matrix:
+    """Return ``S`` with ``S^T A^T A S = 1`` that spans what the rows determine."""
+    norms = np.linalg.norm(A, axis=0)
+    unit = np.where(norms > DATA_RANK_TOLERANCE * norms.max(), norms, np.inf)
+    _, s, Vt = np.linalg.svd(A / unit, full_matrices=False)
+    rank = int((s > DATA_RANK_TOLERANCE * s[0]).sum())
+    return np.asarray((Vt[:rank].T / s[:rank]) / unit[:, None])
+
+
+def _span(least: float, most: float, form: str) -> str:
+    low, high = f"{least:{form}}", f"{most:{form}}"
+    return low if low == high else f"{low} to {high}"

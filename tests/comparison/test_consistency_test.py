@@ -1,0 +1,98 @@
+"""Whether data contradict constraints: chi-bar-square of a half-space, of bodies."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from experiments import experiment, pendulum
+from scipy import stats
+
+from consistent_id import (
+    ParameterBounds,
+    PhysicalConsistency,
+    ProblemError,
+    build_regression,
+    compare,
+    least_squares,
+    simulate_torque,
+)
+from consistent_id.comparison.consistency_test import consistency_test
+
+
+def noisy_pendulum(seed, noise=0.2):
+    model, truth, log = pendulum()
+    rng = np.random.default_rng(seed)
+    log = simulate_torque(model, truth, log, noise=noise, rng=rng)
+    return model, truth, build_regression(model, log)
+
+
+@pytest.mark.parametrize("errors", [0.5, 1.5, 3.0])
+def test_of_a_half_space_the_p_value_is_half_that_of_chi_square(errors):
+    # Friction is asked to be some standard errors above what least squares says.
+    model, _, regression = noisy_pendulum(1)
+    plain = least_squares(model, regression)
+    k = plain.base.names.index("joint1.viscous")
+    bound = plain.base_values[k] + errors * plain.standard_errors[k]
+    friction = ParameterBounds({"joint1.viscous": (bound, np.inf)})
+    test = consistency_test(model, regression, constraints=[friction], draws=400)
+    assert test.increase == pytest.approx(errors**2, rel=1e-3)
+    # A mixture of nothing and of chi^2 with one degree of freedom, by halves; 400
+    # draws tell it to four standard errors of a proportion.
+    p = 0.5 * stats.chi2.sf(errors**2, 1)
+    assert test.p_value == pytest.approx(p, abs=4 * np.sqrt(p * (1 - p) / 400) + 0.005)
+
+
+def test_weights_of_the_regression_do_not_matter():
+    model, _, log = experiment(3, joints=2, noise=1.0, samples=300)
+    regression = build_regression(model, log)
+    other = regression.weighted([3.0, 0.1])
+    first, second = (consistency_test(model, r, draws=9) for r in (regression, other))
+    assert first.increase == pytest.approx(second.increase, rel=1e-3, abs=1e-3)
+
+
+def test_noise_alone_is_no_contradiction_and_torque_of_no_body_is_one():
+    model, truth, log = experiment(4, joints=2, noise=0.0, samples=400)
+    rng = np.random.default_rng(0)
+    noise = log.torque.std(axis=0)
+    shaken = simulate_torque(model, truth, log, noise=noise, rng=rng)
+    honest = consistency_test(model, build_regression(model, shaken), draws=99)
+    assert not honest.significant
+    assert "a consistent robot fits as well" in honest.sentence
+    wrong = truth.copy()
+    wrong[10:20] *= -1.0
+    anti = simulate_torque(model, wrong, log, noise=0.01 * noise, rng=rng)
+    found = consistency_test(model, build_regression(model, anti), draws=99)
+    assert found.significant
+    assert found.p_value == pytest.approx(0.01)
+    assert "nor does a consistent robot" in found.sentence
+
+
+def test_a_comparison_says_whether_the_data_mean_what_is_impossible():
+    model, truth, log = experiment(4, joints=2, noise=0.0, samples=400)
+    rng = np.random.default_rng(0)
+    wrong = truth.copy()
+    wrong[10:20] *= -1.0
+    log = simulate_torque(model, wrong, log, noise=0.1, rng=rng)
+    regression = build_regression(model, log)
+    estimate = least_squares(model, regression)
+    (alone,) = compare([estimate], [log]).reports
+    assert alone.verdict == "refused"
+    assert alone.consistency is None
+    (tested,) = compare([estimate], [log], regression=regression).reports
+    assert tested.consistency is not None
+    assert tested.consistency.sentence in tested.refusal
+    assert "proven among parameters up to" in tested.refusal
+
+
+def test_without_residuals_it_says_that_noise_is_taken_to_be_white():
+    model, _, regression = noisy_pendulum(2)
+    bare = replace(regression, effective=None)
+    test = consistency_test(model, bare, constraints=[PhysicalConsistency()], draws=2)
+    assert test.white
+    assert "white" in test.sentence
+
+
+def test_no_draws_are_refused():
+    model, _, regression = noisy_pendulum(2)
+    with pytest.raises(ProblemError, match="draws is 0"):
+        consistency_test(model, regression, draws=0)

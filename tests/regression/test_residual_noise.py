@@ -1,0 +1,143 @@
+"""The noise of residuals: coverage of errors, and the prior's standard error."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from experiments import experiment
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import signal
+
+from consistent_id import (
+    PhysicalConsistency,
+    Recording,
+    base_parameters,
+    build_regression,
+    constrained_least_squares,
+    least_squares,
+    simulate_torque,
+    weighted_least_squares,
+)
+from consistent_id.estimation.best_fit import best_fit
+from consistent_id.regression.residual_noise import residual_noise
+
+
+def slow_motion(joints, duration, rng):
+    """Sums of sines of up to half a hertz, at 100 Hz, with exact derivatives."""
+    time = np.arange(round(100 * duration)) / 100
+    rates = 2 * np.pi * np.arange(1, 6) / 10
+    amplitudes = rng.normal(size=(joints, 5)) / np.arange(1, 6)
+    angles = np.outer(time, rates)[None] + rng.uniform(0, 6, (joints, 1, 5))
+    state = (np.sin(angles), rates * np.cos(angles), -(rates**2) * np.sin(angles))
+    return time, *(np.einsum("jtk,jk->tj", part, amplitudes) for part in state)
+
+
+def noise_like(kind, rng, shape):
+    white = rng.normal(size=(shape[0] + 400, *shape[1:]))
+    if kind == "white":
+        return white[400:]
+    if kind == "AR(1)":
+        return signal.lfilter([np.sqrt(0.19)], [1, -0.9], white, axis=0)[400:]
+    found = signal.filtfilt(*signal.butter(4, 0.1), white, axis=0)[200:-200]
+    return found / found.std()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["white", "AR(1)", "low-passed"])
+def test_95_per_cent_of_intervals_hold_the_truth(kind):
+    rng = np.random.default_rng(1)
+    model, truth, log = experiment(2, joints=3, samples=10)
+    motion = Recording(log.joints, *slow_motion(3, 30.0, rng))
+    clean = simulate_torque(model, truth, motion)
+    base = base_parameters(model)
+    size = 0.05 * clean.torque.std(axis=0)
+    inside = []
+    for _ in range(200):
+        shaken = clean.torque + size * noise_like(kind, rng, clean.torque.shape)
+        regression = build_regression(model, replace(clean, torque=shaken))
+        found = weighted_least_squares(model, regression, base=base)
+        error = abs(found.base_values - base.projection @ truth)
+        inside.append(error <= 1.96 * found.standard_errors)
+    # Errors of one data set hang together: 200 sets tell the share to about 1 %.
+    assert np.mean(inside) == pytest.approx(0.95, abs=0.025)
+
+
+def test_the_covariance_is_the_one_least_squares_states():
+    model, _, log = experiment(3, joints=2, noise=[2.0, 0.1], samples=300)
+    base = base_parameters(model)
+    regression = build_regression(model, log).weighted([0.5, 1.0])
+    noise = residual_noise(regression, base)
+    covariance = noise.steps @ noise.inflation @ noise.steps.T
+    stated = least_squares(model, regression, base=base).base_covariance
+    assert np.allclose(covariance, stated, rtol=1e-6)
+
+
+def test_under_right_weights_and_white_noise_nothing_is_inflated():
+    model, _, log = experiment(3, joints=2, noise=1.0, samples=2000)
+    base = base_parameters(model)
+    noise = residual_noise(build_regression(model, log), base)
+    level = build_regression(model, log).weighted(noise.level)
+    again = residual_noise(level, base)
+    assert np.allclose(again.inflation, np.eye(len(base)), atol=0.02)
+    assert again.one_error == pytest.approx(1.0, abs=0.02)
+    functionals = base.lift(np.eye(len(base)))
+    assert again.squared_misfit(functionals) == pytest.approx(1.0, abs=0.02)
+
+
+@settings(max_examples=12, deadline=None)
+@given(
+    seed=st.integers(0, 1000),
+    share=st.floats(0.01, 1.0),
+    weights=st.tuples(*[st.floats(0.3, 3.0)] * 2),
+)
+def test_the_prior_moves_what_data_determine_by_one_standard_error_in_all(
+    seed, share, weights
+):
+    model, _, clean = experiment(seed, joints=2, samples=300)
+    rng = np.random.default_rng(seed)
+    noise = share * clean.torque.std(axis=0) * noise_like("AR(1)", rng, (300, 2))
+    log = replace(clean, torque=clean.torque + noise)
+    base = base_parameters(model)
+    regression = build_regression(model, log)
+    sigma = np.array(weights) * share * clean.torque.std(axis=0)
+    regression = regression.weighted(sigma)
+    bodies = [PhysicalConsistency()]
+    estimate = constrained_least_squares(
+        model, regression, constraints=bodies, base=base
+    )
+    best = best_fit(model, regression, bodies, base=base)
+    moved = estimate.base_values - base.projection @ best.parameters
+    covariance = least_squares(model, regression, base=base).base_covariance
+    whitened = np.linalg.solve(np.linalg.cholesky(covariance), moved)
+    # Beyond the best fit's own gap, of a thousandth of the misfit's square at most.
+    assert whitened @ whitened <= 1.05
+
+
+def test_what_standard_errors_rest_on_is_said():
+    model, _, log = experiment(5, joints=2, samples=3000)
+    base = base_parameters(model)
+    rng = np.random.default_rng(0)
+    size = 0.1 * log.torque.std(axis=0)
+
+    def said(kind):
+        noisy = log.torque + size * noise_like(kind, rng, log.torque.shape)
+        regression = build_regression(model, replace(log, torque=noisy))
+        return regression, least_squares(model, regression, base=base).notes[0]
+
+    regression, white = said("white")
+    assert "white" in white
+    assert "times those of white noise" in said("AR(1)")[1]
+    bare = replace(regression, effective=None)
+    assert "no residuals were at hand" in least_squares(model, bare).notes[0]
+
+
+def test_few_effective_samples_are_said():
+    rng = np.random.default_rng(1)
+    model, truth, log = experiment(2, joints=3, samples=10)
+    motion = Recording(log.joints, *slow_motion(3, 0.9, rng))
+    clean = simulate_torque(model, truth, motion)
+    noise = noise_like("low-passed", rng, clean.torque.shape)
+    noisy = replace(clean, torque=clean.torque + noise)
+    found = residual_noise(build_regression(model, noisy), base_parameters(model))
+    assert "errors are rough" in found.sentence
