@@ -41,9 +41,6 @@ def add_init(commands: Any) -> None:
         default=Path("problem.toml"),
         help="to write (default: problem.toml)",
     )
-    command.add_argument(
-        "--force", action="store_true", help="write over a file that is there"
-    )
     add_dry_run(command)
     add_draft_options(command)
 

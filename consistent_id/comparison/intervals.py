@@ -10,13 +10,12 @@ as large as the nominal one.
 """
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
 
 from consistent_id._support.arrays import Array, Vector, freeze_arrays
-from consistent_id._support.threads import single_threaded
+from consistent_id._support.threads import single_threaded, worker_threads
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.cones.programmes import (
     Ball,
@@ -115,7 +114,7 @@ def consistent_intervals(
         least, most = programme.least(up), -programme.least(-up)
         return max(least, low[i]), min(most, high[i])
 
-    with ThreadPoolExecutor(_WORKERS) as pool:
+    with worker_threads(_WORKERS) as pool:
         found = list(pool.map(bounds, range(len(unit))))
     return ConsistentIntervals(model.layout, np.array(found) * unit[:, None], slack)
 

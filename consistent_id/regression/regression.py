@@ -6,7 +6,6 @@ recordings add; weights of joints scale factors.
 """
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, NamedTuple, Self
@@ -23,7 +22,7 @@ from consistent_id._support.arrays import (
     freeze,
     frozen,
 )
-from consistent_id._support.threads import single_threaded
+from consistent_id._support.threads import single_threaded, worker_threads
 from consistent_id.errors import NotExcitedError, ProblemError, RecordingError
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.clocks import uniform_rate
@@ -180,7 +179,7 @@ def build_regression(
     # inside a factorisation of this size make it slower, and change its last bits.
     # Pieces are merged in order, whatever the number of workers.
     merged: list[Matrix] = []
-    with ThreadPoolExecutor(_WORKERS) as pool:
+    with worker_threads(_WORKERS) as pool:
         for factors in pool.map(compressed, pieces):
             merged = (
                 [triangle(np.vstack(p)) for p in zip(merged, factors, strict=True)]

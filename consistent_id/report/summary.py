@@ -255,7 +255,8 @@ def uncertainty_table(found: Uncertainty) -> Table:
         ),
         (
             f"bootstrap: {len(resampled.estimates)} estimates from segments drawn "
-            f"anew, {resampled.certified} certified, {resampled.failed} failed",
+            f"anew, {resampled.certified} certified, {resampled.failed} failed"
+            + ("; interrupted" if resampled.interrupted else ""),
             "any consistent robot: proven bounds on what satisfies the constraints and "
             f"fits within {found.intervals.slack:.2%} of the best",
             "standard error and bootstrap show how far the estimate would scatter; "

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from consistent_id._support.inputs import require_unpacked
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers.columns import require
 from consistent_id.recordings.readers.named_arrays import Arrays
@@ -24,6 +25,9 @@ def read_arrays(path: Path, names: Sequence[str]) -> Arrays:
 
     require(str(path), names, array_names(path))
     try:
+        rows = pq.read_metadata(path).num_rows
+        unpacked, stored = 8 * rows * len(names), path.stat().st_size
+        require_unpacked(path, unpacked, stored, RecordingError)
         table = pq.read_table(path, columns=list(names))
     except (pa.ArrowException, OSError) as cause:
         raise RecordingError(f"{path}: not readable as Parquet: {cause}") from None

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator
 from math import isfinite
 from pathlib import Path
 
+from consistent_id._support.inputs import LARGEST_MODEL, read_input
 from consistent_id.errors import ModelError
 from consistent_id.robot.loaders.urdf_finding import Finding
 from consistent_id.robot.loaders.urdf_parts import (
@@ -51,10 +52,7 @@ def lint_urdf(path: str | Path) -> tuple[Finding, ...]:
 
 def read_bytes(path: Path) -> bytes:
     """Return a file's content, or raise a `ModelError` that names it."""
-    try:
-        return path.read_bytes()
-    except OSError as cause:
-        raise ModelError(f"{path}: cannot be read ({cause.strerror})") from None
+    return read_input(path, ModelError, LARGEST_MODEL)
 
 
 def urdf_findings(root: Element, moves: Callable[[str], bool]) -> tuple[Finding, ...]:

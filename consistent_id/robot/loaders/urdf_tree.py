@@ -2,6 +2,8 @@
 
 from collections.abc import Iterator
 
+from consistent_id._support.inputs import LARGEST_TREE
+from consistent_id._support.run import current_run
 from consistent_id.robot.loaders.urdf_finding import Finding
 from consistent_id.robot.loaders.xml import Element
 from consistent_id.robot.parameters import did_you_mean
@@ -9,6 +11,15 @@ from consistent_id.robot.parameters import did_you_mean
 
 def tree_findings(root: Element) -> Iterator[Finding]:
     """Find what keeps links and joints from being one tree."""
+    joints = sum(1 for _ in root.all("joint"))
+    if joints > LARGEST_TREE and not current_run().large_files:
+        yield Finding(
+            root.line,
+            "error",
+            f"{joints} joints, expected at most {LARGEST_TREE}; say --large-files "
+            "(in Python: with consistent_id.large_files()) if it is meant",
+        )
+        return
     links = {link.name: link for link in root.all("link")}
     if not links:
         yield Finding(root.line, "error", "the robot has no <link>")
