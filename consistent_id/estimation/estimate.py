@@ -3,7 +3,7 @@
 import json
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self, get_args
+from typing import TYPE_CHECKING, Any, Self, cast, get_args
 
 import numpy as np
 
@@ -13,14 +13,13 @@ from consistent_id._support.files import write_atomically
 from consistent_id._support.tables import Table
 from consistent_id.constraints.cones.certificate import Verdict
 from consistent_id.errors import ProblemError
+from consistent_id.estimation.estimate_file import FORMAT, read_estimate
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.regressor import TorqueModel
 
 if TYPE_CHECKING:
     from pandas import DataFrame
-
-_FORMAT = "consistent_id estimate 1"
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,7 +221,7 @@ class Estimate:
         errors = self.standard_errors
         layout = self.model.layout
         return {
-            "format": _FORMAT,
+            "format": FORMAT,
             "robot": self.model.robot.name,
             "method": self.method,
             "certificate": {
@@ -279,40 +278,34 @@ class Estimate:
         ProblemError
             If the file is not an estimate of this model.
         """
-        record = _read(Path(path))
-        try:
-            named, verdict = record["parameters"], record["certificate"]["verdict"]
-            if record["format"] != _FORMAT or verdict not in get_args(Verdict):
-                raise ProblemError(f"{path}: not an estimate in the form {_FORMAT!r}")
-            if tuple(named) != model.layout.names:
-                raise ProblemError(
-                    f"{path}: its parameters are not those of robot "
-                    f"{model.robot.name!r} with these drive terms"
-                )
-            return cls(
-                method=record["method"],
-                model=model,
-                base=base,
-                parameters=np.array([entry["value"] for entry in named.values()]),
-                base_covariance=None,
-                origins=tuple(entry["origin"] for entry in named.values()),
-                undetermined=tuple(record["undetermined"]),
-                sigma=np.array([record["sigma"][j] for j in model.torque_joints]),
-                certificate=Certificate(**record["certificate"]),
-                notes=tuple(record["notes"]),
-                seconds=record["seconds"],
+        record = read_estimate(Path(path))
+        certificate = record.certificate
+        if record.format != FORMAT or certificate.verdict not in get_args(Verdict):
+            raise ProblemError(f"{path}: not an estimate in the form {FORMAT!r}")
+        if tuple(record.parameters) != model.layout.names or set(record.sigma) != set(
+            model.torque_joints
+        ):
+            raise ProblemError(
+                f"{path}: its parameters are not those of robot "
+                f"{model.robot.name!r} with these drive terms"
             )
-        except (KeyError, TypeError, AttributeError) as cause:
-            raise ProblemError(f"{path}: not an estimate: {cause!r}") from None
-
-
-def _read(path: Path) -> Any:
-    try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except OSError as cause:
-        raise ProblemError(f"{path}: cannot be read ({cause.strerror})") from None
-    except ValueError as cause:
-        raise ProblemError(f"{path}: not JSON: {cause}") from None
+        return cls(
+            method=record.method,
+            model=model,
+            base=base,
+            parameters=np.array([entry.value for entry in record.parameters.values()]),
+            base_covariance=None,
+            origins=tuple(entry.origin for entry in record.parameters.values()),
+            undetermined=tuple(record.undetermined),
+            sigma=np.array([record.sigma[j] for j in model.torque_joints]),
+            certificate=Certificate(
+                cast(Verdict, certificate.verdict),
+                certificate.reason,
+                cast(dict[str, float], certificate.figures),
+            ),
+            notes=tuple(record.notes),
+            seconds=record.seconds,
+        )
 
 
 def _finite(value: float) -> float | None:

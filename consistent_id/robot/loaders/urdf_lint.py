@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Callable, Iterator
-from math import isfinite
+from math import inf, isfinite
 from pathlib import Path
 
 from consistent_id._support.inputs import LARGEST_MODEL, read_input
@@ -27,6 +27,7 @@ _NUMBERS = {
     ("limit", "effort"): 1,
     **{("inertia", entry): 1 for entry in INERTIA_ENTRIES},
 }
+LARGEST_OF_A_BODY = 1e30  # kg, m or kg m^2: more than of any body
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _EXTENSIONS = ("visual", "collision", "gazebo", "ros2_control", "transmission")
 
@@ -107,7 +108,8 @@ def _numbers(element: Element) -> Iterator[Finding]:
     for part in element.below(without=_EXTENSIONS):
         for attribute, value in part.attributes.items():
             count = _NUMBERS.get((part.tag, attribute))
-            if count is not None and not readable_numbers(value, count):
+            most = inf if part.tag == "limit" else LARGEST_OF_A_BODY
+            if count is not None and not readable_numbers(value, count, most):
                 yield Finding(
                     part.line,
                     "error",
@@ -117,8 +119,14 @@ def _numbers(element: Element) -> Iterator[Finding]:
                 )
 
 
-def readable_numbers(value: str, count: int) -> bool:
-    """Return whether text consists of so many finite decimal numbers."""
+def readable_numbers(value: str, count: int, most: float = inf) -> bool:
+    """Return whether text consists of so many finite decimal numbers, none too large.
+
+    Limits may be as large as numbers get, in place of none at all; products of what a
+    body states (`LARGEST_OF_A_BODY`) must be numbers, too.
+    """
     words = value.split()
     numbers = [float(word) for word in words if _NUMBER.fullmatch(word)]
-    return len(words) == len(numbers) == count and all(map(isfinite, numbers))
+    return len(words) == len(numbers) == count and all(
+        isfinite(number) and abs(number) <= most for number in numbers
+    )
