@@ -14,7 +14,7 @@ from consistent_id.errors import ConsistentIdError
 MEBIBYTE = 2**20
 LARGEST_MODEL = 32 * MEBIBYTE  # bytes; URDF and MJCF of robots have less than 1 MiB
 LARGEST_PROBLEM = MEBIBYTE  # bytes; the longest of this repository has 8 kB
-LARGEST_TREE = 2000  # joints and bodies; a humanoid with two hands has about 150
+LARGEST_TREE = 1000  # joints and bodies; a humanoid with two hands has about 150
 MOST_KEYS = 10_000  # of a TOML file; the longest of this repository has 300
 MOST_DOTS = 32  # before a line's "="; TOML's tables in tables take quadratic time
 # Measured signals have noise, and no compression makes them 64 times smaller; small

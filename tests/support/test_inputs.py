@@ -50,13 +50,13 @@ def test_an_npz_array_that_states_more_than_it_has_is_refused(tmp_path):
 
 
 def test_an_npz_file_that_unpacks_to_much_more_is_refused_unless_meant(tmp_path):
-    zeros = np.zeros(20_000_000)
+    zeros = np.zeros(20_000_000, np.int8)  # eight times as much as numbers
     np.savez_compressed(tmp_path / "log.npz", time=zeros, q_a=zeros)
     assert (tmp_path / "log.npz").stat().st_size < 10**6
     with pytest.raises(RecordingError, match=f"305 MiB of data.*{LARGE}"):
         read(tmp_path / "log.npz")
-    with large_files(), pytest.raises(RecordingError, match="not increasing|time"):
-        read(tmp_path / "log.npz")
+    with large_files(), pytest.raises(RecordingError, match="no column 'q_b'"):
+        read_recording(tmp_path / "log.npz", ["b"])
 
 
 def test_an_hdf5_dataset_without_data_for_its_shape_is_refused(tmp_path):
@@ -142,7 +142,7 @@ def test_nested_cells_without_end_are_refused(tmp_path):
 
 
 def test_a_parquet_file_of_many_equal_rows_is_refused_unless_meant(tmp_path):
-    many = pa.array(np.zeros(40_000_000))
+    many = pa.array(np.zeros(20_000_000))
     table = pa.table({"time": many, "q_a": many})
     pq.write_table(table, tmp_path / "log.parquet", compression="zstd")
     with pytest.raises(RecordingError, match=LARGE):
@@ -207,8 +207,19 @@ def chain(joints):
 
 def test_a_chain_of_thousands_of_joints_is_refused(tmp_path):
     (tmp_path / "robot.urdf").write_text(chain(3000))
-    with pytest.raises(ModelError, match="3000 joints, expected at most 2000"):
+    with pytest.raises(ModelError, match="3000 joints, expected at most 1000"):
         load_urdf(tmp_path / "robot.urdf")
+
+
+def test_links_that_are_fixed_to_one_another_in_a_ring_are_refused(tmp_path):
+    ring = "".join(
+        f'<link name="{a}"/><joint name="{a}{b}" type="fixed"><parent link="{a}"/>'
+        f'<child link="{b}"/></joint>'
+        for a, b in ("ab", "ba")
+    )
+    (tmp_path / "robot.urdf").write_text(f"<robot name='ring'>{ring}</robot>")
+    with pytest.raises(ModelError, match="carry one another: a < b < a"):
+        load_urdf(tmp_path / "robot.urdf", base="a")
 
 
 def test_copies_of_bodies_without_end_are_refused(tmp_path):
