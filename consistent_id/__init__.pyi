@@ -1,6 +1,7 @@
 # The public names and where they live.  Type checkers and editors read this file, and
 # so does `_face`, which imports a name's module when the name is first asked for.
 
+from consistent_id._support.run import large_files
 from consistent_id.comparison.base_feasibility import base_feasibility
 from consistent_id.comparison.comparison import Comparison, compare
 from consistent_id.comparison.constraint_prices import ShadowPrice, shadow_prices
@@ -365,6 +366,7 @@ __all__ = [
     "joint_torque_regressor",
     "judge",
     "kalman_differentiated",
+    "large_files",
     "least_squares",
     "link_conditions",
     "lint_robot",

@@ -1,30 +1,120 @@
-"""Files that are either whole or not there."""
+"""Files that are written: whole or not there, several together, never over others'."""
 
 import os
+import platform
+import re
+import shutil
+import stat
 import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from pathlib import Path
 
+from consistent_id._support.run import current_run, is_input
 from consistent_id.errors import ProblemError
+
+# How files of this package say so, each as its format allows: in a comment, in the
+# header of a page, a figure or a table, or by the key "format".  NPZ has UTF-32.
+_MARK = re.compile(
+    rb'(?:<!--|#|//|/\*|"""|content="|Software\0)\s*consistent-id: '
+    rb'|"format": "consistent_id [a-z]+ \d'
+    rb"|consistent-id: samples of a trajectory"  # in a Parquet file's metadata
+    rb"|" + re.escape("consistent_id trajectory ".encode("utf-32-le"))
+)
+# Samples of trajectories and CasADi's functions have no place for a mark, but a form
+# that is their own; CasADi writes a byte as two letters, here those of "dynamics".
+_FORM = re.compile(
+    rb"jhpnnagi\w{,200}egjhogbgngjgdgdh"
+    rb"|time,q_[^\n]*,dq_[^\n]*,ddq_(?:(?!,(?:tau|torque|effort|current))[^\n])*\n"
+    rb'|\{"header": \{"stamp": \{"sec": 0, "nanosec": 0\}, "frame_id": ""\},\n'
+    rb'"joint_names": '
+)
+_LOOKED_AT = 65536  # bytes at both ends in which a mark is looked for
+_EDITED = (".toml",)  # files that people go on writing: never over them
+_STAGED = ".consistent-id-staged."
+
+_Files = dict[Path, bytes]
+_waiting: ContextVar[_Files | None] = ContextVar("waiting", default=None)
 
 
 def write_atomically(path: str | Path, content: str | bytes) -> Path:
-    """Write through a temporary file, fsync and rename; return the path.
+    """Write a file whole or not at all, and return its path.
 
-    Folders are made as needed.  A reader sees the old content or the new one.
+    Folders are made as needed.  A reader sees the old content or the new one.  Inside
+    `together` the file appears when all are there.
 
     Raises
     ------
     ProblemError
-        If the place cannot be written to.
+        If the place cannot be written to; in the shell tool also as
+        `require_replaceable`.
     """
     path = Path(path)
     data = content.encode() if isinstance(content, str) else content
+    require_replaceable(path, data)
+    waiting = _waiting.get()
+    if waiting is None:
+        _place({path: data})
+    else:
+        waiting[path] = data
+    return path
+
+
+@contextmanager
+def together() -> Iterator[None]:
+    """Let files that are written inside appear together, or none of them.
+
+    They are written beside their places first, and then renamed.  A folder that was
+    not there appears in one step; in one that was, files are renamed one by one, and
+    back again if one of them fails.
+    """
+    if _waiting.get() is not None:
+        yield
+        return
+    waiting: _Files = {}
+    token = _waiting.set(waiting)
     try:
-        return _written(path, data)
-    except OSError as cause:
+        yield
+    finally:
+        _waiting.reset(token)
+    _place(waiting)
+
+
+def require_replaceable(path: Path, content: bytes | None = None) -> None:
+    """Refuse to write over an input of the run, or over a file that others wrote.
+
+    Parameters
+    ----------
+    path : Path
+    content : bytes, optional
+        What is to be written; a file that holds it already is in nobody's way.
+
+    Raises
+    ------
+    ProblemError
+        Unless the user has said ``--force``.  Folders and devices are never replaced.
+    """
+    try:
+        status = path.stat()
+    except OSError:
+        return  # not there; whatever else is wrong, writing will say
+    if not stat.S_ISREG(status.st_mode):
+        raise ProblemError(f"{path} is no regular file, expected a file to write")
+    if current_run().force:
+        return
+    if is_input(status):
         raise ProblemError(
-            f"{path}: cannot be written ({cause.strerror}); choose another folder"
-        ) from None
+            f"{path} is an input of this run and would be overwritten; name another "
+            "file, or say --force"
+        )
+    if content is not None and _holds(path, content):
+        return
+    if not _is_ours(path):
+        raise ProblemError(
+            f"{path} is there already, and nothing in it says that consistent-id "
+            "wrote it; name another file, or say --force"
+        )
 
 
 def require_writable(folder: Path) -> None:
@@ -37,17 +127,124 @@ def require_writable(folder: Path) -> None:
         raise ProblemError(f"{folder}: cannot be written to; choose another folder")
 
 
-def _written(path: Path, data: bytes) -> Path:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+def require_writable_file(file: Path) -> None:
+    """Refuse a file that could not be written in the end, before work for it."""
+    require_writable(file.parent)
+    require_replaceable(file)
+
+
+def _holds(path: Path, content: bytes) -> bool:
     try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
+        return path.stat().st_size == len(content) and path.read_bytes() == content
+    except OSError:
+        return False
+
+
+def _is_ours(path: Path) -> bool:
+    if path.suffix.lower() in _EDITED:
+        return False
+    try:
+        with path.open("rb") as file:
+            head = file.read(_LOOKED_AT)
+            file.seek(max(0, os.fstat(file.fileno()).st_size - _LOOKED_AT))
+            tail = file.read(_LOOKED_AT)
+    except OSError:
+        return False
+    marked = _MARK.search(head) or _MARK.search(tail) or _FORM.match(head)
+    return marked is not None
+
+
+def _place(files: Mapping[Path, bytes]) -> None:
+    """Write files beside their places, then rename all of them."""
+    staged: list[Path] = []
+    moves: list[tuple[Path, Path]] = []
+    path = Path()
+    try:
+        folders = list(dict.fromkeys(path.parent for path in files))
+        for folder in folders:
+            own = {p: data for p, data in files.items() if p.parent == folder}
+            path = next(iter(own))
+            new = folders == [folder] and not folder.exists()
+            beside = folder.parent if new else folder
+            beside.mkdir(parents=True, exist_ok=True)
+            staging = _staging(beside)
+            staged.append(staging)
+            for path, data in own.items():
+                _write(staging / path.name, data)
+            if new:
+                os.chmod(staging, 0o755)
+                moves.append((staging, folder))
+            else:
+                moves += [(staging / p.name, p) for p in own]
+        _rename(moves)
+    except OSError as cause:
+        raise ProblemError(
+            f"{path}: cannot be written ({cause.strerror}); choose another folder"
+        ) from None
+    finally:
+        for staging in staged:
+            shutil.rmtree(staging, ignore_errors=True)
+
+
+def _rename(moves: list[tuple[Path, Path]]) -> None:
+    """Rename all, or none: what stood in a place comes back if one fails."""
+    done: list[tuple[Path, Path]] = []
+    try:
+        for source, target in moves:
+            before = source.with_name(f"{source.name}.before")
+            if target.is_file():
+                with suppress(OSError):  # some file systems have no links
+                    os.link(target, before)
+            os.replace(source, target)
+            done.append((before, target))
     except BaseException:
-        os.unlink(temporary)
+        for before, target in reversed(done):
+            if before.exists():
+                os.replace(before, target)
+            elif target.is_dir():
+                shutil.rmtree(target)
+            else:
+                target.unlink(missing_ok=True)
         raise
-    return path
+    for folder in dict.fromkeys(target.parent for _, target in moves):
+        _synchronise(folder)
+
+
+def _write(path: Path, data: bytes) -> None:
+    with path.open("wb") as file:
+        file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
+    os.chmod(path, 0o644)
+
+
+def _synchronise(folder: Path) -> None:
+    """Make renames last; not every system lets folders be opened."""
+    with suppress(OSError):
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+
+
+def _staging(folder: Path) -> Path:
+    """Return a new folder for files in the making; remove those of dead processes."""
+    here = f"{_STAGED}{platform.node()}."
+    for other in folder.glob(f"{here}*"):
+        process = other.name.removeprefix(here).partition(".")[0]
+        if process.isdigit() and not _lives(int(process)):
+            shutil.rmtree(other, ignore_errors=True)
+    return Path(tempfile.mkdtemp(dir=folder, prefix=f"{here}{os.getpid()}."))
+
+
+def _lives(process: int) -> bool:
+    if os.name != "posix":
+        return True  # signal 0 asks nothing there
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        return True
+    return True

@@ -1,4 +1,9 @@
-"""Interrupts that are noted, so that long work can end with what it has."""
+"""Interrupts and time limits: one rule for all long work.
+
+The first interrupt ends the work.  Work that has something worth keeping goes on to
+show it, says that it was interrupted, and notes this in the run; all other work raises
+`KeyboardInterrupt`.  The second interrupt stops at once.
+"""
 
 import signal
 import threading
@@ -6,7 +11,23 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
+from consistent_id._support.run import current_run
+
 Interrupted = Callable[[], bool]
+
+
+class OutOfTime(KeyboardInterrupt):
+    """The time is over: an interrupt by the clock."""
+
+
+class Terminated(BaseException):
+    """The system wants the process to end, as by ``kill``."""
+
+
+def note_stop(cause: KeyboardInterrupt) -> None:
+    """Note in the run that work ended early and goes on to show what it has."""
+    by_clock = isinstance(cause, OutOfTime)
+    current_run().stopped = "out of time" if by_clock else "interrupted"
 
 
 @contextmanager
@@ -30,3 +51,22 @@ def noted_interrupts() -> Iterator[Interrupted]:
         yield noted.is_set
     finally:
         signal.signal(signal.SIGINT, before)
+        if noted.is_set():
+            note_stop(KeyboardInterrupt())
+
+
+@contextmanager
+def terminations_raised() -> Iterator[None]:
+    """Let SIGTERM unwind the work, so that nothing half-made is left behind."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def end(number: int, frame: FrameType | None) -> None:
+        raise Terminated
+
+    before = signal.signal(signal.SIGTERM, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)

@@ -1,6 +1,8 @@
-"""One BLAS thread: for matrices of this size more are slower, and change last bits."""
+"""Threads: one for BLAS, of which more are slower and change last bits; our own."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from functools import lru_cache, wraps
 from typing import Any, ParamSpec, TypeVar
 
@@ -17,6 +19,21 @@ def single_threaded(function: Callable[_P, _R]) -> Callable[_P, _R]:
             return function(*args, **kwargs)
 
     return run
+
+
+@contextmanager
+def worker_threads(count: int) -> Iterator[ThreadPoolExecutor]:
+    """Yield threads for work side by side; what waits when an error comes is dropped.
+
+    So an interrupt need not wait until all that was asked for has been done.
+    """
+    pool = ThreadPoolExecutor(count)
+    try:
+        yield pool
+    except BaseException:
+        pool.shutdown(wait=False, cancel_futures=True)
+        raise
+    pool.shutdown()
 
 
 @lru_cache(maxsize=1)

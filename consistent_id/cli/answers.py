@@ -78,7 +78,10 @@ def show(options: argparse.Namespace, answer: Answer) -> int:
 
 def _write(options: argparse.Namespace, answer: Answer, *, shown: bool = True) -> None:
     """Write an answer's files and name them."""
-    paths = answer.write() if answer.write is not None else ()
+    from consistent_id._support.files import together
+
+    with together():
+        paths = answer.write() if answer.write is not None else ()
     if paths and shown and not options.json:
         print_text(options, "\nwritten: " + ", ".join(str(path) for path in paths))
 

@@ -28,6 +28,7 @@ def add_completion(commands: Any) -> None:
         run_completion,
         more=_MORE,
         examples=_EXAMPLES,
+        reads=False,
     )
     command.add_argument("shell", choices=("bash", "zsh", "fish"))
 

@@ -146,13 +146,13 @@ def _identify_log(options: argparse.Namespace) -> Answer:
 
 
 def _require_writable(options: argparse.Namespace) -> None:
-    from consistent_id._support.files import require_writable
+    from consistent_id._support.files import require_writable, require_writable_file
 
     if not options.dry_run:
         if options.output is not None:
             require_writable(options.output)
         if options.report is not None:
-            require_writable(options.report.parent)
+            require_writable_file(options.report)
 
 
 def _answer(

@@ -41,9 +41,6 @@ def add_init(commands: Any) -> None:
         default=Path("problem.toml"),
         help="to write (default: problem.toml)",
     )
-    command.add_argument(
-        "--force", action="store_true", help="write over a file that is there"
-    )
     add_dry_run(command)
     add_draft_options(command)
 
@@ -51,6 +48,7 @@ def add_init(commands: Any) -> None:
 def run_init(options: argparse.Namespace) -> int:
     """Write a problem file; return the exit code."""
     from consistent_id._support.files import write_atomically
+    from consistent_id.problems.paths import names_outside
 
     file = options.output
     if file.exists() and not (options.force or options.dry_run):
@@ -59,10 +57,11 @@ def run_init(options: argparse.Namespace) -> int:
         )
     draft = draft_of(options, options.model, options.log)
     text = draft.text(file.parent)
+    outside = any(names_outside(draft.table(file.parent), file))
     shown = text
     if not options.dry_run:
         shown += f"\nwritten: {write_atomically(file, text)}"
-        shown += f"\nnext: consistent-id compare {file}"
+        shown += f"\nnext: consistent-id compare {file}{' --trust' * outside}"
     record = {
         "problem": draft.name,
         "text": text,

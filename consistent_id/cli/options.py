@@ -10,7 +10,14 @@ Run = Callable[[argparse.Namespace], int]
 
 
 def add_command(
-    commands: Any, name: str, text: str, run: Run, *, more: str = "", examples: str
+    commands: Any,
+    name: str,
+    text: str,
+    run: Run,
+    *,
+    more: str = "",
+    examples: str,
+    reads: bool = True,
 ) -> argparse.ArgumentParser:
     """Add a command to a parser's commands, with what every command takes.
 
@@ -27,6 +34,8 @@ def add_command(
         Further text of the command's own help.
     examples : str
         Lines, each a call that works.
+    reads : bool
+        Whether it reads files.
     """
     shown = "\n".join(f"  {line}" for line in examples.strip().splitlines())
     command: argparse.ArgumentParser = commands.add_parser(
@@ -47,7 +56,24 @@ def add_command(
         action="store_true",
         help="nothing but errors, and JSON if asked for; see the exit code",
     )
+    if reads:
+        _add_leave(command)
     return command
+
+
+def _add_leave(command: argparse.ArgumentParser) -> None:
+    """Take leave to read what files of strangers must not ask for."""
+    files = command.add_argument_group("files of strangers")
+    files.add_argument(
+        "--trust",
+        action="store_true",
+        help="let a problem file name files anywhere, and any environment variable",
+    )
+    files.add_argument(
+        "--large-files",
+        action="store_true",
+        help="read files larger than robots and logs are",
+    )
 
 
 def add_problem(command: argparse.ArgumentParser) -> None:
@@ -69,8 +95,18 @@ def add_output(command: argparse.ArgumentParser, default: str | None) -> None:
 
 
 def add_dry_run(command: argparse.ArgumentParser) -> None:
-    """Take leave to do everything but write files."""
+    """Take leave to do everything but write files, or to write over any file."""
     command.add_argument("--dry-run", action="store_true", help="write nothing")
+    add_force(command)
+
+
+def add_force(command: argparse.ArgumentParser) -> None:
+    """Take leave to write over files that are inputs or others'."""
+    command.add_argument(
+        "--force",
+        action="store_true",
+        help="write even over an input, or a file that this tool did not write",
+    )
 
 
 def add_accept(command: argparse.ArgumentParser) -> None:

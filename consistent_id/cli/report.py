@@ -6,7 +6,12 @@ from pathlib import Path
 from typing import Any
 
 from consistent_id.cli.answers import Answer, show, shows_progress
-from consistent_id.cli.options import add_accept, add_command, add_time_limit
+from consistent_id.cli.options import (
+    add_accept,
+    add_command,
+    add_force,
+    add_time_limit,
+)
 
 _MORE = """It begins with the estimate to use, and why; faults of the data, parameters
 with intervals, links, validation torque and residuals follow. The file needs no other
@@ -36,6 +41,7 @@ def add_report(commands: Any) -> None:
         metavar="FILE",
         help="file to write (default: results/NAME/report.html)",
     )
+    add_force(command)
     command.add_argument(
         "--seed", type=int, default=0, help="of the bootstrap (default: 0)"
     )
@@ -45,7 +51,7 @@ def add_report(commands: Any) -> None:
 
 def run_report(options: argparse.Namespace) -> int:
     """Write a report; return the exit code."""
-    from consistent_id._support.files import require_writable
+    from consistent_id._support.files import require_writable_file
     from consistent_id.problems.problem import load_problem
     from consistent_id.problems.study import run_study
     from consistent_id.report import write_report
@@ -53,7 +59,7 @@ def run_report(options: argparse.Namespace) -> int:
 
     problem = load_problem(options.problem)
     file = options.output or Path("results") / problem.name / "report.html"
-    require_writable(file.parent)
+    require_writable_file(file)
     study = run_study(
         problem,
         seed=options.seed,

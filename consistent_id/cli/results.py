@@ -12,13 +12,20 @@ from consistent_id.problems.study import Study
 from consistent_id.report.figures import motion_figure, save_figure, torque_figures
 from consistent_id.report.study_record import study_record
 
+_MARK = "<!-- consistent-id: tables of a comparison -->"
 _DRAWN = (Method.LEAST_SQUARES, Method.CONSTRAINED)
 
 
 def write_comparison(study: Study, tables: Sequence[Table], folder: Path) -> list[Path]:
     """Write a study as ``comparison.md``, ``comparison.json`` and figures."""
     text = "\n".join(
-        [f"# {study.problem.name}", "", *(table.markdown() for table in tables)]
+        [
+            _MARK,
+            "",
+            f"# {study.problem.name}",
+            "",
+            *(table.markdown() for table in tables),
+        ]
     )
     record = json.dumps(study_record(study), indent=1, allow_nan=False)
     return [

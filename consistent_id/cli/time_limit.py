@@ -6,15 +6,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
+from consistent_id._support.interrupts import OutOfTime
 from consistent_id.errors import ProblemError
-
-
-class OutOfTime(BaseException):
-    """The time is over.
-
-    Not an `Exception`, like an interruption: code that retries or reports after an
-    error must not catch it.
-    """
 
 
 @contextmanager

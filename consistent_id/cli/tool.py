@@ -1,17 +1,17 @@
 """The shell tool: ``consistent-id COMMAND``; its help lists the commands.
 
 Exit codes: 0 done, 1 do not use (the estimate, or a faulty log), 2 wrong usage or
-input, 3 solver failure or out of time, 130 interrupted.
+input, 3 solver failure or out of time, 70 a bug, 130 interrupted, 143 terminated.
 """
 
 import argparse
-import sys
 from collections.abc import Sequence
 
-from consistent_id.cli.answers import print_error, warnings_unless
+from consistent_id.cli.answers import warnings_unless
 from consistent_id.cli.check import add_check
 from consistent_id.cli.compare import add_compare
 from consistent_id.cli.completion import add_completion
+from consistent_id.cli.endings import run_to_its_end
 from consistent_id.cli.excite import add_excite
 from consistent_id.cli.export import add_export
 from consistent_id.cli.identify import add_identify
@@ -21,8 +21,7 @@ from consistent_id.cli.lint import add_lint
 from consistent_id.cli.repair import add_repair
 from consistent_id.cli.report import add_report
 from consistent_id.cli.reproduce import add_reproduce
-from consistent_id.cli.time_limit import OutOfTime, within
-from consistent_id.errors import ConsistentIdError
+from consistent_id.cli.time_limit import within
 
 _COMMANDS = (
     add_init,
@@ -53,28 +52,20 @@ _EPILOG = """examples:
 
 consistent-id COMMAND --help has more. Exit codes: 0 done, 1 do not use (the
 estimate, or a faulty log), 2 wrong usage or input, 3 solver failure or out of time,
-130 interrupted.
+70 a bug, 130 interrupted (what is shown then is the best so far), 143 terminated.
 """
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the tool; return its exit code."""
     options = tool_parser().parse_args(arguments)
+    return run_to_its_end(options, _run)
+
+
+def _run(options: argparse.Namespace) -> int:
     limit = getattr(options, "give_up_after", None)
-    try:
-        with warnings_unless(options.quiet), within(limit):
-            return int(options.run(options))
-    except ConsistentIdError as error:
-        return print_error(error)
-    except OutOfTime:
-        print(f"consistent-id: not done within {limit:g} s, given up", file=sys.stderr)
-        return 3
-    except KeyboardInterrupt:
-        print("consistent-id: interrupted", file=sys.stderr)
-        return 130
-    except BrokenPipeError:
-        sys.stderr.close()  # the reader, such as `head`, has gone
-        return 0
+    with warnings_unless(options.quiet), within(limit):
+        return int(options.run(options))
 
 
 def tool_parser() -> argparse.ArgumentParser:

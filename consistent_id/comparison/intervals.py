@@ -14,13 +14,12 @@ unless it is a thousand times as large as the nominal one.
 """
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
 
 from consistent_id._support.arrays import Array, Vector, freeze_arrays
-from consistent_id._support.threads import single_threaded
+from consistent_id._support.threads import single_threaded, worker_threads
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.cones.programmes import (
     Ball,
@@ -154,7 +153,7 @@ def consistent_intervals(
         ends = programme.least(up, allowed), -programme.least(-up, allowed)
         return max(ends[0], low[i]), min(ends[1], high[i])
 
-    with ThreadPoolExecutor(_WORKERS) as pool:
+    with worker_threads(_WORKERS) as pool:
         found = list(pool.map(bounds, range(len(unit))))
     return ConsistentIntervals(
         layout=model.layout,

@@ -98,6 +98,7 @@ class Uncertainty:
                 "estimates": len(resampled.estimates),
                 "certified": resampled.certified,
                 "failed": resampled.failed,
+                "interrupted": resampled.interrupted,
             },
             "slack": self.intervals.slack,
             "level": self.intervals.level,

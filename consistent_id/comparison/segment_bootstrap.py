@@ -6,7 +6,6 @@ so is every constraint.  The prior keeps the weight that it had for the data the
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import islice
 from time import perf_counter
@@ -14,7 +13,8 @@ from time import perf_counter
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays
-from consistent_id._support.threads import single_threaded
+from consistent_id._support.interrupts import note_stop
+from consistent_id._support.threads import single_threaded, worker_threads
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.priors import Prior
 from consistent_id.errors import ConsistentIdError, ProblemError, SolverError
@@ -48,6 +48,8 @@ class Bootstrap:
         How many replicates gave no estimate.
     seconds : float
         Wall time, [s].
+    interrupted : bool
+        Whether the user, or a time limit, ended it before all replicates.
     """
 
     layout: ParameterLayout
@@ -55,6 +57,7 @@ class Bootstrap:
     certified: int
     failed: int
     seconds: float
+    interrupted: bool = False
 
     def __post_init__(self) -> None:
         freeze_arrays(self, {"estimates": (None, len(self.layout))})
@@ -148,6 +151,7 @@ def bootstrap(
         certified=sum(certified for _, certified in good),
         failed=len(found) - len(good),
         seconds=perf_counter() - started,
+        interrupted=len(found) < replicates,
     )
 
 
@@ -167,13 +171,14 @@ def _collected(
     from tqdm import tqdm
 
     found: list[_Replicate | None] = []
-    with ThreadPoolExecutor(_WORKERS) as pool:
+    with worker_threads(_WORKERS) as pool:
         results = pool.map(estimate, draws)
         try:
             for result in tqdm(results, "bootstrap", total, disable=total is None):
                 found.append(result)
-        except KeyboardInterrupt:
-            pool.shutdown(cancel_futures=True)
+        except KeyboardInterrupt as cause:
             if len(found) < 2:
                 raise
+            pool.shutdown(wait=False, cancel_futures=True)
+            note_stop(cause)
     return found

@@ -5,14 +5,13 @@ The error over all folds, as a function of the weight, is the regularisation pat
 """
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays, frozen
-from consistent_id._support.threads import single_threaded
+from consistent_id._support.threads import single_threaded, worker_threads
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.distances import NominalDistance, nominal_distance
 from consistent_id.constraints.priors import Distance, Penalty
@@ -148,7 +147,7 @@ def cross_validated(
         rms = np.sqrt(np.array(squared) / counts[part].sum()) * scaled.size
         return np.asarray(rms)
 
-    with ThreadPoolExecutor(_WORKERS) as pool:
+    with worker_threads(_WORKERS) as pool:
         errors = np.column_stack(list(pool.map(held_out, parts)))
     whole = _along(scaled, to_nominal, weights)
     total = np.array([f.excess + scaled.residual**2 for f in whole])

@@ -19,7 +19,6 @@ through the controller: a cut-off that lets it through then looks better than it
 """
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import NamedTuple
@@ -27,7 +26,7 @@ from typing import NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays
-from consistent_id._support.threads import single_threaded
+from consistent_id._support.threads import single_threaded, worker_threads
 from consistent_id.errors import ProblemError, RecordingError
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.least_squares import weighted_least_squares
@@ -215,7 +214,7 @@ def _sides(
             build_regression(model, trimmed(lightly, start, stop)),
         )
 
-    with ThreadPoolExecutor(2) as pool:
+    with worker_threads(2) as pool:
         training, validation = zip(*pool.map(both, parts), strict=True)
     return _Sides(list(training), list(validation))
 

@@ -3,7 +3,7 @@
 import json
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self, get_args
+from typing import TYPE_CHECKING, Any, Self, cast, get_args
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from consistent_id._support.files import write_atomically
 from consistent_id._support.tables import Table
 from consistent_id.constraints.cones.certificate import OptimumVerdict
 from consistent_id.errors import ProblemError
+from consistent_id.estimation.estimate_file import FORMAT, read_estimate
 from consistent_id.estimation.fit import Fit
 from consistent_id.estimation.verdict import Verdict
 from consistent_id.recordings.recording import Recording
@@ -21,8 +22,6 @@ from consistent_id.regression.regressor import TorqueModel
 
 if TYPE_CHECKING:
     from pandas import DataFrame
-
-_FORMAT = "consistent_id estimate 1"
 
 
 @dataclass(frozen=True, slots=True)
@@ -244,7 +243,7 @@ class Estimate:
         errors = self.standard_errors
         layout = self.model.layout
         return {
-            "format": _FORMAT,
+            "format": FORMAT,
             "robot": self.model.robot.name,
             "method": self.method,
             **self.verdict.to_dict(),
@@ -303,43 +302,37 @@ class Estimate:
         ProblemError
             If the file is not an estimate of this model.
         """
-        record = _read(Path(path))
-        try:
-            named, verdict = record["parameters"], record["certificate"]["verdict"]
-            fit = record.get("fit")
-            if record["format"] != _FORMAT or verdict not in get_args(OptimumVerdict):
-                raise ProblemError(f"{path}: not an estimate in the form {_FORMAT!r}")
-            if tuple(named) != model.layout.names:
-                raise ProblemError(
-                    f"{path}: its parameters are not those of robot "
-                    f"{model.robot.name!r} with these drive terms"
-                )
-            return cls(
-                method=record["method"],
-                model=model,
-                base=base,
-                parameters=np.array([entry["value"] for entry in named.values()]),
-                base_covariance=None,
-                origins=tuple(entry["origin"] for entry in named.values()),
-                undetermined=tuple(record["undetermined"]),
-                sigma=np.array([record["sigma"][j] for j in model.torque_joints]),
-                certificate=Certificate(**record["certificate"]),
-                notes=tuple(record["notes"]),
-                seconds=record["seconds"],
-                fit=None if fit is None else Fit.from_dict(fit),
-                accepted=tuple(record.get("accepted", ())),
+        record = read_estimate(Path(path))
+        certificate = record.certificate
+        known = certificate.verdict in get_args(OptimumVerdict)
+        if record.format != FORMAT or not known:
+            raise ProblemError(f"{path}: not an estimate in the form {FORMAT!r}")
+        if tuple(record.parameters) != model.layout.names or set(record.sigma) != set(
+            model.torque_joints
+        ):
+            raise ProblemError(
+                f"{path}: its parameters are not those of robot "
+                f"{model.robot.name!r} with these drive terms"
             )
-        except (KeyError, TypeError, AttributeError) as cause:
-            raise ProblemError(f"{path}: not an estimate: {cause!r}") from None
-
-
-def _read(path: Path) -> Any:
-    try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except OSError as cause:
-        raise ProblemError(f"{path}: cannot be read ({cause.strerror})") from None
-    except ValueError as cause:
-        raise ProblemError(f"{path}: not JSON: {cause}") from None
+        return cls(
+            method=record.method,
+            model=model,
+            base=base,
+            parameters=np.array([entry.value for entry in record.parameters.values()]),
+            base_covariance=None,
+            origins=tuple(entry.origin for entry in record.parameters.values()),
+            undetermined=tuple(record.undetermined),
+            sigma=np.array([record.sigma[j] for j in model.torque_joints]),
+            certificate=Certificate(
+                cast(OptimumVerdict, certificate.verdict),
+                certificate.reason,
+                cast(dict[str, float], certificate.figures),
+            ),
+            notes=tuple(record.notes),
+            seconds=record.seconds,
+            fit=record.fit_value(),
+            accepted=tuple(record.accepted),
+        )
 
 
 def _finite(value: float) -> float | None:

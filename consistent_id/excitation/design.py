@@ -114,11 +114,12 @@ def design_trajectory(
         unoptimised=unoptimised,
         seed=seed,
         seconds=clock.monotonic() - began,
-        notes=required.notes + _notes(aim, stages),
+        notes=required.notes + _notes(aim, stages, interrupted()),
+        interrupted=interrupted(),
     )
 
 
-def _notes(aim: Aim, stages: tuple[Stage, ...]) -> tuple[str, ...]:
+def _notes(aim: Aim, stages: tuple[Stage, ...], interrupted: bool) -> tuple[str, ...]:
     """Return what a user should know of how the design was found."""
     notes: tuple[str, ...] = ()
     if aim.refine not in (None, aim.objective) and len(stages) == 1:
@@ -128,8 +129,10 @@ def _notes(aim: Aim, stages: tuple[Stage, ...]) -> tuple[str, ...]:
             "with unit columns a condition number alone may leave a joint almost "
             "still; refine with D, A or E",
         )
-    if any(stage.cut_short for stage in stages):
-        notes += ("time or the user ended the search; another run may differ",)
+    if interrupted:
+        notes += ("interrupted: the user ended the search; this is the best so far",)
+    elif any(stage.cut_short for stage in stages):
+        notes += ("time ended the search; another run may differ",)
     return notes
 
 

@@ -67,6 +67,8 @@ class ExcitationDesign:
     seed : int
     seconds : float
     notes : tuple of str
+    interrupted : bool
+        Whether the user ended the search; the design is the best so far.
     """
 
     model: TorqueModel
@@ -79,6 +81,7 @@ class ExcitationDesign:
     seed: int
     seconds: float
     notes: tuple[str, ...]
+    interrupted: bool = False
 
     def __repr__(self) -> str:
         verdict = "all limits proven" if self.proof.holds else "limits not proven"

@@ -6,7 +6,11 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from consistent_id._support.files import require_writable, write_atomically
+from consistent_id._support.files import (
+    require_writable,
+    together,
+    write_atomically,
+)
 from consistent_id._support.tables import Table
 from consistent_id.errors import InfeasibleError, ProblemError
 from consistent_id.excitation.design_record import design_record, design_tables
@@ -44,15 +48,16 @@ def write_design(
     """
     require_writable(folder)
     written = []
-    for name, move in playable.moves.items():
-        for ending in dict.fromkeys(("json", *formats)):
-            file = folder / f"{name}.{ending}"
-            rate = _rate_of(ending, playable.design.aim.rate)
-            written.append(write_trajectory(move, file, rate=rate))
-    figure = design_figure(playable.design)
-    written.append(save_figure(figure, folder / "excitation.png"))
-    text = json.dumps(playable_record(playable), indent=1, allow_nan=False)
-    written.append(write_atomically(folder / "excitation.json", text + "\n"))
+    with together():
+        for name, move in playable.moves.items():
+            for ending in dict.fromkeys(("json", *formats)):
+                file = folder / f"{name}.{ending}"
+                rate = _rate_of(ending, playable.design.aim.rate)
+                written.append(write_trajectory(move, file, rate=rate))
+        figure = design_figure(playable.design)
+        written.append(save_figure(figure, folder / "excitation.png"))
+        text = json.dumps(playable_record(playable), indent=1, allow_nan=False)
+        written.append(write_atomically(folder / "excitation.json", text + "\n"))
     return written
 
 

@@ -71,7 +71,9 @@ def write_replay(
         finally:
             server.stop()
     title = f"<title>{robot.name}: {move.duration:.1f} s</title>"
-    return write_atomically(file, html.replace("<title>Viser</title>", title, 1))
+    generator = '<meta name="generator" content="consistent-id: replay">'
+    marked = html.replace("<title>Viser</title>", generator + title, 1)
+    return write_atomically(file, marked)
 
 
 def require_viewer(file: str | Path) -> None:

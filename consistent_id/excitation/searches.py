@@ -14,6 +14,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Matrix
 from consistent_id._support.interrupts import Interrupted
+from consistent_id.errors import SolverError
 from consistent_id.excitation.search import Candidate, search
 from consistent_id.excitation.search_problem import SearchProblem
 
@@ -91,24 +92,39 @@ def _distributed(
         executor = get_reusable_executor(max_workers=workers - 1)
     running: list[Any] = []
     try:
-        while running or (waiting and not ended()):
-            while len(running) < workers - 1 and len(waiting) > 1 and not ended():
-                call = (_in_worker, problem, waiting.popleft(), deadline, folder)
-                with _interrupts_ignored():
-                    running.append(executor.submit(*call))
-            if waiting and not ended():
-                yield _run(problem, waiting.popleft(), ended, folder)
-            elif ended() and clock.monotonic() < deadline:
-                break  # the user has: what others have reported so far is enough
-            else:
-                wait(running, timeout=_WAIT)
-            for future in [future for future in running if future.done()]:
-                running.remove(future)
-                if (one := future.result()) is not None:
-                    yield one
+        with _killed_workers_named():
+            while running or (waiting and not ended()):
+                while len(running) < workers - 1 and len(waiting) > 1 and not ended():
+                    call = (_in_worker, problem, waiting.popleft(), deadline, folder)
+                    with _interrupts_ignored():
+                        running.append(executor.submit(*call))
+                if waiting and not ended():
+                    yield _run(problem, waiting.popleft(), ended, folder)
+                elif ended() and clock.monotonic() < deadline:
+                    break  # the user has: what others have reported so far is enough
+                else:
+                    wait(running, timeout=_WAIT)
+                for future in [future for future in running if future.done()]:
+                    running.remove(future)
+                    if (one := future.result()) is not None:
+                        yield one
     finally:
         if running:
             executor.shutdown(wait=False, kill_workers=True)
+
+
+@contextmanager
+def _killed_workers_named() -> Iterator[None]:
+    """Say of a process that was killed what it was."""
+    from concurrent.futures.process import BrokenProcessPool
+
+    try:
+        yield
+    except BrokenProcessPool as cause:
+        raise SolverError(
+            "a process of the search was killed, perhaps for want of memory; search "
+            f"with fewer workers ({str(cause).splitlines()[0]})"
+        ) from None
 
 
 @contextmanager

@@ -24,6 +24,11 @@ _MORE = 0.3  # share that searches get at least after a proof has failed
 _REFINED = 2  # paths that go on to the second stage, however many workers there are
 _ATTEMPTS = 4  # at a proof, each with less of the limits to use
 
+
+class _NothingYet(KeyboardInterrupt):
+    """The user ended a search before it had anything to keep."""
+
+
 RunSearches = Callable[..., tuple[Candidate, ...]]
 Prove = Callable[[FourierTrajectory], Proof]
 
@@ -69,7 +74,7 @@ def design_stages(
     try:
         second = replace(problem, objective=refine, spread_bound=bound)
         return first, stage(second, best, _LAST)
-    except (InfeasibleError, KeyboardInterrupt):
+    except (InfeasibleError, _NothingYet):
         return (first,)  # a proven path is there already
 
 
@@ -106,7 +111,7 @@ def _stage(
         cut_short |= early
         usable = [one for one in found if one.variables is not None]
         if not usable and interrupted():
-            raise KeyboardInterrupt  # before there was anything to keep
+            raise _NothingYet
         if not usable:
             raise _nothing_found(found, early)
         paths = [problem.basis.trajectory(np.asarray(c.variables)) for c in usable]

@@ -9,6 +9,13 @@ from typing import Annotated, Any, Literal, get_type_hints
 import msgspec
 from msgspec import Meta
 
+from consistent_id._support.inputs import (
+    LARGEST_PROBLEM,
+    MOST_DOTS,
+    MOST_KEYS,
+    read_input,
+    require_count,
+)
 from consistent_id.errors import ProblemError
 from consistent_id.problems.excitation_tables import ExcitationTable
 from consistent_id.problems.laboratory_tables import LaboratoryTable, TaskTable
@@ -326,11 +333,17 @@ def read_problem_table(path: Path) -> ProblemTable:
             "of a problem.toml; consistent-id init writes one, and identify and check "
             "need none, for a robot and a log"
         )
-    try:
-        text = path.read_bytes()
-    except OSError as cause:
-        raise ProblemError(f"{path}: cannot be read ({cause.strerror})") from None
+    text = read_input(path, ProblemError, LARGEST_PROBLEM)
+    require_count(path, text.count(b"="), MOST_KEYS, "keys", ProblemError)
+    dots = max((_key(line).count(b".") for line in text.splitlines()), default=0)
+    require_count(path, dots, MOST_DOTS, "dots in a key", ProblemError)
     return problem_table(text, path)
+
+
+def _key(line: bytes) -> bytes:
+    """Return what may be a line's key, or the name of a table."""
+    key, equals, _ = line.partition(b"=")
+    return key if equals or b"," not in line else b""  # numbers have commas
 
 
 def problem_table(text: str | bytes, path: Path) -> ProblemTable:
@@ -347,3 +360,7 @@ def problem_table(text: str | bytes, path: Path) -> ProblemTable:
         raise ProblemError(f"{path}: {cause} ($ is the file)") from None
     except (msgspec.DecodeError, UnicodeDecodeError) as cause:
         raise ProblemError(f"{path}: not TOML: {cause}") from None
+    except RecursionError:
+        raise ProblemError(
+            f"{path}: arrays or tables nested too deeply; no problem file needs that"
+        ) from None

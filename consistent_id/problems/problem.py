@@ -8,6 +8,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
+from consistent_id._support.run import require_trusted
 from consistent_id._support.tables import Table
 from consistent_id.constraints import Constraint, lowered
 from consistent_id.constraints.priors import Penalty, PointToSet, Prior
@@ -24,6 +25,7 @@ from consistent_id.problems.file import (
 )
 from consistent_id.problems.folder import problem_files
 from consistent_id.problems.model import expanded, torque_model
+from consistent_id.problems.paths import names_outside
 from consistent_id.problems.preparation import (
     Log,
     check_preparation,
@@ -251,13 +253,21 @@ class Problem:
         return {}
 
 
-def load_problem(path: str | Path) -> Problem:
+def load_problem(path: str | Path, *, trust: bool = False) -> Problem:
     """Load a problem from its folder, or from the file itself.
+
+    Parameters
+    ----------
+    path : str or Path
+    trust : bool
+        Whether the file may name files outside of its folder and of that of the data
+        (``CONSISTENT_ID_DATASETS``), and other environment variables.
 
     Raises
     ------
     ProblemError
-        If the file does not fit; with the path of the faulty key.  If the folder has
+        If the file does not fit; with the path of the faulty key.  If it names what
+        only a file that is trusted may name.  If the folder has
         no ``problem.toml`` and holds several problems; with their files.
     ModelError
         If the robot cannot be built.
@@ -270,7 +280,10 @@ def load_problem(path: str | Path) -> Problem:
             "them all with load_problems"
         )
     (file,) = files
-    return replace(problem_of(read_problem_table(file), file), source=file)
+    table = read_problem_table(file)
+    for sentence in () if trust else names_outside(table, file):
+        require_trusted(file, sentence)
+    return replace(problem_of(table, file), source=file)
 
 
 def problem_of(
@@ -311,13 +324,15 @@ def problem_of(
     return problem
 
 
-def load_problems(folder: str | Path) -> tuple[Problem, ...]:
+def load_problems(folder: str | Path, *, trust: bool = False) -> tuple[Problem, ...]:
     """Load every problem of a folder: several robots, or several problems of one.
 
     Parameters
     ----------
     folder : str or Path
         See `problem_files`.
+    trust : bool
+        See `load_problem`.
 
     Raises
     ------
@@ -329,7 +344,7 @@ def load_problems(folder: str | Path) -> tuple[Problem, ...]:
     >>> [problem.model.robot.name for problem in load_problems("problems/rx60")]
     ['rx60']
     """
-    problems = tuple(load_problem(file) for file in problem_files(folder))
+    problems = tuple(load_problem(file, trust=trust) for file in problem_files(folder))
     require_distinct([problem.name for problem in problems])
     return problems
 

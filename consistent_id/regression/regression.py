@@ -6,7 +6,6 @@ recordings add; weights of joints scale factors.
 """
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import lru_cache, reduce
 from operator import add
@@ -24,7 +23,7 @@ from consistent_id._support.arrays import (
     freeze,
     frozen,
 )
-from consistent_id._support.threads import single_threaded
+from consistent_id._support.threads import single_threaded, worker_threads
 from consistent_id.errors import NotExcitedError, ProblemError
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.clocks import uniform_rate
@@ -246,7 +245,7 @@ def _compressed(
     # inside a factorisation of this size make it slower, and change its last bits.
     # Pieces are merged in order, whatever the number of workers.
     merged: list[Matrix] = []
-    with ThreadPoolExecutor(_WORKERS) as pool:
+    with worker_threads(_WORKERS) as pool:
         for factors in pool.map(compressed, pieces):
             merged = (
                 [triangle(np.vstack(p)) for p in zip(merged, factors, strict=True)]

@@ -83,7 +83,13 @@ def save_figure(figure: Any, path: Path) -> Path:
     from consistent_id._support.files import write_atomically
 
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=110, pil_kwargs={"compress_level": 1})
+    figure.savefig(
+        buffer,
+        format="png",
+        dpi=110,
+        metadata={"Software": "consistent-id: figure"},
+        pil_kwargs={"compress_level": 1},
+    )
     return write_atomically(path, buffer.getvalue())
 
 

@@ -56,6 +56,7 @@ def document(
         tag("meta", charset="utf-8"),
         tag("meta", name="viewport", content="width=device-width, initial-scale=1"),
         tag("meta", name="color-scheme", content="light dark"),
+        tag("meta", name="generator", content="consistent-id: report"),
         tag("title", title),
         tag("style", Html(_asset("style.css"))),
     )

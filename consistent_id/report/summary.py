@@ -282,7 +282,8 @@ def uncertainty_table(found: Uncertainty) -> Table:
         ),
         (
             f"bootstrap: {len(resampled.estimates)} estimates from segments drawn "
-            f"anew, {resampled.certified} certified, {resampled.failed} failed",
+            f"anew, {resampled.certified} certified, {resampled.failed} failed"
+            + ("; interrupted" if resampled.interrupted else ""),
             f"any consistent robot: {found.intervals.meaning}",
             found.scatter,
             "the standard error holds scatter and bias by the prior; where a prior "

@@ -316,7 +316,7 @@ def test_faults_are_refused_with_the_files_name(written, old, new, message):
 
 
 def test_a_missing_file_is_refused(tmp_path):
-    with pytest.raises(ModelError, match=r"nowhere\.xml: MuJoCo refuses it"):
+    with pytest.raises(ModelError, match=r"nowhere\.xml: cannot be read"):
         load_mjcf(tmp_path / "nowhere.xml")
 
 

@@ -15,6 +15,7 @@ from typing import Any, Literal
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
+from consistent_id._support.interrupts import Terminated
 from consistent_id.constraints.cones.matrices import (
     least_eigenvalues,
     matrices,
@@ -133,7 +134,7 @@ def solve_cones(
         solution = solver.solve()
     # Clarabel is written in Rust: its panics are not of class Exception.
     except BaseException as cause:
-        if isinstance(cause, KeyboardInterrupt | SystemExit):
+        if isinstance(cause, KeyboardInterrupt | SystemExit | Terminated):
             raise
         raise SolverError(f"Clarabel failed: {cause}") from None
     x, z = np.asarray(solution.x), np.asarray(solution.z)

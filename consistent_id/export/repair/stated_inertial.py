@@ -11,7 +11,7 @@ from consistent_id.robot.loaders.urdf_inertial import (
     numbers,
     rotation_of,
 )
-from consistent_id.robot.loaders.urdf_lint import readable_numbers
+from consistent_id.robot.loaders.urdf_lint import LARGEST_OF_A_BODY, readable_numbers
 from consistent_id.robot.loaders.urdf_parts import INERTIA_ENTRIES
 from consistent_id.robot.loaders.xml import Element
 
@@ -68,7 +68,7 @@ def stated_inertial(inertial: Element) -> StatedInertial:
 def _displaced(origin: Element | None) -> str:
     for name in ("xyz", "rpy"):
         stated = "0 0 0" if origin is None else origin.attributes.get(name, "0 0 0")
-        if not readable_numbers(stated, 3):
+        if not readable_numbers(stated, 3, LARGEST_OF_A_BODY):
             return f"<origin {name}> is {stated!r}"
     return ""
 
@@ -79,7 +79,8 @@ def _numbers(
     return {
         name: (
             float(attributes[name])
-            if name in attributes and readable_numbers(attributes[name], 1)
+            if name in attributes
+            and readable_numbers(attributes[name], 1, LARGEST_OF_A_BODY)
             else None
         )
         for name in names

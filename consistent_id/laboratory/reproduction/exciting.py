@@ -93,7 +93,7 @@ def exciting_set(
             duration=duration,
             harmonics=int(np.ceil(round(request.form.harmonics * share, 6))),
         )
-        designs[experiment] = design_trajectory(
+        design = design_trajectory(
             problem.model,
             form,
             request.aim,
@@ -103,6 +103,9 @@ def exciting_set(
             time_limit=_ENOUGH,
             seed=seed + k,
         )
+        if design.interrupted:
+            raise KeyboardInterrupt  # a study of paths that are not done says nothing
+        designs[experiment] = design
     return ExcitingSet(name, limits, designs)
 
 

@@ -29,7 +29,8 @@ def html_page(study: PaperStudy) -> str:
 
 def markdown_tables(study: PaperStudy) -> str:
     """Return text and tables as Markdown, without figures."""
-    lines = [f"# {study.problem.name}: a paper's study done again", ""]
+    lines = ["<!-- consistent-id: tables of a study -->", ""]
+    lines += [f"# {study.problem.name}: a paper's study done again", ""]
     for section in sections_of(study):
         lines += [f"## {section.title}", ""]
         lines += [f"{paragraph}\n" for paragraph in section.text]

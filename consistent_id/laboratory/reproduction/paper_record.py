@@ -4,7 +4,11 @@ import json
 from pathlib import Path
 from typing import Any
 
-from consistent_id._support.files import require_writable, write_atomically
+from consistent_id._support.files import (
+    require_writable,
+    together,
+    write_atomically,
+)
 from consistent_id.laboratory.reproduction.experiments import Reproduction
 from consistent_id.laboratory.reproduction.inertia_errors import InertiaTable
 from consistent_id.laboratory.reproduction.paper_page import html_page, markdown_tables
@@ -56,11 +60,12 @@ def write_reproduction(study: PaperStudy, folder: Path) -> list[Path]:
     """Write page, tables and numbers into a folder; return the files."""
     require_writable(folder)
     text = json.dumps(reproduction_record(study), indent=1, allow_nan=False)
-    return [
-        write_atomically(folder / "reproduction.html", html_page(study)),
-        write_atomically(folder / "reproduction.md", markdown_tables(study)),
-        write_atomically(folder / "reproduction.json", text + "\n"),
-    ]
+    with together():
+        return [
+            write_atomically(folder / "reproduction.html", html_page(study)),
+            write_atomically(folder / "reproduction.md", markdown_tables(study)),
+            write_atomically(folder / "reproduction.json", text + "\n"),
+        ]
 
 
 def _done(done: Reproduction) -> dict[str, Any]:

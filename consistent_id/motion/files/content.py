@@ -1,10 +1,10 @@
 """What files of trajectories have in common: their size, and what robots require."""
 
-import os
 from pathlib import Path
 
 import numpy as np
 
+from consistent_id._support.inputs import read_input, require_regular
 from consistent_id.errors import ProblemError
 from consistent_id.recordings.paths import JointPath
 
@@ -20,12 +20,8 @@ def content_of(path: Path) -> bytes:
     ProblemError
         If it cannot be read, or is too large to be a trajectory.
     """
-    try:
-        with path.open("rb") as file:
-            require_size(path, os.fstat(file.fileno()).st_size)
-            return file.read()
-    except OSError as cause:
-        raise ProblemError(f"{path}: cannot be read ({cause.strerror})") from None
+    require_size(path, require_regular(path, ProblemError))
+    return read_input(path, ProblemError, _LARGEST)
 
 
 def require_size(path: Path, size: int) -> None:

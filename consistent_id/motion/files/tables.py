@@ -44,7 +44,9 @@ def parquet_of(samples: Recording, where: Path) -> bytes:
     import pyarrow.parquet as pq
 
     file = io.BytesIO()
-    pq.write_table(pa.table(columns_of(samples)), file)
+    table = pa.table(columns_of(samples))
+    mark = {"generator": "consistent-id: samples of a trajectory"}
+    pq.write_table(table.replace_schema_metadata(mark), file)
     return file.getvalue()
 
 

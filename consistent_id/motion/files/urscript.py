@@ -42,6 +42,7 @@ def urscript_of(path: JointPath, rate: float, where: Path) -> str:
     (targets,) = path.evaluate(path.start + since, derivatives=0)
     lines = [
         "def consistent_id_motion():",
+        "  # consistent-id: motion",
         f"  # joints {', '.join(path.joints)}",
         f"  # {cycles + 1} targets, one every {1.0 / rate:g} s; time in seconds behind",
         f"  movej({_list(targets[0])}, {_TO_START})",

@@ -9,8 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from consistent_id._support.inputs import require_regular
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers.jointstate import FIELDS, JointMessage
+from consistent_id.recordings.readers.mcap_lint import check_mcap
 from consistent_id.robot.parameters import did_you_mean
 
 _TYPE = "sensor_msgs/msg/JointState"
@@ -53,6 +55,10 @@ def read_messages(path: Path, topic: str | None) -> list[JointMessage]:
 
     if path.is_dir() and not (path / "metadata.yaml").is_file():
         raise RecordingError(f"{path}: a folder without metadata.yaml is no bag")
+    for file in (path,) if path.is_file() else sorted(path.glob("*.mcap")):
+        if file.suffix.lower() == ".mcap":
+            require_regular(file, RecordingError)
+            check_mcap(file)
     old = path.suffix.lower() == ".bag" and path.is_file()
     types = get_typestore(Stores.ROS1_NOETIC if old else Stores.ROS2_HUMBLE)
     decode = types.deserialize_ros1 if old else types.deserialize_cdr

@@ -1,5 +1,7 @@
 """Datasets of an HDF5 file by their paths, and of a MATLAB 7.3 file, which is one."""
 
+import math
+from collections import deque
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -7,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from consistent_id._support.inputs import require_unpacked
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers.named_arrays import Arrays
 from consistent_id.recordings.readers.units import refuse_units_of_an_attribute
@@ -17,6 +20,8 @@ _NUMBERS = (
     "single",
     *(f"{u}int{n}" for u in ("", "u") for n in (8, 16, 32, 64)),
 )
+
+_LINKS = 64  # groups and links on the way to a dataset; logs have 2 or 3
 
 # What h5py lets through when a file is cut or overwritten.
 _UNREADABLE = (OSError, RuntimeError, KeyError, ValueError, TypeError, MemoryError)
@@ -58,6 +63,7 @@ def _array(path: Path, file: Any, name: str, place: str) -> NDArray[Any]:
     import h5py
 
     where = f"{path}: column {name!r}"
+    _require_inside(where, file, place)
     found = file.get(place)
     if found is None:
         near = did_you_mean(place, _paths(file))
@@ -80,7 +86,38 @@ def _array(path: Path, file: Any, name: str, place: str) -> NDArray[Any]:
         raise RecordingError(
             f"{where} holds {found.dtype}, expected numbers in SI units"
         )
+    if found.is_virtual or found.external:
+        raise RecordingError(
+            f"{where} is kept in other files, which are not followed; store its data "
+            "in this one"
+        )
+    stored = path.stat().st_size
+    require_unpacked(where, 8 * math.prod(found.shape), stored, RecordingError)
     return np.asarray(found[()])
+
+
+def _require_inside(where: str, file: Any, place: str) -> None:
+    """Refuse a path that leads through a link into another file."""
+    import h5py
+
+    waiting, group = deque(place.strip("/").split("/")), ""
+    for _ in range(_LINKS):
+        if not waiting:
+            return
+        step = waiting.popleft()
+        link = file.get(f"{group}/{step}", getlink=True) if step else None
+        if isinstance(link, h5py.ExternalLink):
+            raise RecordingError(
+                f"{where} is a link into another file, {link.filename!r}, which is "
+                "not followed; copy the data into this one"
+            )
+        if isinstance(link, h5py.SoftLink):
+            target = str(link.path)
+            group = "" if target.startswith("/") else group
+            waiting.extendleft(reversed(target.strip("/").split("/")))
+        elif step not in ("", "."):
+            group = f"{group}/{step}"
+    raise RecordingError(f"{where} is reached by more than {_LINKS} links and groups")
 
 
 def _paths(file: Any) -> list[str]:

@@ -46,7 +46,7 @@ def read_arrays(path: Path, names: Sequence[str]) -> Arrays:
     if _HDF5 in (start[:8], start[512:]):
         arrays: Arrays = HDF5.reader(path).read_matlab_73(path, names)
         return arrays
-    if fault := damage(path.read_bytes()):
+    if fault := damage(path.read_bytes(), path):
         raise RecordingError(f"{path}: not readable as MATLAB file: {fault}")
     variables = _loaded(path, [name.replace("/", ".").split(".")[0] for name in names])
     return {name: _field(path, variables, name) for name in names}

@@ -10,9 +10,13 @@ import zlib
 from collections.abc import Iterator
 from typing import NamedTuple
 
+from consistent_id._support.inputs import require_unpacked
+from consistent_id.errors import RecordingError
+
 _MATRIX, _COMPRESSED = 14, 15
 _TYPES = {*range(1, 8), 9, *range(12, 19)}
 _HEADER = 128
+_DEEPEST = 64  # cells and structures in one another
 _SHAPE, _FLAGS = 5, 6
 _SPARSE, _COMPLEX = 5, 0x0800
 _CLASSES, _NUMERIC_CLASSES = range(1, 18), range(6, 16)
@@ -24,10 +28,16 @@ class _Element(NamedTuple):
     data: memoryview
 
 
-def damage(content: bytes) -> str | None:
+def damage(content: bytes, where: object = "file") -> str | None:
     r"""Return what is wrong with the elements of a file, None if nothing is.
 
     Files of version 4, which have no header, are not looked into.
+
+    Raises
+    ------
+    RecordingError
+        If compressed elements state much more data than the file has bytes; the
+        message begins with `where`.
 
     Examples
     --------
@@ -38,20 +48,50 @@ def damage(content: bytes) -> str | None:
     if 0 in content[:4] or mark not in (b"IM", b"MI"):
         return None
     order = "<" if mark == b"IM" else ">"
+    data = memoryview(content)[_HEADER:]
     try:
-        _walk(memoryview(content)[_HEADER:], order)
+        # An entry of one byte may become a number of eight.
+        unpacked = 8 * sum(_inflated_size(e, order) for e in _elements(data, order))
+        require_unpacked(where, unpacked, len(content), RecordingError)
+        _walk(data, order)
     except (ValueError, zlib.error) as cause:
         return str(cause)
     return None
 
 
-def _walk(data: memoryview, order: str) -> None:
+def _walk(data: memoryview, order: str, depth: int = 0) -> None:
+    if depth > _DEEPEST:
+        raise ValueError(f"arrays are nested deeper than {_DEEPEST}")
     for element in _elements(data, order):
         if element.kind == _COMPRESSED:
-            _walk(memoryview(zlib.decompress(element.data)), order)
+            if depth:
+                raise ValueError("a compressed element stands in another element")
+            _walk(_inflated(element, order), order, depth + 1)
         elif element.kind == _MATRIX:
             _check_array(element.data, order)
-            _walk(element.data, order)
+            _walk(element.data, order, depth + 1)
+
+
+def _inflated_size(element: _Element, order: str) -> int:
+    """Return how many bytes an element says that it has when it is not compressed."""
+    if element.kind != _COMPRESSED:
+        return 0
+    tag = zlib.decompressobj().decompress(element.data, 8)
+    if len(tag) < 8:
+        raise ValueError("a compressed element is cut")
+    kind, length = struct.unpack(order + "II", tag)
+    return 8 if kind >> 16 else 8 + int(length)
+
+
+def _inflated(element: _Element, order: str) -> memoryview:
+    size = _inflated_size(element, order)
+    inflate = zlib.decompressobj()
+    data = inflate.decompress(element.data, size)
+    if len(data) < size or (
+        inflate.unconsumed_tail and inflate.decompress(inflate.unconsumed_tail, 1)
+    ):
+        raise ValueError(f"a compressed element has not the {size} bytes that it says")
+    return memoryview(data)
 
 
 def _check_array(matrix: memoryview, order: str) -> None:

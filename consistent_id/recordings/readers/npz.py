@@ -1,13 +1,16 @@
 """Arrays of an NPZ file; nothing in it is ever unpickled."""
 
+import math
 import struct
 import zipfile
 import zlib
 from collections.abc import Sequence
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 
+from consistent_id._support.inputs import require_unpacked
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers.columns import require
 from consistent_id.recordings.readers.named_arrays import Arrays
@@ -38,6 +41,7 @@ def read_arrays(path: Path, names: Sequence[str]) -> Arrays:
     """
     require(str(path), names, array_names(path))
     try:
+        _require_sizes(path, names)
         with np.load(path, allow_pickle=False) as file:
             return {name: _array(path, file, name) for name in names}
     except _UNREADABLE as cause:
@@ -53,12 +57,48 @@ def array_names(path: Path) -> tuple[str, ...]:
         raise RecordingError(f"{path}: not readable as NPZ: {cause}") from None
 
 
+def _require_sizes(path: Path, names: Sequence[str]) -> None:
+    """Refuse arrays that state other sizes than they have, or sizes beyond the file."""
+    unpacked = 0
+    with zipfile.ZipFile(path) as members:
+        known = {name.removesuffix(".npy"): name for name in members.namelist()}
+        for name in names:
+            member = members.getinfo(known[name])
+            try:
+                with members.open(member) as file:
+                    shape, kind, begin = _stated(file)
+            except ValueError as cause:
+                raise _unread(path, name, cause) from None
+            entries, data = math.prod(shape), member.file_size - begin
+            if entries * kind.itemsize != data and not kind.hasobject:
+                raise RecordingError(
+                    f"{path}: array {name!r} states shape {shape} of {kind}, "
+                    f"{entries * kind.itemsize} bytes, but has {data}; save it again"
+                )
+            unpacked += max(8 * entries, member.file_size)
+    require_unpacked(path, unpacked, path.stat().st_size, RecordingError)
+
+
+def _stated(file: IO[bytes]) -> tuple[tuple[int, ...], np.dtype, int]:
+    """Return the shape, the type and the place of an array's data."""
+    version = np.lib.format.read_magic(file)
+    form = np.lib.format
+    old = version == (1, 0)
+    read = form.read_array_header_1_0 if old else form.read_array_header_2_0
+    shape, _, kind = read(file)
+    return shape, kind, file.tell()
+
+
 def _array(path: Path, file: np.lib.npyio.NpzFile, name: str) -> np.ndarray:
     try:
         array = file[name]
     except ValueError as cause:
-        raise RecordingError(
-            f"{path}: array {name!r} cannot be read ({cause}). Save plain arrays of "
-            "numbers; pickled objects are not loaded, since they can run any code"
-        ) from None
+        raise _unread(path, name, cause) from None
     return np.asarray(array)
+
+
+def _unread(path: Path, name: str, cause: ValueError) -> RecordingError:
+    return RecordingError(
+        f"{path}: array {name!r} cannot be read ({cause}). Save plain arrays of "
+        "numbers; pickled objects are not loaded, since they can run any code"
+    )

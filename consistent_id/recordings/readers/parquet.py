@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from consistent_id._support.inputs import require_unpacked
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers.columns import require
 from consistent_id.recordings.readers.named_arrays import Arrays
@@ -24,7 +25,10 @@ def read_arrays(path: Path, names: Sequence[str]) -> Arrays:
 
     require(str(path), names, array_names(path))
     try:
-        table = pq.ParquetFile(path).read(columns=list(names))
+        file = pq.ParquetFile(path)
+        unpacked = 8 * file.metadata.num_rows * len(names)
+        require_unpacked(path, unpacked, path.stat().st_size, RecordingError)
+        table = file.read(columns=list(names))
     except (pa.ArrowException, OSError) as cause:
         raise RecordingError(f"{path}: not readable as Parquet: {cause}") from None
     return {name: numbers_of(table[name], f"{path}: column {name!r}") for name in names}

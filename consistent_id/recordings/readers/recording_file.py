@@ -6,6 +6,7 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
+from consistent_id._support.inputs import require_regular
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.log_formats import LOG_FORMATS, log_format
 from consistent_id.recordings.readers.columns import JOINT_STATE, Columns, wanted
@@ -105,4 +106,6 @@ def _reader(path: Path) -> Any:
     known = log_format(path)
     if not path.exists():
         raise RecordingError(f"{path}: no such file")
+    if not path.is_dir():
+        require_regular(path, RecordingError)
     return known.reader(path)

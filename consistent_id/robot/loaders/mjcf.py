@@ -9,12 +9,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.extras import needed
+from consistent_id._support.inputs import LARGEST_TREE, require_count
 from consistent_id.errors import ModelError
 from consistent_id.robot.chains import Place, Selection, selected, snapped, turn
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.loaders.mjcf_assets import read_spec
 from consistent_id.robot.loaders.mjcf_checks import joint_name, refuse_unsupported
 from consistent_id.robot.loaders.mjcf_equality import bindings
+from consistent_id.robot.loaders.urdf_lint import read_bytes
+from consistent_id.robot.loaders.xml import XmlFault, parse
 from consistent_id.robot.mimic import Mimic
 from consistent_id.robot.model import (
     Datasheet,
@@ -70,6 +73,7 @@ def load_mjcf(
         to joint, or pulled by a tendon.
     """
     path, selection = Path(path), Selection(base, tip, joints, locked)
+    _check(path)
     model = _compiled(path)
     chosen = _joints_between(model, selection, path)
     moving = {j for j in chosen if selection.moves(joint_name(model, j))}
@@ -81,6 +85,23 @@ def load_mjcf(
     gravity = model.opt.gravity if gravity is None else gravity
     robot = _robot(model, path.stem, gravity, bound.mimics)
     return selected(robot, selection.with_locked(bound.still))
+
+
+def _check(path: Path) -> None:
+    """Refuse what MuJoCo should not be given; what is not XML, it says itself."""
+    try:
+        root = parse(read_bytes(path))
+    except XmlFault as fault:
+        if fault.refused:
+            raise ModelError(f"{path}, {fault}") from None
+        return
+    copies = 1
+    for element in root.below():
+        count = element.attributes.get("count", "")
+        if element.tag == "replicate" and count.strip().isdigit():
+            copies *= max(1, int(count))
+    bodies = sum(element.tag in ("body", "joint") for element in root.below())
+    require_count(path, bodies * copies, LARGEST_TREE, "bodies and joints", ModelError)
 
 
 def _compiled(path: Path) -> Any:

@@ -9,6 +9,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
+from consistent_id._support.inputs import LARGEST_TREE, require_count
 from consistent_id.errors import ModelError
 from consistent_id.robot.chains import Selection, selected, snapped
 from consistent_id.robot.inertia import InertialParameters
@@ -85,6 +86,8 @@ def load_urdf(
         root = parse(text)
     except XmlFault as fault:
         raise ModelError(f"{path}, {fault}") from None
+    count = sum(1 for _ in root.all("joint"))
+    require_count(path, count, LARGEST_TREE, "joints", ModelError)
     chosen = joints_between(root, base, tip)
     moving = {name for name in chosen if selection.moves(name)}
     _report(path, urdf_findings(root, moving.__contains__))
@@ -150,16 +153,11 @@ def from_pinocchio(
     ModelError
         If a joint has more than one degree of freedom.
     """
-    import pinocchio as pin
-
-    data = model.createData()
-    pin.computeJointJacobians(model, data, pin.neutral(model))
+    bodies = _bodies(model)
     joints, links = [], []
     for k in range(1, model.njoints):
         kind = _kind(model, k)
-        column = model.joints[k].idx_v
-        jacobian = pin.getJointJacobian(model, data, k, pin.LOCAL)
-        twist = jacobian.reshape(6, -1)[:, column]
+        twist = np.ravel(model.joints[k].createData().S)
         placement = model.jointPlacements[k]
         joints.append(
             Joint(
@@ -173,10 +171,10 @@ def from_pinocchio(
                 mimic=(mimics or {}).get(model.names[k]),
             )
         )
-        links.append(_link(model, k))
+        links.append(_link(model, k, bodies[k]))
     if gravity is None:
         gravity = model.gravity.linear
-    ground = tuple(_frame(frame) for frame in _bodies(model, 0))
+    ground = tuple(_frame(frame) for frame in bodies[0])
     return RobotModel(
         model.name, tuple(joints), tuple(links), np.asarray(gravity), ground
     )
@@ -216,8 +214,7 @@ def _stated(limit: float) -> float:
     return float(limit) if abs(limit) < largest else float(np.copysign(np.inf, limit))
 
 
-def _link(model: Any, k: int) -> Link:
-    frames = _bodies(model, k)
+def _link(model: Any, k: int, frames: list[Any]) -> Link:
     body = model.inertias[k]
     nominal = InertialParameters.from_central(body.mass, body.lever, body.inertia)
     name = cast(str, frames[0].name) if frames else f"link_of_{model.names[k]}"
@@ -226,15 +223,15 @@ def _link(model: Any, k: int) -> Link:
     return Link(name, nominal, sheet, tuple(_frame(frame) for frame in frames[1:]))
 
 
-def _bodies(model: Any, k: int) -> list[Any]:
-    """Frames of the links that joint ``k`` moves, its own one first."""
+def _bodies(model: Any) -> list[list[Any]]:
+    """Frames of the links that each joint moves, its own one first."""
     import pinocchio as pin
 
-    return [
-        frame
-        for frame in model.frames
-        if frame.parentJoint == k and frame.type == pin.FrameType.BODY
-    ]
+    found: list[list[Any]] = [[] for _ in range(model.njoints)]
+    for frame in model.frames:
+        if frame.type == pin.FrameType.BODY:
+            found[frame.parentJoint].append(frame)
+    return found
 
 
 def _frame(frame: Any) -> FixedFrame:

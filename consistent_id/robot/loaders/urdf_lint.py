@@ -2,9 +2,10 @@
 
 import re
 from collections.abc import Callable, Iterator
-from math import isfinite
+from math import inf, isfinite
 from pathlib import Path
 
+from consistent_id._support.inputs import LARGEST_MODEL, read_input
 from consistent_id.errors import ModelError
 from consistent_id.robot.loaders.urdf_finding import Finding
 from consistent_id.robot.loaders.urdf_mimic import mimic_findings
@@ -29,6 +30,7 @@ _NUMBERS = {
     ("mimic", "offset"): 1,
     **{("inertia", entry): 1 for entry in INERTIA_ENTRIES},
 }
+LARGEST_OF_A_BODY = 1e30  # kg, m or kg m^2: more than of any body
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _EXTENSIONS = ("visual", "collision", "gazebo", "ros2_control", "transmission")
 
@@ -54,10 +56,7 @@ def lint_urdf(path: str | Path) -> tuple[Finding, ...]:
 
 def read_bytes(path: Path) -> bytes:
     """Return a file's content, or raise a `ModelError` that names it."""
-    try:
-        return path.read_bytes()
-    except OSError as cause:
-        raise ModelError(f"{path}: cannot be read ({cause.strerror})") from None
+    return read_input(path, ModelError, LARGEST_MODEL)
 
 
 def urdf_findings(root: Element, moves: Callable[[str], bool]) -> tuple[Finding, ...]:
@@ -113,7 +112,8 @@ def _numbers(element: Element) -> Iterator[Finding]:
     for part in element.below(without=_EXTENSIONS):
         for attribute, value in part.attributes.items():
             count = _NUMBERS.get((part.tag, attribute))
-            if count is not None and not readable_numbers(value, count):
+            most = inf if part.tag == "limit" else LARGEST_OF_A_BODY
+            if count is not None and not readable_numbers(value, count, most):
                 yield Finding(
                     part.line,
                     "error",
@@ -123,8 +123,14 @@ def _numbers(element: Element) -> Iterator[Finding]:
                 )
 
 
-def readable_numbers(value: str, count: int) -> bool:
-    """Return whether text consists of so many finite decimal numbers."""
+def readable_numbers(value: str, count: int, most: float = inf) -> bool:
+    """Return whether text consists of so many finite decimal numbers, none too large.
+
+    Limits may be as large as numbers get, in place of none at all; products of what a
+    body states (`LARGEST_OF_A_BODY`) must be numbers, too.
+    """
     words = value.split()
     numbers = [float(word) for word in words if _NUMBER.fullmatch(word)]
-    return len(words) == len(numbers) == count and all(map(isfinite, numbers))
+    return len(words) == len(numbers) == count and all(
+        isfinite(number) and abs(number) <= most for number in numbers
+    )

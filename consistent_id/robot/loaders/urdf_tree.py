@@ -2,6 +2,8 @@
 
 from collections.abc import Iterator
 
+from consistent_id._support.inputs import LARGEST_TREE
+from consistent_id._support.run import current_run
 from consistent_id.robot.loaders.urdf_finding import Finding
 from consistent_id.robot.loaders.xml import Element
 from consistent_id.robot.parameters import did_you_mean
@@ -9,6 +11,15 @@ from consistent_id.robot.parameters import did_you_mean
 
 def tree_findings(root: Element) -> Iterator[Finding]:
     """Find what keeps links and joints from being one tree."""
+    joints = sum(1 for _ in root.all("joint"))
+    if joints > LARGEST_TREE and not current_run().large_files:
+        yield Finding(
+            root.line,
+            "error",
+            f"{joints} joints, expected at most {LARGEST_TREE}; say --large-files "
+            "(in Python: with consistent_id.large_files()) if it is meant",
+        )
+        return
     links = {link.name: link for link in root.all("link")}
     if not links:
         yield Finding(root.line, "error", "the robot has no <link>")
@@ -47,13 +58,14 @@ def _root_findings(
             f"link {extra.name!r} hangs on no joint, and neither does "
             f"{roots[0].name!r} (line {roots[0].line}); a robot has one root",
         )
+    above = {name: _end(joint, "parent") for name, joint in carried.items()}
     for name, joint in carried.items():
         path = [name]
-        while path[-1] in carried:
-            path.append(_end(carried[path[-1]], "parent"))
-            if path[-1] in path[:-1]:
+        while path[-1] in above and len(path) <= len(above):
+            path.append(above[path[-1]])
+            if path[-1] == name:
                 break
-        if path[-1] == name and name == min(path):
+        if path[-1] == name and len(path) > 1 and name == min(path):
             loop = " < ".join(path)
             sentence = f"joint {joint.name!r}: its links carry one another: {loop}"
             yield Finding(joint.line, "error", sentence)
@@ -64,16 +76,18 @@ def joints_between(root: Element, base: str | None, tip: str | None) -> frozense
 
     Links that are fixed to one another count as one.
     """
-    above = {_end(joint, "child"): joint for joint in root.all("joint")}
+    joints = {_end(joint, "child"): joint for joint in root.all("joint")}
+    above = {link: _end(joint, "parent") for link, joint in joints.items()}
     start = base
-    while start in above and above[start].attributes.get("type") == "fixed":
-        start = _end(above[start], "parent")
+    for _ in above:  # links that carry one another are found by the lint
+        if start in above and joints[start].attributes.get("type") == "fixed":
+            start = above[start]
     found: set[str] = set()
     for link in [tip] if tip is not None else list(above):
         names: list[str] = []
         while link != start and link in above and len(names) < len(above):
-            names.append(above[link].name)
-            link = _end(above[link], "parent")
+            names.append(joints[link].name)
+            link = above[link]
         if start is None or link == start:
             found |= set(names)
     return frozenset(found)

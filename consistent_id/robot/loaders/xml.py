@@ -6,13 +6,18 @@ from xml.parsers import expat
 
 from consistent_id.errors import ModelError
 
+DEEPEST = 256  # elements within elements; robots have about 40, of nested bodies
+
 
 class XmlFault(ModelError):
-    """Text that is no XML, or XML of a kind that is refused."""
+    """Text that is no XML, or XML of a kind that is refused.
 
-    def __init__(self, line: int, sentence: str) -> None:
+    `refused` says that it is XML, which nobody should read.
+    """
+
+    def __init__(self, line: int, sentence: str, *, refused: bool = False) -> None:
         super().__init__(f"line {line}: {sentence}")
-        self.line, self.sentence = line, sentence
+        self.line, self.sentence, self.refused = line, sentence, refused
 
 
 @dataclass(slots=True)
@@ -57,8 +62,8 @@ def parse(text: bytes) -> Element:
     Raises
     ------
     XmlFault
-        If the text is not well-formed, or has a document type declaration: entities can
-        grow without bound, or read other files.
+        If the text is not well-formed or nested too deeply, or has a document type
+        declaration: entities can grow without bound, or read other files.
     """
     parser = expat.ParserCreate()
     top = Element("", {}, 0)
@@ -66,6 +71,9 @@ def parse(text: bytes) -> Element:
 
     def start(tag: str, attributes: dict[str, str]) -> None:
         line, place = parser.CurrentLineNumber, parser.CurrentByteIndex
+        if len(stack) > DEEPEST:
+            sentence = f"elements are nested deeper than {DEEPEST}; no robot's are"
+            raise XmlFault(line, sentence, refused=True)
         element = Element(tag, attributes, line, start=place)
         stack[-1].children.append(element)
         stack.append(element)
@@ -78,6 +86,7 @@ def parse(text: bytes) -> Element:
             parser.CurrentLineNumber,
             "a document type declaration stands here; entities are not expanded, "
             "remove it",
+            refused=True,
         )
 
     parser.StartElementHandler = start

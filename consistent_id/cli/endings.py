@@ -1,0 +1,96 @@
+"""How a run of the tool begins and ends: what it may do, and what its code says."""
+
+import argparse
+import os
+import sys
+import tempfile
+import traceback
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+from consistent_id._support.interrupts import (
+    OutOfTime,
+    Terminated,
+    terminations_raised,
+)
+from consistent_id._support.run import Run, note_input, running
+from consistent_id.cli.answers import print_error
+from consistent_id.errors import ConsistentIdError
+
+_TERMINATED = 143  # as a shell says of a process that SIGTERM has ended
+_OUTPUTS = ("output", "report")  # options that name what is written
+
+
+def run_to_its_end(
+    options: argparse.Namespace, work: Callable[[argparse.Namespace], int]
+) -> int:
+    """Run a command with what the user allows; return the exit code.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+    work : callable
+        From the options to an exit code.
+    """
+    run = Run(
+        force=getattr(options, "force", False),
+        large_files=getattr(options, "large_files", False),
+        trust=getattr(options, "trust", False),
+    )
+    try:
+        with terminations_raised(), running(run):
+            _note_inputs(options)
+            code = int(work(options))
+    except ConsistentIdError as error:
+        return print_error(error)
+    except OutOfTime:
+        limit = getattr(options, "give_up_after", None)
+        return _said(3, f"not done within {limit:g} s, given up")
+    except KeyboardInterrupt:
+        return _said(130, "interrupted")
+    except Terminated:
+        return _said(_TERMINATED, "terminated")
+    except BrokenPipeError:
+        sys.stderr.close()  # the reader, such as `head`, has gone
+        return 0
+    except MemoryError:
+        return _said(3, "not enough memory")
+    except OSError as cause:
+        where = f"{cause.filename}: " if cause.filename is not None else ""
+        return _said(2, f"{where}{cause.strerror or cause}")
+    except Exception as bug:  # the last net: a foreign error is a fault of ours
+        return _bug(bug)
+    if run.stopped == "interrupted":
+        return _said(130, "interrupted: this is the best so far")
+    if run.stopped == "out of time":
+        return _said(3, "out of time: this is the best so far")
+    return code
+
+
+def _note_inputs(options: argparse.Namespace) -> None:
+    """Note the files that were named to be read, before any of them is."""
+    for name, value in vars(options).items():
+        if isinstance(value, Path) and name not in _OUTPUTS and value.is_file():
+            note_input(value.stat())
+
+
+def _said(code: int, sentence: str) -> int:
+    with suppress(OSError, ValueError):  # nobody listens
+        print(f"consistent-id: {sentence}", file=sys.stderr)
+    return code
+
+
+def _bug(bug: Exception) -> int:
+    """Keep the traceback in a file, say where it is, and return the exit code."""
+    text = "".join(traceback.format_exception(bug))
+    try:
+        handle, name = tempfile.mkstemp(prefix="consistent-id-", suffix=".txt")
+        with os.fdopen(handle, "w", encoding="utf-8", errors="replace") as file:
+            file.write(text)
+    except OSError:
+        name = "nowhere: no file can be written"
+    what = f"{type(bug).__name__}: {bug}".splitlines()[0][:200]
+    return _said(
+        70, f"this is a bug, please report it: {what} (the traceback is in {name})"
+    )

@@ -1,0 +1,91 @@
+"""The JSON file of an estimate, read back through a schema."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from consistent_id._support.inputs import LARGEST_MODEL, read_input
+from consistent_id.errors import ProblemError
+from consistent_id.estimation.fit import Fit
+
+FORMAT = "consistent_id estimate 1"
+
+
+class ParameterRecord(msgspec.Struct):
+    """One parameter."""
+
+    value: float
+    origin: str
+
+
+class CertificateRecord(msgspec.Struct):
+    """The verdict, and the figures behind it."""
+
+    verdict: str
+    reason: str
+    figures: dict[str, float | None]
+
+
+class JointRecord(msgspec.Struct):
+    """How well the torque of one joint is explained; see `Fit`."""
+
+    torque: float | None
+    misfits: float | None
+    shares: float | None
+    slopes: float | None
+    explained: float | None
+    expected: float | None
+    efforts: float | None
+
+
+class FitRecord(msgspec.Struct):
+    """How well the training data are explained; see `Fit`."""
+
+    misfit: float | None
+    floor: float | None
+    excess: float | None
+    drive_share: float | None
+    joints: dict[str, JointRecord]
+
+
+class EstimateRecord(msgspec.Struct):
+    """What an estimate is made of again; the file holds more, for people."""
+
+    format: str
+    method: str
+    certificate: CertificateRecord
+    parameters: dict[str, ParameterRecord]
+    undetermined: list[str]
+    sigma: dict[str, float]
+    notes: list[str]
+    seconds: float
+    fit: FitRecord | None = None
+    accepted: list[str] = []
+
+    def fit_value(self) -> Fit | None:
+        """Return the fit, if the file has one."""
+        fit = self.fit
+        return None if fit is None else Fit.from_dict(msgspec.to_builtins(fit))
+
+
+def read_estimate(path: Path) -> EstimateRecord:
+    """Return what a file states.
+
+    Raises
+    ------
+    ProblemError
+        If it is no estimate of this form; with the path of the faulty key.
+    """
+    content = read_input(path, ProblemError, LARGEST_MODEL)
+    try:
+        known: Any = json.loads(content)  # which knows infinity, as msgspec does not
+    except (ValueError, RecursionError) as cause:
+        raise ProblemError(f"{path}: not JSON: {cause}") from None
+    try:
+        return msgspec.convert(known, type=EstimateRecord)
+    except msgspec.ValidationError as cause:
+        raise ProblemError(
+            f"{path}: not an estimate: {cause} ($ is the file)"
+        ) from None

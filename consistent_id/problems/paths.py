@@ -1,0 +1,75 @@
+"""Which files a problem file may name when nobody has said that it is trusted.
+
+A problem file comes with data from others.  What it names is read, and parts of it end
+up in reports; so it may name what lies below its own folder or below the folder of the
+data, and no other environment variable than that folder's.
+"""
+
+import os
+import string
+from collections.abc import Iterator
+from pathlib import Path
+
+from consistent_id.problems.file import ProblemTable
+
+DATA_FOLDER = "CONSISTENT_ID_DATASETS"
+"""The environment variable that names the folder of recordings."""
+
+
+def names_outside(table: ProblemTable, file: Path) -> Iterator[str]:
+    """Yield a sentence about each name that leads out of these folders.
+
+    Parameters
+    ----------
+    table : ProblemTable
+    file : Path
+        From whose folder relative names count.
+    """
+    roots = [file.parent.resolve()]
+    if data := os.environ.get(DATA_FOLDER):
+        roots.append(Path(data).resolve())
+    for key, names in _named(table):
+        for name in names:
+            others = set(string.Template(name).get_identifiers()) - {DATA_FOLDER}
+            if others:
+                yield (
+                    f"{key} is {name!r} and uses the environment variable "
+                    f"{min(others)}, expected none but {DATA_FOLDER}"
+                )
+        place = file.parent
+        for name in names:
+            place = place / string.Template(name).safe_substitute(os.environ)
+        if not _is_below(place, roots):
+            yield (
+                f"{key} leads to {str(place)!r}, outside of the file's folder and of "
+                f"{DATA_FOLDER}"
+            )
+
+
+def _named(table: ProblemTable) -> Iterator[tuple[str, tuple[str, ...]]]:
+    """Yield a key and its path, whose parts are joined from left to right."""
+    for form in ("urdf", "mjcf"):
+        if (name := getattr(table.model, form)) is not None:
+            yield f"model.{form}", (name,)
+    if table.data is not None:
+        folder = table.data.folder
+        yield "data.folder", (folder,)
+        for entry in table.data.recordings:
+            yield "data.recordings.file", (folder, entry.file)
+            for track in entry.tracks:
+                yield "data.recordings.tracks.file", (folder, track.file)
+    constraints = table.constraints
+    for shape in (*constraints.centre_of_mass_in, *constraints.density_on):
+        if shape.mesh is not None:
+            yield "constraints: mesh", (shape.mesh,)
+    scene = table.excitation.scene
+    for name in () if scene is None else scene.packages:
+        yield "excitation.scene.packages", (name,)
+
+
+def _is_below(place: Path, roots: list[Path]) -> bool:
+    try:
+        real = place.resolve()
+    except (OSError, ValueError, RuntimeError):  # a loop of links, or no path at all
+        return False
+    return any(real.is_relative_to(root) for root in roots)

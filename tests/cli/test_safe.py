@@ -1,0 +1,254 @@
+"""The shell tool with anybody's files: nothing destroyed, nothing foreign raised."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures.process import BrokenProcessPool
+
+import pytest
+from logged import write_arm
+
+from consistent_id.cli import main
+from consistent_id.comparison import segment_bootstrap
+
+RX60 = "problems/rx60"
+
+
+@pytest.fixture
+def arm(tmp_path):
+    return write_arm(tmp_path)
+
+
+def kept(path, arguments, capsys, says):
+    """Run, and demand that a file stays what it was."""
+    before = path.read_bytes()
+    assert main([str(a) for a in arguments]) == 2
+    assert re.search(says, capsys.readouterr().err)
+    assert path.read_bytes() == before
+
+
+def test_a_report_does_not_overwrite_the_log(arm, capsys):
+    urdf, log = arm
+    kept(log, ["identify", urdf, log, "--report", log], capsys, "is an input")
+
+
+def test_a_report_does_not_overwrite_a_file_of_others(arm, tmp_path, capsys):
+    page = tmp_path / "thesis.html"
+    page.write_text("<h1>Thesis</h1>")
+    arguments = ["identify", *arm, "--report", page]
+    kept(page, arguments, capsys, "nothing in it says")
+
+
+def test_an_export_does_not_overwrite_the_model(tmp_path, capsys):
+    model = tmp_path / "robot.urdf"
+    assert main(["export", RX60, "--format", "urdf", "--output", str(model)]) == 0
+    capsys.readouterr()
+    arguments = ["export", RX60, "--format", "urdf", "--source", model]
+    kept(model, [*arguments, "--output", model], capsys, "is an input")
+    assert main([*map(str, arguments), "--output", str(model), "--force"]) == 0
+    capsys.readouterr()
+
+
+def test_a_repair_does_not_overwrite_what_it_repairs(arm, capsys):
+    urdf, _ = arm
+    kept(urdf, ["repair", urdf, "--output", urdf], capsys, "is an input")
+
+
+@pytest.mark.parametrize("form", ["mjcf", "json", "numpy", "casadi", "c"])
+def test_what_was_exported_may_be_exported_again(tmp_path, capsys, form):
+    for problem in (RX60, "problems/rx60/problem.toml"):
+        arguments = ["export", problem, "--format", form]
+        assert main([*arguments, "--output", str(tmp_path / "robot")]) == 0
+        with (tmp_path / "robot").open("ab") as file:
+            file.write(b"\n")  # no longer what would be written
+    capsys.readouterr()
+
+
+@pytest.mark.slow
+def test_every_file_of_a_study_may_be_written_again(arm, tmp_path, capsys):
+    out = tmp_path / "out"
+    arguments = ["identify", *map(str, arm), "--output", str(out)]
+    arguments += ["--report", str(out / "report.html")]
+    assert main(arguments) == 0
+    written = [p for p in out.iterdir() if p.name != "problem.toml"]
+    assert len(written) > 5
+    for file in written:
+        with file.open("ab") as end:
+            end.write(b"\n")
+    assert main(arguments) == 0
+    capsys.readouterr()
+
+
+def test_an_estimate_with_a_list_for_a_number_is_refused(tmp_path, capsys):
+    out = tmp_path / "out"
+    main(["identify", RX60, "--output", str(out)])
+    file = out / "constrained.json"
+    record = json.loads(file.read_text())
+    first = next(iter(record["parameters"]))
+    record["parameters"][first]["value"] = [1.0, 2.0]
+    file.write_text(json.dumps(record))
+    arguments = ["export", RX60, "--format", "json", "--output", str(tmp_path / "x")]
+    assert main([*arguments, "--estimate", str(file)]) == 2
+    assert "expected `float`, got `array`" in capsys.readouterr().err.lower()
+    file.write_text("[" * 100_000)
+    assert main([*arguments, "--estimate", str(file)]) == 2
+    assert "not JSON" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("value", ["1e308", "-1e308", "1e31"])
+def test_an_inertia_that_no_body_has_is_refused(arm, capsys, value):
+    urdf, _ = arm
+    urdf.write_text(urdf.read_text().replace('ixx="0.02"', f'ixx="{value}"'))
+    assert main(["repair", str(urdf), "--dry-run"]) == 1
+    assert f"<inertia ixx> is '{value}'" in capsys.readouterr().out
+
+
+def test_a_bug_leaves_a_line_a_traceback_in_a_file_and_code_70(
+    tmp_path, capsys, monkeypatch
+):
+    def broken(*_, **__):
+        raise ZeroDivisionError("what nobody thought of")
+
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr("tempfile.tempdir", None)
+    monkeypatch.setattr("consistent_id.problems.problem.load_problem", broken)
+    assert main(["compare", RX60, "--dry-run"]) == 70
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "this is a bug" in line and "what nobody thought of" in line
+    (file,) = tmp_path.glob("consistent-id-*.txt")
+    assert str(file) in line
+    assert "Traceback" in file.read_text() and "in broken" in file.read_text()
+
+
+@pytest.mark.parametrize(
+    ("error", "code"), [(MemoryError(), 3), (PermissionError(13, "no", "x"), 2)]
+)
+def test_what_the_system_refuses_is_no_bug(capsys, monkeypatch, error, code):
+    def refused(*_, **__):
+        raise error
+
+    monkeypatch.setattr("consistent_id.problems.problem.load_problem", refused)
+    assert main(["compare", RX60, "--dry-run"]) == code
+    assert "bug" not in capsys.readouterr().err
+
+
+def test_a_killed_worker_is_named(capsys, monkeypatch):
+    def killed(*_):
+        raise BrokenProcessPool("A worker was terminated")
+
+    monkeypatch.setattr("consistent_id.excitation.searches._run", killed)
+    assert main(["excite", RX60, "--starts", "2", "--workers", "2"]) == 3
+    assert "a process of the search was killed" in capsys.readouterr().err
+
+
+def test_a_problem_file_of_others_may_name_files_only_with_trust(
+    arm, tmp_path, capsys, monkeypatch
+):
+    monkeypatch.delenv("CONSISTENT_ID_DATASETS", raising=False)
+    study = tmp_path / "study" / "problem.toml"
+    assert main(["init", *map(str, arm), "--output", str(study)]) == 0
+    assert f"compare {study} --trust" in capsys.readouterr().out
+    assert main(["info", str(study)]) == 2
+    assert "--trust" in capsys.readouterr().err
+    assert main(["info", str(study), "--trust"]) == 0
+    capsys.readouterr()
+
+
+# Interrupts -------------------------------------------------------------------------
+
+
+def test_an_interrupted_bootstrap_shows_what_it_has_and_ends_with_130(
+    arm, capsys, monkeypatch
+):
+    calls = iter(range(10**6))
+    solve = segment_bootstrap.penalised_fit
+
+    def interrupted(*args, **options):
+        if next(calls) == 7:
+            raise KeyboardInterrupt
+        return solve(*args, **options)
+
+    monkeypatch.setattr(segment_bootstrap, "_WORKERS", 1)
+    monkeypatch.setattr(segment_bootstrap, "penalised_fit", interrupted)
+    assert main(["identify", *map(str, arm), "--uncertainty"]) == 130
+    shown = capsys.readouterr()
+    assert "7 estimates from segments" in shown.out and "; interrupted" in shown.out
+    assert "interrupted: this is the best so far" in shown.err
+
+
+def started(arguments, tmp_path):
+    return subprocess.Popen(
+        [sys.executable, "-m", "consistent_id", *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"TMPDIR": str(tmp_path)},
+        start_new_session=True,
+    )
+
+
+def interrupt(process):
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does
+
+
+def when_searching(tmp_path):
+    end = time.monotonic() + 100.0
+    while not list(tmp_path.glob("excitation-*/*.npz")):
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+EXCITE = ("excite", RX60, "--time-limit", "600", "--starts", "5000", "--workers")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("workers", ["1", "2"])
+def test_the_first_interrupt_of_a_design_keeps_the_best(tmp_path, workers):
+    process = started([*EXCITE, workers, "--output", str(tmp_path / "out")], tmp_path)
+    when_searching(tmp_path)
+    interrupt(process)
+    out, err = process.communicate(timeout=100)
+    assert process.returncode == 130, err
+    assert "interrupted: the user ended the search" in out
+    record = (tmp_path / "out" / "excitation.json").read_text()
+    assert "interrupted: the user ended the search" in record
+
+
+@pytest.mark.slow
+def test_the_second_interrupt_stops_at_once(tmp_path):
+    process = started([*EXCITE, "2", "--output", str(tmp_path / "out")], tmp_path)
+    when_searching(tmp_path)
+    interrupt(process)
+    time.sleep(0.05)
+    interrupt(process)
+    process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.slow
+def test_an_interrupt_ends_a_reproduced_study(tmp_path):
+    process = started(
+        ["reproduce", RX60, "--quick", "--output", str(tmp_path / "out")], tmp_path
+    )
+    when_searching(tmp_path)
+    interrupt(process)
+    _, err = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert err.splitlines()[-1] == "consistent-id: interrupted"
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.slow
+def test_sigterm_ends_a_search_and_its_workers(tmp_path):
+    process = started([*EXCITE, "2", "--output", str(tmp_path / "out")], tmp_path)
+    when_searching(tmp_path)
+    process.terminate()
+    _, err = process.communicate(timeout=30)
+    assert process.returncode == 143
+    assert "terminated" in err
+    assert not list(tmp_path.glob("excitation-*"))

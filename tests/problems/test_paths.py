@@ -1,0 +1,74 @@
+"""What a problem file of a stranger may name."""
+
+import pytest
+from logged import write_arm
+
+from consistent_id import ProblemError, draft_problem, load_problem, load_problems
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    """A folder with a problem, a robot and a log, and no other data folder."""
+    monkeypatch.delenv("CONSISTENT_ID_DATASETS", raising=False)
+    inner = tmp_path / "study"
+    inner.mkdir()
+    urdf, log = write_arm(inner)
+    text = draft_problem(urdf, log).text(inner)
+    (inner / "problem.toml").write_text(text)
+    return inner
+
+
+def changed(folder, old, new):
+    file = folder / "problem.toml"
+    text = file.read_text()
+    assert old in text
+    file.write_text(text.replace(old, new))
+
+
+def test_what_lies_beside_the_file_may_be_named(here):
+    assert load_problem(here).training
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key"),
+    [
+        ('urdf = "arm.urdf"', 'urdf = "../arm.urdf"', "model.urdf"),
+        ('urdf = "arm.urdf"', 'urdf = "/etc/passwd"', "model.urdf"),
+        ('file = "log.csv"', 'file = "../log.csv"', "data.recordings.file"),
+        ("[data]\n", '[data]\nfolder = "/tmp"\n', "data.folder"),
+        (
+            "[constraints]\n",
+            "[[constraints.density_on]]\nlink='fore'\nmesh='/x.stl'\n[constraints]\n",
+            "mesh",
+        ),
+    ],
+)
+def test_what_lies_elsewhere_may_not_be_named(here, old, new, key):
+    changed(here, old, new)
+    with pytest.raises(ProblemError, match=rf"{key} leads to .*--trust"):
+        load_problem(here)
+
+
+def test_a_link_leads_where_it_leads(here):
+    (here / "arm.urdf").rename(here.parent / "arm.urdf")
+    (here / "arm.urdf").symlink_to(here.parent / "arm.urdf")
+    with pytest.raises(ProblemError, match=r"model\.urdf leads to"):
+        load_problem(here)
+    assert load_problem(here, trust=True).training
+
+
+def test_other_environment_variables_are_not_read(here, monkeypatch):
+    monkeypatch.setenv("SECRET", str(here))
+    changed(here, 'urdf = "arm.urdf"', 'urdf = "${SECRET}/arm.urdf"')
+    with pytest.raises(ProblemError, match="environment variable SECRET"):
+        load_problem(here)
+    assert load_problem(here, trust=True).training
+    (problem,) = load_problems(here, trust=True)
+    assert problem.training
+
+
+def test_the_folder_of_the_data_may_be_named(here, monkeypatch, tmp_path):
+    monkeypatch.setenv("CONSISTENT_ID_DATASETS", str(tmp_path))
+    (here / "arm.urdf").rename(tmp_path / "arm.urdf")
+    changed(here, 'urdf = "arm.urdf"', 'urdf = "${CONSISTENT_ID_DATASETS}/arm.urdf"')
+    assert load_problem(here).training
