@@ -26,6 +26,7 @@ from consistent_id.diagnosis.explain import (
 )
 from consistent_id.diagnosis.findings import Diagnosis, Finding
 from consistent_id.diagnosis.linearise import Linearised, linearised
+from consistent_id.diagnosis.motion_noise import motion_noise_findings
 from consistent_id.diagnosis.repeats import leak_findings
 from consistent_id.diagnosis.small_shifts import (
     hidden_zeros,
@@ -64,8 +65,9 @@ def diagnose(
     prepare : callable, optional
         From a recording as logged to one with velocity and acceleration, such as
         filtering and differentiating; by default they are taken as prepared.  It is
-        called once for each recording, so it has to treat all joints alike and to keep
-        constants: corrections are applied to what it returns.
+        called twice for each recording, as it is and with one reading changed, so it
+        has to treat all joints alike and to keep constants: corrections are applied to
+        what it returns.
     constraints : sequence of Constraint, optional
         What is known of the robot; by default physical consistency, friction that
         dissipates, and the datasheet's masses where they are known.
@@ -117,8 +119,10 @@ def _dynamic(
     prepare: Prepare,
 ) -> list[Finding]:
     """Return what only torque and motion together show."""
-    prepared = thinned(prepare(log).of(model.robot.joint_names), SAMPLES)
+    whole = prepare(log).of(model.robot.joint_names)
+    prepared = thinned(whole, SAMPLES)
     found = rank_findings(model, prepared, base)
+    found += motion_noise_findings(model, log, prepare, base, prepared=whole)
     try:
         as_is = fitted_log(model, prepared, constraints, base)
         best = best_explanation(as_is, corrections(model.robot, model.torque_joints))
