@@ -122,7 +122,8 @@ def _dynamic(
     whole = prepare(log).of(model.robot.joint_names)
     prepared = thinned(whole, SAMPLES)
     found = rank_findings(model, prepared, base)
-    found += motion_noise_findings(model, log, prepare, base, prepared=whole)
+    if not found:  # else some columns are noise alone, as that finding says
+        found += motion_noise_findings(model, log, prepare, base, prepared=whole)
     try:
         as_is = fitted_log(model, prepared, constraints, base)
         best = best_explanation(as_is, corrections(model.robot, model.torque_joints))

@@ -19,7 +19,7 @@ SHARE = 0.01
 Least squares takes a parameter for smaller by about this share.
 """
 
-_STRETCH = 4000  # samples from which the readings' noise is estimated
+_STRETCH = 2000  # samples from which the readings' noise is estimated
 _NAMED = 3  # columns that a finding names
 
 

@@ -20,6 +20,8 @@ def noise_gain(
 ) -> Array:
     """Return the covariance of prepared motion for readings of unit variance.
 
+    Of a measured velocity nothing is said: its noise is another.
+
     By the preparation's own answer ``h`` to a reading that is off,
     ``cov(x, y) = sum_k h_x[k] h_y[k]``, whatever the preparation is: a filter and
     differences, sliding polynomials, a smoother.  By Parseval's theorem that is the
@@ -43,8 +45,7 @@ def noise_gain(
     Raises
     ------
     RecordingError
-        If the preparation keeps other samples once a reading is off, or returns no
-        derivatives.
+        If the preparation returns no derivatives.
 
     Examples
     --------
@@ -58,13 +59,9 @@ def noise_gain(
     position[len(recording) // 2] += _BUMP
     without = prepare(recording) if prepared is None else prepared
     moved = prepare(replace(recording, position=position)).of(without.joints)
-    if len(moved) != len(without):
-        raise RecordingError(
-            f"{recording.name}: {len(without)} samples are left of it, and "
-            f"{len(moved)} where one reading is off, so the preparation's answer is "
-            "not known; leave trimming out"
-        )
-    answer = (_states(moved) - _states(without)) / _BUMP
+    # Trimming may keep other samples at the ends once a reading is off.
+    _, first, second = np.intersect1d(moved.time, without.time, return_indices=True)
+    answer = (_states(moved)[:, first] - _states(without)[:, second]) / _BUMP
     # Where every d-th sample is kept, so is a d-th of the answer.
     kept = recording.rate / without.rate
     return np.asarray(kept * np.einsum("anj,bnj->jab", answer, answer))
