@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from consistent_id._support.arrays import Vector
+from consistent_id._support.arrays import Array, Vector
 from consistent_id._support.tables import Table
 from consistent_id._support.threads import single_threaded
 from consistent_id.comparison.base_feasibility import BaseFeasibility, base_feasibility
@@ -36,7 +36,8 @@ class TorqueError:
     relative : ndarray, shape (torque joints,)
         RMS error over RMS torque.
     stacked : float
-        ``||tau - prediction|| / ||tau||`` over all joints.
+        ``||tau - prediction|| / ||tau||`` over all joints; where some turn and others
+        slide, the root mean square of both kinds' own, since N m and N do not add.
     """
 
     recording: str
@@ -232,5 +233,23 @@ def torque_error(estimate: Estimate, recording: Recording) -> TorqueError:
         recording.name,
         rms,
         rms / np.where(size > 0.0, size, np.nan),
-        float(np.linalg.norm(error) / np.linalg.norm(measured)),
+        _stacked(estimate, error, measured),
     )
+
+
+def _stacked(estimate: Estimate, error: Array, measured: Array) -> float:
+    """Return the relative error of all joints, each kind relative to its own torque."""
+    model = estimate.model
+    slides = np.array(
+        [
+            joint.kind == "prismatic"
+            for joint in model.robot.driven
+            if joint.name in model.torque_joints
+        ]
+    )
+    kinds = [kind for kind in (slides, ~slides) if measured[:, kind].any()]
+    errors = [
+        np.linalg.norm(error[:, kind]) / np.linalg.norm(measured[:, kind])
+        for kind in kinds
+    ]
+    return float(np.sqrt(np.mean(np.square(errors))))
