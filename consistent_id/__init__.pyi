@@ -53,10 +53,12 @@ from consistent_id.estimation.cross_validation import (
 )
 from consistent_id.estimation.cutoff import CutoffChoice, best_cutoff
 from consistent_id.estimation.cvxpy_problem import CvxpyProblem, to_cvxpy
+from consistent_id.estimation.endogeneity import EndogeneityTest, endogeneity_test
 from consistent_id.estimation.estimate import Certificate, Estimate
 from consistent_id.estimation.evidence import Evidence
 from consistent_id.estimation.fit import Fit
 from consistent_id.estimation.gains import DriveGains, identify_gains
+from consistent_id.estimation.instrumental import instrumental_variables
 from consistent_id.estimation.judge import judge
 from consistent_id.estimation.least_squares import (
     least_squares,
@@ -243,6 +245,7 @@ __all__ = [
     "DriveTerm",
     "DriveTerms",
     "Ellipsoid",
+    "EndogeneityTest",
     "EqualLinks",
     "Estimate",
     "Evidence",
@@ -346,6 +349,7 @@ __all__ = [
     "differentiated",
     "draft_problem",
     "encoder_resolution",
+    "endogeneity_test",
     "estimate_delay",
     "estimated_period",
     "fit_shapes",
@@ -362,6 +366,7 @@ __all__ = [
     "identify",
     "identify_gains",
     "identify_payload",
+    "instrumental_variables",
     "joint_noise",
     "joint_torque_regressor",
     "judge",

@@ -32,6 +32,7 @@ from consistent_id.diagnosis.explain import (
 from consistent_id.diagnosis.findings import Diagnosis, Finding
 from consistent_id.diagnosis.linearise import Linearised, linearised
 from consistent_id.diagnosis.model_faults import model_findings, placeholders
+from consistent_id.diagnosis.motion_noise import motion_noise_findings
 from consistent_id.diagnosis.repeats import leak_findings
 from consistent_id.diagnosis.signal_faults import (
     frozen_findings,
@@ -82,8 +83,9 @@ def diagnose(
     prepare : callable, optional
         From a recording as logged to one with velocity and acceleration, such as
         filtering and differentiating; by default they are taken as prepared.  It is
-        called once for each recording, so it has to treat all joints alike and to keep
-        constants: corrections are applied to what it returns.
+        called twice for each recording, as it is and with one reading changed, so it
+        has to treat all joints alike and to keep constants: corrections are applied to
+        what it returns.
     constraints : sequence of Constraint, optional
         What is known of the robot; by default physical consistency, friction that
         dissipates, and the datasheet's masses where they are known.
@@ -123,14 +125,18 @@ def _of_one(
     clock = clock_findings(log)
     if clock:
         return clock
-    prepared = thinned(prepare(log).of(model.robot.joint_names), SAMPLES)
+    whole = prepare(log).of(model.robot.joint_names)
+    prepared = thinned(whole, SAMPLES)
     found = standstill_findings(log)
     signals = [*frozen_findings(_with_torque_of(log, model)), *jump_findings(log)]
     found += signals or velocity_findings(log)
     found += [] if found else extent_findings(prepared)
-    found += rank_findings(model, prepared, base)
+    ranks = rank_findings(model, prepared, base)
+    found += ranks
     if any(f.severity == "fault" or f.kind in _LITTLE for f in found):
         return found
+    if not ranks:  # else some columns are noise alone, as that finding says
+        found += motion_noise_findings(model, log, prepare, base, prepared=whole)
     found += spike_findings(torque) + noise_findings(torque)
     coarse = resolution_findings(log, torque)
     stepped = {f.where for f in coarse}

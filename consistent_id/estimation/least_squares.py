@@ -77,6 +77,11 @@ def least_squares(
         linear_combination(direction, base.names) for direction in solution.null_space.T
     )
     notes = [noise.sentence]
+    if _of_two_kinds(model) and np.ptp(regression.sigma) == 0.0:
+        notes.append(
+            "rows in N m and in N count alike, whatever their sizes; "
+            "weighted_least_squares divides each joint's by its noise"
+        )
     if not redundant:
         notes = ["no more rows than parameters: the noise is unknown, so are errors"]
     notes += base.near
@@ -127,6 +132,16 @@ def weighted_least_squares(
         model, weighted, base=base, method=Method.WEIGHTED_LEAST_SQUARES
     )
     return replace(estimate, seconds=perf_counter() - started)
+
+
+def _of_two_kinds(model: TorqueModel) -> bool:
+    """Return whether joints that turn and joints that slide have rows."""
+    kinds = {
+        joint.kind == "prismatic"
+        for joint in model.robot.driven
+        if joint.name in model.torque_joints
+    }
+    return len(kinds) > 1
 
 
 def _covariance(

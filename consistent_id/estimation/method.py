@@ -22,6 +22,7 @@ class Method(StrEnum):
     CONSTRAINED_WITH_FRICTION = "constrained, with friction"
     WEIGHTED_CONSTRAINED = "weighted constrained"
     CROSS_VALIDATED = "cross-validated"
+    INSTRUMENTAL_VARIABLES = "instrumental variables"
 
     def __repr__(self) -> str:
         return repr(self.value)

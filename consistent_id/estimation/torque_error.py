@@ -28,7 +28,8 @@ class TorqueError:
     torque : ndarray, shape (torque joints,), [N m or N]
         RMS torque.
     stacked : float
-        ``||tau - prediction|| / ||tau||`` over all joints.
+        ``||tau - prediction|| / ||tau||`` over all joints; where some turn and others
+        slide, the root mean square of both kinds' own, since N m and N do not add.
     """
 
     recording: str
@@ -81,8 +82,21 @@ class MeasuredTorque:
             rms,
             rms / np.where(size > 0.0, size, np.nan),
             size,
-            float(np.sqrt(counts @ rms**2 / (counts @ size**2))),
+            _stacked(estimate.model, counts * rms**2, counts * size**2),
         )
+
+
+def _stacked(model: TorqueModel, error: Vector, torque: Vector) -> float:
+    """Return the relative error of all joints, each kind relative to its own torque.
+
+    `error` and `torque` are sums of squares, of each joint.
+    """
+    names = model.torque_joints
+    driven = [joint for joint in model.robot.driven if joint.name in names]
+    slides = np.array([joint.kind == "prismatic" for joint in driven])
+    kinds = [kind for kind in (slides, ~slides) if torque[kind].any()]
+    squares = [error[kind].sum() / torque[kind].sum() for kind in kinds]
+    return float(np.sqrt(np.mean(squares)))
 
 
 def stacked_error(errors: Sequence[TorqueError]) -> float | None:

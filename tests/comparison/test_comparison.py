@@ -7,6 +7,7 @@ import pytest
 from robots import random_robot, random_states
 
 from consistent_id import (
+    DHRow,
     DriveTerms,
     ProblemError,
     Recording,
@@ -14,6 +15,7 @@ from consistent_id import (
     build_regression,
     compare,
     constrained_least_squares,
+    from_modified_dh,
     least_squares,
     simulate_torque,
 )
@@ -123,3 +125,19 @@ def test_the_comparison_table_has_a_row_per_estimate_and_recording():
     tables = comparison_tables(compare(estimates, logs))
     assert [len(t.rows) for t in tables[:5]] == [2] * 5  # RMS and MSE twice, bodies
     assert tables[0].rows[1][0] == "constrained"
+
+
+def test_joints_that_turn_and_slide_are_not_added_in_one_error():
+    # A sliding joint of 1000 N that is exact, a turning one of 1 N m that is not.
+    rows = [DHRow(0, 0, kind="prismatic"), DHRow(np.pi / 2, 0)]
+    model = TorqueModel(from_modified_dh("arm", rows), DriveTerms(offset=True))
+    x = np.zeros(len(model.layout))
+    x[model.layout.index("joint1.offset")] = 1000.0
+    x[model.layout.index("joint2.offset")] = 0.8
+    still, time = np.zeros((10, 2)), np.arange(10) / 10.0
+    torque = np.tile([1000.0, 1.0], (10, 1))
+    log = Recording(model.robot.joint_names, time, still, still, still, torque)
+    estimate = replace(least_squares(model, build_regression(model, log)), parameters=x)
+    error = torque_error(estimate, log)
+    assert error.relative == pytest.approx([0.0, 0.2])
+    assert error.stacked == pytest.approx(np.sqrt((0.0**2 + 0.2**2) / 2.0))

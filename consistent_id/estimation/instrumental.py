@@ -1,0 +1,256 @@
+"""Instrumental variables: estimates that noise in the motion does not bend.
+
+Noise in positions, differentiated twice, is in the regressor ``W`` as well as in what
+least squares leaves over, and pulls its answer towards zero.  Instruments ``Z`` are the
+regressor along a motion that does not know this noise: the commanded one, or that of a
+simulated robot.  Then ``Z^T (W x - tau) = 0`` has no such pull [Janot2014]_.  With
+``Z = Q R`` it reads ``Q^T W x = Q^T tau``, and no product of regressors is formed.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from time import perf_counter
+
+import numpy as np
+
+from consistent_id._support.arrays import Array, Matrix, Vector
+from consistent_id._support.threads import single_threaded
+from consistent_id.errors import ProblemError, RecordingError
+from consistent_id.estimation.estimate import Certificate, Estimate
+from consistent_id.estimation.method import Method
+from consistent_id.recordings.recording import Recording, several
+from consistent_id.regression.base import (
+    BaseParameters,
+    base_parameters,
+    linear_combination,
+    parameter_origins,
+)
+from consistent_id.regression.correlation import correlation_length
+from consistent_id.regression.linear import LinearSolution, solve_linear
+from consistent_id.regression.noise import joint_noise
+from consistent_id.regression.regression import build_regression, motion_of, triangle
+from consistent_id.regression.regressor import TorqueModel
+
+_STATIONARITY = 1e-9
+_SAME = 1e-9  # part of the regressor in which instruments must differ from it
+
+
+@single_threaded
+def instrumental_variables(
+    model: TorqueModel,
+    recordings: Recording | Sequence[Recording],
+    instruments: Recording | Sequence[Recording],
+    *,
+    base: BaseParameters | None = None,
+) -> Estimate:
+    """Estimate base parameters by instrumental variables.
+
+    Each joint is weighted by its noise under weighted least squares.
+
+    Parameters
+    ----------
+    model : TorqueModel
+    recordings : Recording or sequence of Recording
+        As for `build_regression`: measured motion, prepared, and torque.
+    instruments : Recording or sequence of Recording
+        Motion with velocity and acceleration, sample for sample beside `recordings`,
+        that is near the measured one and independent of its noise: as it was commanded,
+        or of a simulated robot under the same commands.
+    base : BaseParameters, optional
+        By default `base_parameters(model)`.
+
+    Returns
+    -------
+    Estimate
+        Its standard errors are for white noise on the torque.
+
+    Raises
+    ------
+    RecordingError
+        If instruments and recordings have other lengths.
+    ProblemError
+        If the instruments are the measured motion itself.
+    """
+    started = perf_counter()
+    base = base_parameters(model) if base is None else base
+    rows = instrumented(model, recordings, instruments, base)
+    solution = solve_linear(rows.projected, rows.projected_torque)
+    parameters = base.lift(solution.x)
+    undetermined = tuple(
+        linear_combination(direction, base.names) for direction in solution.null_space.T
+    )
+    sigma = rows.sigma * np.sqrt(rows.misfit(solution.x) / rows.freedom)
+    notes = ["standard errors are for white noise on the torque", *base.near]
+    if undetermined:
+        notes.append(
+            f"instruments and data determine {solution.rank} of {len(base)} base "
+            "parameters; this is the smallest of all vectors that fit"
+        )
+    return Estimate(
+        method=Method.INSTRUMENTAL_VARIABLES,
+        model=model,
+        base=base,
+        parameters=parameters,
+        base_covariance=_covariance(solution, rows, sigma),
+        origins=parameter_origins(
+            solution.row_space @ base.projection,
+            np.zeros((0, len(model.layout))),
+            elsewhere="convention",
+        ),
+        undetermined=undetermined,
+        sigma=sigma,
+        certificate=_certificate(rows, solution),
+        notes=tuple(notes),
+        seconds=perf_counter() - started,
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Instrumented:
+    """Instruments, regressor and torque of all samples, compressed.
+
+    Parameters
+    ----------
+    factors : tuple of ndarray, shape (rows, 2 base + 1)
+        Per joint, triangular factors of ``[Z, W, tau]``.
+    sigma : ndarray, shape (torque joints,), [N m or N]
+        Noise of each joint under weighted least squares.
+    samples : int
+        Rows behind the factors.
+    correlation : float
+        How many samples carry as much information as one; see `correlation_length`.
+    """
+
+    factors: tuple[Matrix, ...]
+    sigma: Vector
+    samples: int
+    correlation: float
+
+    @property
+    def base(self) -> int:
+        """Number of base parameters."""
+        return int(self.factors[0].shape[1] - 1) // 2
+
+    @property
+    def stacked(self) -> Matrix:
+        """The factor of ``[Z, W, tau]`` of all joints, weighted."""
+        pairs = zip(self.factors, self.sigma, strict=True)
+        return triangle(np.asfortranarray(np.vstack([f / s for f, s in pairs])))
+
+    @property
+    def projected(self) -> Matrix:
+        """``Q^T W``, shape (base, base)."""
+        b = self.base
+        return self.stacked[:b, b : 2 * b]
+
+    @property
+    def projected_torque(self) -> Vector:
+        """``Q^T tau``, shape (base,)."""
+        return np.asarray(self.stacked[: self.base, -1])
+
+    @property
+    def freedom(self) -> float:
+        """Rows less base parameters."""
+        return float(max(self.samples - self.base, 1))
+
+    def misfit(self, x: Vector) -> float:
+        """``||W x - tau||^2`` over all joints, weighted."""
+        z = np.concatenate([np.zeros(self.base), x, [-1.0]])
+        return float(np.sum((self.stacked @ z) ** 2))
+
+
+def instrumented(
+    model: TorqueModel,
+    recordings: Recording | Sequence[Recording],
+    instruments: Recording | Sequence[Recording],
+    base: BaseParameters,
+) -> Instrumented:
+    """Compress instruments, regressor and torque together."""
+    logs, beside = several(recordings), several(instruments)
+    _require_pairs(logs, beside)
+    regression = build_regression(model, logs)
+    sigma = joint_noise(model, regression, base=base)
+    x = base.lift(_weighted_solution(regression.weighted(sigma).stacked(), base))
+    factors = [np.zeros((0, 2 * len(base) + 1)) for _ in model.torque_joints]
+    lengths, samples, differs = [], 0, 0.0
+    for log, other in zip(logs, beside, strict=True):
+        motion = motion_of(model, log, None)
+        here = model.chunks(motion.q, motion.dq, motion.ddq)
+        there = model.chunks(*_state(model, other))
+        for (part, W), (_, Z) in zip(here, there, strict=True):
+            W, Z = (Y[:, list(base.independent)] for Y in (W, Z))
+            differs = max(differs, float(abs(W - Z).max() / abs(W).max()))
+            factors = _merged(factors, Z, W, motion.torque[part].T)
+        residual = motion.torque - model.predict(x, motion.q, motion.dq, motion.ddq)
+        lengths.append(correlation_length(list(residual.T), sigma))
+        samples += residual.size
+    if differs < _SAME:
+        raise ProblemError(
+            "the instruments are the measured motion itself, noise and all; give the "
+            "commanded motion, or that of a simulated robot"
+        )
+    return Instrumented(tuple(factors), sigma, samples, float(np.mean(lengths)))
+
+
+def _weighted_solution(R: Matrix, base: BaseParameters) -> Vector:
+    return solve_linear(R[:, list(base.independent)], R[:, -1]).x
+
+
+def _merged(factors: list[Matrix], Z: Array, W: Array, tau: Array) -> list[Matrix]:
+    """Add a chunk of samples to each joint's triangular factor."""
+    return [
+        triangle(
+            np.asfortranarray(
+                np.vstack([factor, np.column_stack([Z[j].T, W[j].T, tau[j]])])
+            )
+        )
+        for j, factor in enumerate(factors)
+    ]
+
+
+def _state(model: TorqueModel, motion: Recording) -> tuple[Array, Array, Array]:
+    """Return position, velocity and acceleration of instruments."""
+    motion = motion.of(model.robot.joint_names)
+    if motion.velocity is None or motion.acceleration is None:
+        raise RecordingError(
+            f"{motion.name}, of instruments, has no velocity or no acceleration; "
+            "sample the commanded path, or call signals.differentiated first"
+        )
+    return motion.position, motion.velocity, motion.acceleration
+
+
+def _require_pairs(logs: Sequence[Recording], beside: Sequence[Recording]) -> None:
+    if len(logs) != len(beside):
+        raise RecordingError(
+            f"{len(logs)} recordings, but {len(beside)} instruments; give one each"
+        )
+    for log, other in zip(logs, beside, strict=True):
+        if len(log) != len(other):
+            raise RecordingError(
+                f"{log.name} has {len(log)} samples, its instruments {other.name} "
+                f"{len(other)}; bring them to the same instants, as signals.aligned or "
+                "signals.resampled do"
+            )
+
+
+def _covariance(
+    solution: LinearSolution, rows: Instrumented, sigma: Vector
+) -> Matrix | None:
+    """``(Q^T W)^-1 (Q^T W)^-T``, times what the weights were off; rank permitting."""
+    if solution.null_space.shape[1]:
+        return None
+    inverse = solution.pseudo_inverse * float(np.mean(sigma / rows.sigma))
+    return np.asarray(inverse @ inverse.T)
+
+
+def _certificate(rows: Instrumented, solution: LinearSolution) -> Certificate:
+    """Certify that the instruments leave nothing over."""
+    left = rows.projected @ solution.x - rows.projected_torque
+    size = np.linalg.norm(rows.projected_torque) or 1.0
+    share = float(np.linalg.norm(left) / size)
+    figures = {"orthogonality": share, "rank": float(solution.rank)}
+    if share <= _STATIONARITY:
+        reason = "what is left of the torque is orthogonal to all instruments"
+        return Certificate("certified", reason, figures)
+    reason = "the instruments do not excite all that the data do"
+    return Certificate("uncertified", reason, figures)
