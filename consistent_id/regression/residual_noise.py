@@ -12,7 +12,7 @@ from consistent_id.regression.regression import Regression
 
 _EXACT = 1e-6  # residual, relative to the torque, that counts as none
 _FEW = 3.0  # spare effective samples for each parameter, below which errors are rough
-_WHITE = 1.5  # samples of correlation up to which noise is called white
+WHITE = 1.5  # samples of correlation up to which noise is called white
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -99,7 +99,7 @@ class ResidualNoise:
                 "recordings, build_regression finds how noise is correlated"
             )
         least, most = float(self.length.min()), float(self.length.max())
-        if most <= _WHITE:
+        if most <= WHITE:
             return "residuals are white: standard errors are those of white noise"
         lengths = _span(least, most, ".0f")
         factors = _span(np.sqrt(least), np.sqrt(most), ".1f")
