@@ -38,7 +38,7 @@ UR10E = (
 KUKA = ("identification/FF_A.parquet", "validation/FF_B.parquet")
 KUKA_SPAN = (1.8, 8.2)  # s: the rest is standstill
 TX40 = "identification/seg_0.0-4.5s.parquet"
-TX40_BLOCKS = 4
+TX40_BLOCKS = 2
 MOVING = 0.02  # rad/s: slower than this at both ends is standstill
 
 
@@ -169,7 +169,7 @@ def agreement(problem: ci.Problem, recordings: list[ci.Recording]) -> Agreement:
     base = ci.base_parameters(model)
     regressions = [ci.build_regression(model, r) for r in recordings]
     plain = [ci.weighted_least_squares(model, r, base=base) for r in regressions]
-    bare = [replace(r, effective=None) for r in regressions]
+    bare = [replace(r, noise=None) for r in regressions]
     white = [ci.weighted_least_squares(model, r, base=base) for r in bare]
     intervals = [
         consistent_intervals(
@@ -302,11 +302,11 @@ interval for noise can hold what a wrong model says.
 
 ## Real robots
 
-Each recording (of the TX40: each quarter of its only one) is fitted by weighted least
+Each recording (of the TX40: each half of its only one) is fitted by weighted least
 squares. Differences of base parameters between two recordings are divided by their
 standard errors; 95 % should be within 1.96. The column of white noise is for
-comparison. The last column counts pairs of 95 % intervals of one standard parameter that have no
-value in common.
+comparison. The last column counts pairs of 95 % intervals of one standard parameter
+that have no value in common.
 
 Targets: 88 % or more within 1.96; 1 % or less disjoint.
 

@@ -27,8 +27,9 @@ from consistent_id.regression.base import (
 )
 from consistent_id.regression.correlation import correlation_length
 from consistent_id.regression.linear import LinearSolution, solve_linear
+from consistent_id.regression.motion_arrays import motion_of
 from consistent_id.regression.noise import joint_noise
-from consistent_id.regression.regression import build_regression, motion_of, triangle
+from consistent_id.regression.regression import build_regression, triangle
 from consistent_id.regression.regressor import TorqueModel
 
 _STATIONARITY = 1e-9

@@ -25,7 +25,7 @@ from consistent_id.regression.linear import LinearSolution, solve_linear
 from consistent_id.regression.noise import joint_noise, residual_sigma
 from consistent_id.regression.regression import Regression, require_match
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.regression.residual_noise import residual_noise
+from consistent_id.regression.residual_noise import ResidualNoise, residual_noise
 
 _STATIONARITY = 1e-9
 
@@ -71,8 +71,7 @@ def least_squares(
     sigma = residual_sigma(regression, parameters, solution.rank)
     redundant = sum(regression.counts) > solution.rank
     noise = residual_noise(regression, base)
-    level = sigma * np.sqrt(noise.length)
-    covariance = _covariance(regression, base, solution, level) if redundant else None
+    covariance = _covariance(noise, solution) if redundant else None
     undetermined = tuple(
         linear_combination(direction, base.names) for direction in solution.null_space.T
     )
@@ -144,29 +143,13 @@ def _of_two_kinds(model: TorqueModel) -> bool:
     return len(kinds) > 1
 
 
-def _covariance(
-    regression: Regression,
-    base: BaseParameters,
-    solution: LinearSolution,
-    level: Vector,
-) -> Matrix:
-    """Covariance of the estimate under each joint's own noise (the sandwich form).
-
-    `level` is the white noise that does as much as each joint's; see `ResidualNoise`.
-    """
-    # x = A^+ b with A^+ = (A^T A)^+ A^T; joint j contributes (A^T A)^+ A_j^T.
-    columns = list(base.independent)
-    gram_inverse = solution.pseudo_inverse @ solution.pseudo_inverse.T
-    noise = np.zeros((len(base), len(base)))
-    for factor, weight, s in zip(
-        regression.factors, regression.sigma, level, strict=True
-    ):
-        rows = (factor[:, columns] @ gram_inverse) * (s / weight**2)
-        noise += rows.T @ rows
+def _covariance(noise: ResidualNoise, solution: LinearSolution) -> Matrix:
+    """Covariance of the estimate; infinite where the data leave it open."""
+    covariance = np.asarray(noise.steps @ noise.inflation @ noise.steps.T)
     open_ended = (abs(solution.null_space) > 1e-9).any(axis=1)
-    noise[open_ended, :] = noise[:, open_ended] = np.nan
-    noise[open_ended, open_ended] = np.inf
-    return noise
+    covariance[open_ended, :] = covariance[:, open_ended] = np.nan
+    covariance[open_ended, open_ended] = np.inf
+    return covariance
 
 
 def stationarity_certificate(

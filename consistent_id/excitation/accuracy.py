@@ -24,6 +24,7 @@ from consistent_id.regression.base import (
 )
 from consistent_id.regression.regression import require_same_model, triangle
 from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.residual_noise import WHITE
 from consistent_id.robot.parameters import did_you_mean
 
 _PART = 0.2  # of the largest part of a combination; less is not listed
@@ -48,6 +49,9 @@ class PredictedAccuracy:
         Of one repetition.
     unit_noise : bool
         Whether no noise was given, so that errors are per N m (or N) of it.
+    correlation : float
+        Samples that determine as much as one with white noise: the mean over joints of
+        earlier recordings, or one.
     """
 
     base: BaseParameters
@@ -56,6 +60,7 @@ class PredictedAccuracy:
     condition: ConditionNumber
     duration: float
     unit_noise: bool
+    correlation: float = 1.0
 
     def standard_errors(self, repetitions: float = 1.0) -> Vector:
         """Return the standard error of each base parameter, in its own unit.
@@ -78,7 +83,7 @@ class PredictedAccuracy:
                 "standard errors"
             )
         inverse = np.linalg.solve(R, np.eye(len(R)))
-        return np.asarray(np.linalg.norm(inverse, axis=1))
+        return np.asarray(np.linalg.norm(inverse, axis=1) * np.sqrt(self.correlation))
 
     def repetitions_for(self, wanted: Mapping[str, float]) -> float:
         """Return how often to play the path until standard errors are small enough.
@@ -141,6 +146,20 @@ class PredictedAccuracy:
             np.where(abs(direction) > _PART, direction, 0.0), self.base.names, digits=2
         )
 
+    @property
+    def noise_note(self) -> str:
+        """What noise is taken to be, and what that is worth on a real robot."""
+        if self.correlation > 1.0:
+            return (
+                f"noise is correlated over {self.correlation:.0f} samples, as in "
+                "earlier recordings, whose rate is taken to be the same"
+            )
+        return (
+            "noise is taken to be independent from sample to sample; on real robots "
+            "it is correlated over 0.1 to 0.35 s: errors are then as many times "
+            "larger as the root of the samples in that time, at any rate"
+        )
+
     def _place(self, name: str) -> int:
         if name not in self.base.names:
             near = did_you_mean(name, self.base.names)
@@ -164,7 +183,7 @@ class PredictedAccuracy:
             (
                 f"condition number {self.condition}",
                 f"identified worst: {self.weakest} (in units of the columns' norms)",
-                "noise is taken to be independent from sample to sample",
+                self.noise_note,
             ),
         )
 
@@ -207,7 +226,20 @@ def predicted_accuracy(
         condition=condition,
         duration=path.duration,
         unit_noise=aim.noise is None,
+        correlation=_correlation(aim),
     )
+
+
+def _correlation(aim: Aim) -> float:
+    """Return samples that determine as much as one with white noise.
+
+    As in earlier recordings together, over all joints; one where there are none, or
+    where their residuals are white.
+    """
+    counts = sum(sum(r.counts) for r in aim.recordings)
+    effective = sum(float(r.effective.sum()) for r in aim.recordings)
+    length = counts / effective if aim.recordings else 1.0
+    return length if length > WHITE else 1.0
 
 
 def earlier_rows(model: TorqueModel, base: BaseParameters, aim: Aim) -> Matrix:

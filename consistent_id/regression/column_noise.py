@@ -13,7 +13,7 @@ from consistent_id._support.threads import single_threaded
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.linear import solve_linear
-from consistent_id.regression.regression import Motion, motion_of
+from consistent_id.regression.motion_arrays import Motion, motion_of
 from consistent_id.regression.regressor import TorqueModel
 
 _SAMPLES = 4000  # of the motion, spread evenly, from which averages are taken

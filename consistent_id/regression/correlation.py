@@ -10,20 +10,12 @@ friction that is not what the model says, have residuals that go on for many sam
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Array, Vector
-
-_MOST_SPENT = 0.5
-"""Largest share of a joint's effective samples that is given back for the fit: beyond
-it there are hardly more independent samples than parameters, and no estimate is good.
-"""
 
 _WINDOW = 2**16
 """Samples whose autocorrelation is found at a time; pairs across windows are left out,
 which are few beside noise of up to a thousand samples."""
-
-_EXACT = 1e-3  # residual, relative to the least noise, that is rounding alone
 
 
 def correlation_length(residuals: Sequence[Vector], sigma: Vector) -> float:
@@ -37,55 +29,29 @@ def correlation_length(residuals: Sequence[Vector], sigma: Vector) -> float:
     return float(np.average(lengths, weights=weights)) if any(weights) else 1.0
 
 
-def correlation_lengths(
-    residuals: Sequence[Array], *, spent: ArrayLike = 0.0, noise: ArrayLike = 0.0
-) -> Vector:
+def correlation_lengths(residuals: Sequence[Array]) -> Vector:
     """Return each joint's ``1 + 2 sum_k rho_k``, at least one.
 
-    Autocovariances of several recordings add.  A fit takes from the residuals what its
-    parameters can follow: of the variance of ``n`` samples the share
-    ``d = length p / n``, if it spends ``p`` degrees of freedom on a joint, and all of
-    it is slow.  So ``rho_k = (1 - d) rho_k(residuals) + d``, until length and share
-    agree.
+    Autocovariances of several recordings add.
 
     Parameters
     ----------
     residuals : sequence of ndarray, each shape (samples, joints)
         One for each recording, at equal steps.
-    spent : array_like, shape (joints,) or ()
-        Degrees of freedom that the fit takes from each joint.
-    noise : array_like, shape (joints,) or (), optional
-        Least level of noise worth the name: residuals far below it are rounding.
 
     Returns
     -------
     ndarray, shape (joints,)
     """
-    joints = residuals[0].shape[1]
-    counts = sum(np.count_nonzero(r, axis=0) for r in residuals)
-    spent, noise = np.broadcast_to(spent, joints), np.broadcast_to(noise, joints)
-    lengths = np.ones(joints)
-    for j in range(joints):
+    lengths = np.ones(residuals[0].shape[1])
+    for j in range(len(lengths)):
         sums = _autocovariance([r[:, j] for r in residuals])
-        if counts[j] == 0 or sums[0] <= counts[j] * (_EXACT * noise[j]) ** 2:
+        if sums[0] == 0.0:
             continue
         rho = sums / sums[0]
         stop = int(np.argmax(rho < 0.0)) if (rho < 0.0).any() else len(rho)
-        lengths[j] = _length(rho[1:stop], float(spent[j]) / float(counts[j]))
+        lengths[j] = max(1.0 + 2.0 * float(rho[1:stop].sum()), 1.0)
     return lengths
-
-
-def _length(rho: Vector, spent: float) -> float:
-    """Return the length at which it and the share that the fit has taken agree."""
-    total, lags = float(rho.sum()), len(rho)
-    length = max(1.0 + 2.0 * total, 1.0)
-    for _ in range(50):
-        d = min(length * spent, _MOST_SPENT)
-        new = max(1.0 + 2.0 * ((1.0 - d) * total + d * lags), 1.0)
-        if abs(new - length) <= 1e-6 * length:
-            break
-        length = new
-    return length
 
 
 def _autocovariance(series: Sequence[Vector]) -> Vector:

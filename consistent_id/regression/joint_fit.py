@@ -21,13 +21,16 @@ class JointFit(NamedTuple):
         The smallest solution.
     noise : ndarray, shape (joints,), [N m or N]
         RMS residual, or a millionth of the torque.
-    spent : ndarray, shape (joints,)
-        Degrees of freedom of each joint's rows that the fit takes: their leverage.
+    weights : ndarray, shape (joints,), [N m or N]
+        By which rows were divided.
+    steps : ndarray, shape (parameters, rank)
+        All rows so divided, times these, are orthonormal.
     """
 
     x: Vector
     noise: Vector
-    spent: Vector
+    weights: Vector
+    steps: Matrix
 
 
 def joint_fit(factors: Sequence[Matrix], counts: Sequence[int]) -> JointFit:
@@ -41,17 +44,16 @@ def joint_fit(factors: Sequence[Matrix], counts: Sequence[int]) -> JointFit:
     torque = np.array([np.linalg.norm(F[:, -1]) for F in factors]) / size
     floor = _EXACT * np.maximum(torque, _EXACT * (torque.max() or 1.0))
     noise = np.ones(len(factors))
-    ends = np.cumsum([len(F) for F in factors])[:-1]
     for _ in range(_ROUNDS):
-        rows = np.vstack([F / s for F, s in zip(factors, noise, strict=True)])
+        weights = noise
+        rows = np.vstack([F / s for F, s in zip(factors, weights, strict=True)])
         norms = np.linalg.norm(rows[:, :-1], axis=0)
         unit = np.where(norms > DATA_RANK_TOLERANCE * norms.max(), norms, np.inf)
         U, s, Vt = np.linalg.svd(rows[:, :-1] / unit, full_matrices=False)
-        U = U[:, s > DATA_RANK_TOLERANCE * max(float(s[0]), 1e-300)]
-        rank = U.shape[1]
-        x = (Vt[:rank].T / s[:rank]) @ (U.T @ rows[:, -1]) / unit
+        rank = int((s > DATA_RANK_TOLERANCE * max(float(s[0]), 1e-300)).sum())
+        steps = (Vt[:rank].T / s[:rank]) / unit[:, None]
+        x = steps @ (U[:, :rank].T @ rows[:, -1])
         z = np.append(x, -1.0).reshape(width)
         rest = np.array([np.linalg.norm(F @ z) for F in factors]) / size
         noise = np.maximum(rest, floor)
-    spent = np.array([float(np.sum(part**2)) for part in np.split(U, ends)])
-    return JointFit(x, noise, spent)
+    return JointFit(x, noise, weights, steps)

@@ -28,16 +28,17 @@ from consistent_id.errors import NotExcitedError, ProblemError
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.clocks import uniform_rate
 from consistent_id.regression.base import BaseParameters
-from consistent_id.regression.correlation import correlation_lengths
+from consistent_id.regression.correlated_noise import CorrelatedNoise
 from consistent_id.regression.joint_fit import joint_fit
 from consistent_id.regression.motion_arrays import Motion, motion_of
+from consistent_id.regression.recorded_noise import recorded_noise
 from consistent_id.regression.regressor import CHUNK, TorqueModel
 from consistent_id.regression.row_filter import RowFilter
 from consistent_id.regression.row_structure import row_structure
 from consistent_id.robot.parameters import ParameterLayout
 
 _WORKERS = 2
-_SHOWN = 2**17  # rows of a recording whose residuals show how noise is correlated
+_SHOWN = 2**14  # rows of a recording whose residuals show how noise is correlated
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,10 +58,9 @@ class Regression:
         by default ones.
     fingerprint : str
         Of the torque model it was built with, if known.
-    effective : array_like, shape (joints,), optional
-        Samples of white noise that determine as much as the samples behind each
-        factor, whose noise is correlated; see `correlation_lengths`.  None where no
-        residuals were at hand: noise is then taken to be white.
+    noise : CorrelatedNoise, optional
+        How noise behind the factors is correlated, from the residuals of least squares.
+        None where no residuals were at hand: noise is then taken to be white.
     peaks : array_like, shape (joints,) or (), optional, [N m or N]
         Largest torque of each joint; by default zero: not known.
     """
@@ -71,7 +71,7 @@ class Regression:
     counts: tuple[int, ...]
     sigma: Vector = array_default(1.0)
     fingerprint: str = ""
-    effective: Vector | None = None
+    noise: CorrelatedNoise | None = None
     peaks: Vector = array_default(0.0)
 
     def __post_init__(self) -> None:
@@ -91,13 +91,6 @@ class Regression:
         peaks = self.peaks if np.ndim(self.peaks) else np.full(n, self.peaks)
         peaks = frozen(peaks, (n,), "peaks")
         freeze(self, factors=factors, sigma=sigma, peaks=peaks)
-        if self.effective is not None:
-            effective = frozen(self.effective, (n,), "effective samples")
-            if not (effective > 0.0).all():
-                raise ProblemError(
-                    f"effective samples are {effective}, expected positive numbers"
-                )
-            freeze(self, effective=effective)
 
     def __add__(self, other: "Regression") -> Self:
         """Merge two regressions of one torque model."""
@@ -111,20 +104,26 @@ class Regression:
             for mine, theirs in zip(self.factors, other.factors, strict=True)
         )
         counts = tuple(a + b for a, b in zip(self.counts, other.counts, strict=True))
-        pair = self.effective, other.effective
+        pair = self.noise, other.noise
         return replace(
             self,
             factors=factors,
             counts=counts,
-            effective=None if pair[0] is None or pair[1] is None else pair[0] + pair[1],
+            noise=None if pair[0] is None or pair[1] is None else pair[0] + pair[1],
             peaks=np.maximum(self.peaks, other.peaks),
         )
 
     @property
+    def effective(self) -> Vector:
+        """Samples of white noise that determine as much as those of each joint."""
+        if self.noise is None:
+            return np.array(self.counts, dtype=np.float64)
+        return self.noise.effective
+
+    @property
     def correlation(self) -> Vector:
         """Samples that determine as much as one with white noise, of each joint."""
-        counts = np.array(self.counts, dtype=np.float64)
-        return counts / (counts if self.effective is None else self.effective)
+        return np.asarray(np.array(self.counts, dtype=np.float64) / self.effective)
 
     def weighted(self, sigma: ArrayLike) -> Self:
         """Return the regression with each joint's rows divided by its noise level."""
@@ -198,7 +197,7 @@ def build_regression(
     row_filter = RowFilter(decimate)
     kept = [_centres(recording, row_filter) for recording in recordings]
     regression = _compressed(model, motions, kept, row_filter)
-    return _with_effective(model, regression, motions, kept, row_filter)
+    return _with_noise(model, regression, motions, kept, row_filter)
 
 
 def compressed_pieces(
@@ -220,8 +219,11 @@ def compressed_pieces(
     motions = [motion_of(model, recording, None) for recording in whole]
     kept = [range(len(recording)) for recording in whole]
     together = reduce(add, found)
-    length = _with_effective(model, together, motions, kept, plain).correlation
-    return tuple(replace(r, effective=np.array(r.counts) / length) for r in found)
+    noise = _with_noise(model, together, motions, kept, plain).noise
+    if noise is None:
+        return tuple(found)
+    total = sum(together.counts)
+    return tuple(replace(r, noise=noise.share(sum(r.counts) / total)) for r in found)
 
 
 def _compressed(
@@ -271,26 +273,22 @@ def _compressed(
     )
 
 
-def _with_effective(
+def _with_noise(
     model: TorqueModel,
     regression: Regression,
     motions: Sequence[Motion],
     kept: Sequence[range],
     row_filter: RowFilter,
 ) -> Regression:
-    """Count effective samples in the residuals of least squares."""
+    """Find correlated noise in the residuals of least squares."""
     fit = joint_fit(regression.factors, regression.counts)
-    residuals = []
-    for whole, rows in zip(motions, kept, strict=True):
-        motion, centres = _middle(whole, rows, row_filter)
-        rest = motion.torque - model.predict(fit.x, motion.q, motion.dq, motion.ddq)
-        if motion.weights is not None:
-            rest *= motion.weights
-        pieces = [row_filter(rest[piece]) for piece in row_filter.pieces(centres)]
-        residuals.append(np.concatenate(pieces))
-    spent = fit.spent * sum(len(r) for r in residuals) / sum(len(k) for k in kept)
-    lengths = correlation_lengths(residuals, spent=spent, noise=fit.noise)
-    return replace(regression, effective=np.array(regression.counts) / lengths)
+    parts = [
+        recorded_noise(
+            model, fit, *_middle(motion, rows, row_filter), row_filter
+        ).share(len(rows) / min(len(rows), _SHOWN))
+        for motion, rows in zip(motions, kept, strict=True)
+    ]
+    return replace(regression, noise=reduce(add, parts))
 
 
 def _middle(

@@ -11,7 +11,8 @@ from consistent_id.regression.noise import residual_sigma
 from consistent_id.regression.regression import Regression
 
 _EXACT = 1e-6  # residual, relative to the torque, that counts as none
-_WHITE = 1.5  # samples of correlation up to which noise is called white
+_FEW = 3.0  # spare effective samples for each parameter, below which errors are rough
+WHITE = 1.5  # samples of correlation up to which noise is called white
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -20,9 +21,9 @@ class ResidualNoise:
 
     With ``A = Q D`` the weighted base regressor and ``Q`` orthonormal, a change of the
     base parameters by ``steps @ y`` raises the squared misfit by ``y^T y``, and least
-    squares scatters ``y`` with the covariance ``inflation = sum_j v_j Q_j^T Q_j``,
-    ``v_j = length_j sigma_j^2 / weight_j^2`` (the sandwich form; one, where weights are
-    right and noise is white).
+    squares scatters ``y`` with the covariance `inflation` (the sandwich form): that of
+    scores under correlated noise, see `CorrelatedNoise`, or under white noise of each
+    joint's level.  It is about one where weights are right and noise is white.
 
     Parameters
     ----------
@@ -98,14 +99,14 @@ class ResidualNoise:
                 "recordings, build_regression finds how noise is correlated"
             )
         least, most = float(self.length.min()), float(self.length.max())
-        if most <= _WHITE:
+        if most <= WHITE:
             return "residuals are white: standard errors are those of white noise"
         lengths = _span(least, most, ".0f")
         factors = _span(np.sqrt(least), np.sqrt(most), ".1f")
         few = (
             f"; there are only {self.effective:.0f} effective samples for {self.rank} "
             "parameters, so that errors are rough"
-            if self.freedom < self.rank
+            if self.freedom < _FEW * self.rank
             else ""
         )
         return (
@@ -127,19 +128,21 @@ def residual_noise(regression: Regression, base: BaseParameters) -> ResidualNois
     solution = solve_linear(R[:, columns], R[:, -1])
     sigma = residual_sigma(regression, base.lift(solution.x), solution.rank)
     floor = _EXACT * np.maximum(regression.torque_rms, 1e-12)
-    sigma, length = np.maximum(sigma, floor), regression.correlation
-    steps = _steps(R[:, columns])
+    steps, length = _steps(R[:, columns]), regression.correlation
     inflation = np.zeros((steps.shape[1], steps.shape[1]))
-    for factor, weight, s, c in zip(
-        regression.factors, regression.sigma, sigma, length, strict=True
+    for j, (factor, weight) in enumerate(
+        zip(regression.factors, regression.sigma, strict=True)
     ):
-        Q = factor[:, columns] @ steps / weight
-        inflation += (Q.T @ Q) * (c * (s / weight) ** 2)
+        rows = factor[:, columns] @ steps / weight**2
+        scores = sigma[j] * rows
+        if regression.noise is not None:
+            scores = regression.noise.scores[j][:, columns] @ steps / weight**2
+        inflation += scores.T @ scores + floor[j] ** 2 * (rows.T @ rows)
     return ResidualNoise(
-        sigma=sigma,
+        sigma=np.maximum(sigma, floor),
         length=length,
-        effective=float(np.sum(np.array(regression.counts) / length)),
-        measured=regression.effective is not None,
+        effective=float(np.sum(regression.effective)),
+        measured=regression.noise is not None,
         steps=steps,
         inflation=inflation,
     )

@@ -1,0 +1,50 @@
+"""Noise along one recording, from what least squares leaves of its torque."""
+
+import numpy as np
+
+from consistent_id.regression.correlated_noise import (
+    CorrelatedNoise,
+    spectral_noise,
+    white_noise,
+)
+from consistent_id.regression.joint_fit import JointFit
+from consistent_id.regression.motion_arrays import Motion
+from consistent_id.regression.regressor import CHUNK, TorqueModel
+from consistent_id.regression.row_filter import RowFilter
+from consistent_id.regression.row_structure import row_structure
+
+_ROUNDING = 1e-9
+"""Residual, relative to the torque, that is rounding and has no spectrum of its own."""
+
+
+def recorded_noise(
+    model: TorqueModel,
+    fit: JointFit,
+    motion: Motion,
+    centres: range,
+    row_filter: RowFilter,
+) -> CorrelatedNoise:
+    """Return the noise that a fit leaves along a motion, of the rows at `centres`."""
+    structure = row_structure(model)
+    kept_rows = [np.empty((len(motion.q), len(kept))) for kept, _ in structure]
+    for part, Y in model.chunks(motion.q, motion.dq, motion.ddq, size=CHUNK):
+        for j, (kept, _) in enumerate(structure):
+            kept_rows[j][part] = Y[j, kept].T
+    counts, found = motion.counts(centres), []
+    for j, (_, expand) in enumerate(structure):
+        rows = np.column_stack([kept_rows[j], motion.torque[:, j]])
+        if motion.weights is not None:
+            rows *= motion.weights[:, j, None]
+        pieces = [row_filter(rows[piece]) for piece in row_filter.pieces(centres)]
+        rows = np.vstack(pieces)
+        residual = rows[:, -1] - rows[:, :-1] @ (expand @ fit.x)
+        steps = expand @ fit.steps / fit.weights[j]
+        if np.linalg.norm(residual) <= _ROUNDING * np.linalg.norm(rows[:, -1]):
+            noise = white_noise(rows[:, :-1], residual)
+        else:
+            noise = spectral_noise(rows[:, :-1], residual, steps)
+        found.append((noise.scores @ expand, counts[j] / noise.length))
+    return CorrelatedNoise(
+        np.array([max(effective, 1e-3) for _, effective in found]),
+        tuple(scores for scores, _ in found),
+    )
