@@ -20,7 +20,7 @@ from consistent_id.regression.mass_matrix import (
     least_mass_eigenvalue,
     random_poses,
 )
-from consistent_id.regression.regression import Regression, build_regression
+from consistent_id.regression.regression import build_regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.scaling import reference_bodies
 
@@ -191,14 +191,14 @@ def compare(
         raise ProblemError("the estimates have different parameters, or are of others")
     poses = random_poses(model, POSES, seed)
     learnt, held_out = (
-        [_compressed(model, recording) for recording in recordings]
+        [torque_errors(estimates, recording) for recording in recordings]
         for recordings in (training, validation)
     )
     reports = (
         EstimateReport(
             estimate=estimate,
-            training=tuple(one.error(estimate) for one in learnt),
-            validation=tuple(one.error(estimate) for one in held_out),
+            training=tuple(errors[i] for errors in learnt),
+            validation=tuple(errors[i] for errors in held_out),
             links=link_conditions(model, estimate.parameters),
             base_feasibility=base_feasibility(
                 model,
@@ -218,39 +218,32 @@ def compare(
                 ]
             ),
         )
-        for estimate in estimates
+        for i, estimate in enumerate(estimates)
     )
     return Comparison(model, tuple(reports))
 
 
-def torque_error(estimate: Estimate, recording: Recording) -> TorqueError:
-    """Return the prediction error of an estimate along a recording."""
-    return _compressed(estimate.model, recording).error(estimate)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Compressed:
-    """A recording's regression, of which every estimate's error is a product."""
-
-    recording: str
-    regression: Regression
-
-    def error(self, estimate: Estimate) -> TorqueError:
-        counts = np.array(self.regression.counts)
-        rms = self.regression.residual_rms(estimate.parameters)
-        size = self.regression.torque_rms
-        return TorqueError(
-            self.recording,
-            rms,
-            rms / np.where(size > 0.0, size, np.nan),
-            float(np.sqrt(counts @ rms**2 / (counts @ size**2))),
-        )
-
-
-def _compressed(model: TorqueModel, recording: Recording) -> _Compressed:
+def torque_errors(
+    estimates: Sequence[Estimate], recording: Recording
+) -> list[TorqueError]:
+    """Return the prediction error of each estimate of one model along a recording."""
+    model = estimates[0].model
     measured = recording.of(model.torque_joints).torque
     if measured is None:
         raise ProblemError(f"{recording.name} has no torque to compare with")
     if not measured.any():
         raise ProblemError(f"{recording.name}: its torque is zero throughout")
-    return _Compressed(recording.name, build_regression(model, recording))
+    regression = build_regression(model, recording)
+    size = regression.torque_rms
+    errors = []
+    for estimate in estimates:
+        rms = regression.residual_rms(estimate.parameters)
+        errors.append(
+            TorqueError(
+                recording.name,
+                rms,
+                rms / np.where(size > 0.0, size, np.nan),
+                float(np.linalg.norm(rms) / np.linalg.norm(size)),
+            )
+        )
+    return errors

@@ -19,7 +19,7 @@ from consistent_id import (
 )
 from consistent_id._support.tables import Table
 from consistent_id.comparison.base_feasibility import in_words
-from consistent_id.comparison.comparison import torque_error
+from consistent_id.comparison.comparison import torque_errors
 from consistent_id.report.summary import comparison_tables
 
 
@@ -41,7 +41,7 @@ def _estimates(seed=0, noise=4.0):
 
 def test_errors_are_those_computed_by_hand():
     _, _, _, logs, (plain, _) = _estimates()
-    error = torque_error(plain, logs[1])
+    (error,) = torque_errors([plain], logs[1])
     rest = logs[1].torque - plain.predict(logs[1])
     assert np.allclose(error.mse, np.mean(rest**2, axis=0))
     assert np.allclose(error.rms, np.sqrt(error.mse))
