@@ -18,9 +18,9 @@ from consistent_id.estimation.evidence import Evidence
 from consistent_id.estimation.judge import judge
 from consistent_id.estimation.method import Method
 from consistent_id.estimation.torque_error import (
-    MeasuredTorque,
     TorqueError,
     stacked_error,
+    torque_errors,
 )
 from consistent_id.estimation.verdict import Verdict
 from consistent_id.recordings.finding import Finding
@@ -219,14 +219,14 @@ def compare(
         raise ProblemError("the estimates have different parameters, or are of others")
     poses = random_poses(model, POSES, seed)
     learnt, held_out = (
-        [MeasuredTorque.of(model, recording) for recording in recordings]
+        [torque_errors(estimates, recording) for recording in recordings]
         for recordings in (training, validation)
     )
     reports = [
         EstimateReport(
             estimate=estimate,
-            training=tuple(one.error(estimate) for one in learnt),
-            validation=tuple(one.error(estimate) for one in held_out),
+            training=tuple(errors[i] for errors in learnt),
+            validation=tuple(errors[i] for errors in held_out),
             links=link_conditions(model, estimate.parameters),
             base_feasibility=base_feasibility(
                 model,
@@ -247,7 +247,7 @@ def compare(
             ),
             findings=tuple(findings),
         )
-        for estimate in estimates
+        for i, estimate in enumerate(estimates)
     ]
     if regression is not None:
         reports = _tested(reports, regression)

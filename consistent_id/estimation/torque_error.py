@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 
@@ -10,7 +9,7 @@ from consistent_id._support.arrays import Vector
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.recordings.recording import Recording
-from consistent_id.regression.regression import Regression, build_regression
+from consistent_id.regression.regression import build_regression
 from consistent_id.regression.regressor import TorqueModel
 
 
@@ -44,46 +43,37 @@ class TorqueError:
         return self.rms**2
 
 
-def torque_error(estimate: Estimate, recording: Recording) -> TorqueError:
-    """Return the prediction error of an estimate along a recording."""
-    return MeasuredTorque.of(estimate.model, recording).error(estimate)
+def torque_errors(
+    estimates: Sequence[Estimate], recording: Recording
+) -> list[TorqueError]:
+    """Return the prediction error of each estimate of one model along a recording.
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class MeasuredTorque:
-    """A recording's regression, of which every estimate's error is a product."""
-
-    recording: str
-    regression: Regression
-
-    @classmethod
-    def of(cls, model: TorqueModel, recording: Recording) -> Self:
-        """Compress a recording.
-
-        Raises
-        ------
-        ProblemError
-            If it has no torque, or the torque is zero throughout.
-        """
-        measured = recording.of(model.torque_joints).torque
-        if measured is None:
-            raise ProblemError(f"{recording.name} has no torque to compare with")
-        if not measured.any():
-            raise ProblemError(f"{recording.name}: its torque is zero throughout")
-        return cls(recording.name, build_regression(model, recording))
-
-    def error(self, estimate: Estimate) -> TorqueError:
-        """Return the prediction error of an estimate."""
-        counts = np.array(self.regression.counts)
-        rms = self.regression.residual_rms(estimate.parameters)
-        size = self.regression.torque_rms
-        return TorqueError(
-            self.recording,
-            rms,
-            rms / np.where(size > 0.0, size, np.nan),
-            size,
-            _stacked(estimate.model, counts * rms**2, counts * size**2),
+    Raises
+    ------
+    ProblemError
+        If the recording has no torque, or its torque is zero throughout.
+    """
+    model = estimates[0].model
+    measured = recording.of(model.torque_joints).torque
+    if measured is None:
+        raise ProblemError(f"{recording.name} has no torque to compare with")
+    if not measured.any():
+        raise ProblemError(f"{recording.name}: its torque is zero throughout")
+    regression = build_regression(model, recording)
+    counts, size = np.array(regression.counts), regression.torque_rms
+    errors = []
+    for estimate in estimates:
+        rms = regression.residual_rms(estimate.parameters)
+        errors.append(
+            TorqueError(
+                recording.name,
+                rms,
+                rms / np.where(size > 0.0, size, np.nan),
+                size,
+                _stacked(model, counts * rms**2, counts * size**2),
+            )
         )
+    return errors
 
 
 def _stacked(model: TorqueModel, error: Vector, torque: Vector) -> float:

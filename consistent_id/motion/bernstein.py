@@ -49,12 +49,6 @@ def derivative(control: Array, duration: Vector, order: int = 1) -> Array:
     return control
 
 
-def integral(control: Array, duration: Vector) -> Array:
-    """Return the coefficients of the integral from the beginning."""
-    steps = np.cumsum(control, axis=0) * duration[:, None] / len(control)
-    return np.concatenate([np.zeros_like(steps[:1]), steps])
-
-
 def hermite(begin: Matrix, end: Matrix, duration: Vector) -> Array:
     """Return the coefficients of the polynomials with given values at both ends.
 

@@ -83,11 +83,6 @@ class PolynomialPath:
         """
         return np.asarray(abs(bernstein.finer(self._derivative(order))).max(axis=0))
 
-    def position_range(self) -> Array:
-        """Return what each joint stays above and below, shape (2, joints)."""
-        control = bernstein.finer(self.control)
-        return np.array([control.min(axis=0), control.max(axis=0)])
-
     def _derivative(self, order: int) -> Matrix:
         duration = np.array([self.duration])
         return bernstein.derivative(self.control[:, None], duration, order)[:, 0]

@@ -147,33 +147,3 @@ def ancestors(robot: RobotModel, link: int) -> tuple[int, ...]:
         found.append(link)
         link = robot.joints[link].parent
     return tuple(found)
-
-
-def point_jacobian(places: LinkPlaces, link: int, points: ArrayLike) -> Array:
-    """Return how points fixed to a link move with the joints.
-
-    Column ``j`` is ``axis_j x (p - origin_j)`` if joint ``j`` turns the link,
-    ``axis_j`` if it slides it, else zero; those of joints that follow one are added to
-    its column, times their ratio.
-
-    Parameters
-    ----------
-    places : LinkPlaces
-    link : int
-        -1 for the base, which does not move.
-    points : array_like, shape (samples, 3), [m]
-        In the base frame, one for each pose.
-
-    Returns
-    -------
-    ndarray, shape (samples, 3, joints), [m/rad, or 1]
-    """
-    p = checked(points, (len(places), 3), "points")
-    jacobian = np.zeros((len(p), 3, len(places.robot)))
-    moved = places.robot.transmissions
-    for j in ancestors(places.robot, link):
-        axis = places.axis[:, j]
-        if places.robot.joints[j].kind != "prismatic":
-            axis = np.cross(axis, p - places.translation[:, j])
-        jacobian[:, :, moved[j].coordinate] += moved[j].ratio * axis
-    return jacobian

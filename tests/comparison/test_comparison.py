@@ -21,7 +21,7 @@ from consistent_id import (
 )
 from consistent_id._support.tables import Table
 from consistent_id.comparison.base_feasibility import in_words
-from consistent_id.comparison.comparison import torque_error
+from consistent_id.estimation.torque_error import torque_errors
 from consistent_id.report.summary import comparison_tables
 
 
@@ -43,7 +43,7 @@ def _estimates(seed=0, noise=4.0):
 
 def test_errors_are_those_computed_by_hand():
     _, _, _, logs, (plain, _) = _estimates()
-    error = torque_error(plain, logs[1])
+    (error,) = torque_errors([plain], logs[1])
     rest = logs[1].torque - plain.predict(logs[1])
     assert np.allclose(error.mse, np.mean(rest**2, axis=0))
     assert np.allclose(error.rms, np.sqrt(error.mse))
@@ -138,6 +138,6 @@ def test_joints_that_turn_and_slide_are_not_added_in_one_error():
     torque = np.tile([1000.0, 1.0], (10, 1))
     log = Recording(model.robot.joint_names, time, still, still, still, torque)
     estimate = replace(least_squares(model, build_regression(model, log)), parameters=x)
-    error = torque_error(estimate, log)
+    (error,) = torque_errors([estimate], log)
     assert error.relative == pytest.approx([0.0, 0.2])
     assert error.stacked == pytest.approx(np.sqrt((0.0**2 + 0.2**2) / 2.0))

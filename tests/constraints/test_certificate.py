@@ -1,5 +1,7 @@
 """Certificates and proofs: closed forms, wrong points, bodies and none."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from experiments import experiment, pendulum
@@ -11,6 +13,7 @@ from consistent_id import (
     base_feasibility,
     base_parameters,
 )
+from consistent_id.constraints.cones import certificate
 from consistent_id.constraints.cones.certificate import certify, solve_certified
 from consistent_id.constraints.cones.feasibility import find_interior
 from consistent_id.constraints.cones.least_norm import (
@@ -53,9 +56,39 @@ def test_the_nearest_semidefinite_matrix_is_the_one_with_its_negative_part_cut(s
     assert distance <= np.sqrt(2.0 * excess) + 1e-7
 
 
-def test_a_point_that_is_not_optimal_is_not_certified():
-    from dataclasses import replace
+@pytest.mark.parametrize("seed", range(3))
+def test_a_magnified_solution_has_the_multipliers_of_the_problem_as_it_stands(seed):
+    problem, answer = _triangular(seed)
+    # Of 1/2 |X - A|^2 over matrices X the multiplier is X - A: the part that is cut.
+    (cut,) = solve_least_norm(problem, magnified=True).multipliers.blocks
+    i, j = np.triu_indices(3)
+    # A relative gap of 1e-10 leaves its root in the point, times ten for its size.
+    np.testing.assert_allclose(
+        cut[i, j], answer - problem.g / problem.G.diagonal(), rtol=0, atol=1e-4
+    )
 
+
+def test_no_programme_is_solved_twice(monkeypatch):
+    problem, _ = _triangular(0)
+    asked = []
+
+    def noted(problem, **options):
+        solution = solve_least_norm(problem, **options)
+        origin = options.get("origin")
+        options["origin"] = None if origin is None else origin.tobytes()
+        ball = options.pop("within", None)
+        asked.append((*sorted(options.items(), key=str), ball and ball.radius))
+        # No multipliers: nothing is proven, and every way is tried.
+        nothing = solution.multipliers.times(0.0)
+        return replace(solution, multipliers=nothing)
+
+    monkeypatch.setattr(certificate, "solve_least_norm", noted)
+    _, optimality = solve_certified(problem, np.zeros(6), reference=0.5)
+    assert optimality.verdict == "uncertified"
+    assert len(asked) == len(set(asked)) > 8
+
+
+def test_a_point_that_is_not_optimal_is_not_certified():
     problem, answer = _triangular(3)
     solution = solve_least_norm(problem)
     worse = replace(solution, u=1.01 * answer)
@@ -67,8 +100,6 @@ def test_a_point_that_is_not_optimal_is_not_certified():
 
 
 def test_a_point_outside_is_not_certified():
-    from dataclasses import replace
-
     problem, answer = _triangular(4)
     solution = solve_least_norm(problem)
     outside = replace(solution, u=answer - 1e-3)

@@ -1,4 +1,4 @@
-"""Placements and Jacobians are Pinocchio's."""
+"""Placements are Pinocchio's."""
 
 import numpy as np
 import pinocchio as pin
@@ -10,7 +10,6 @@ from consistent_id.robot.kinematics import (
     fixed_place,
     frame_places,
     link_places,
-    point_jacobian,
 )
 
 
@@ -29,30 +28,6 @@ def test_links_are_where_pinocchio_has_them(seed, tree):
             assert np.allclose(
                 places.translation[i, k], expected.translation, atol=1e-12
             )
-
-
-@pytest.mark.parametrize("tree", [False, True])
-def test_points_move_as_in_pinocchio(tree):
-    rng = np.random.default_rng(7)
-    model, robot = random_robot(rng, 6, tree)
-    data, q = model.createData(), rng.uniform(-3.0, 3.0, (5, 6))
-    places, inside = link_places(robot, q), rng.normal(size=(5, 3))
-    for k in range(6):
-        turned = places.rotation[:, k] @ inside[..., None]
-        points = turned[..., 0] + places.translation[:, k]
-        jacobian = point_jacobian(places, k, points)
-        for i, pose in enumerate(q):
-            pin.computeJointJacobians(model, data, pose)
-            twist = pin.getJointJacobian(model, data, k + 1, pin.LOCAL_WORLD_ALIGNED)
-            arm = points[i] - places.translation[i, k]
-            expected = twist[:3] - pin.skew(arm) @ twist[3:]
-            assert np.allclose(jacobian[i], expected, atol=1e-12)
-
-
-def test_the_base_does_not_move():
-    _, robot = random_robot(np.random.default_rng(0), 3)
-    places = link_places(robot, np.zeros((2, 3)))
-    assert not point_jacobian(places, -1, np.ones((2, 3))).any()
 
 
 def test_a_tool_is_where_pinocchio_has_its_frame(tmp_path):

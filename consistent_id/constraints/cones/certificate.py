@@ -35,7 +35,7 @@ from consistent_id.constraints.cones.programmes import Ball, Multipliers
 from consistent_id.constraints.cones.sets import ConicSet, block_rows
 from consistent_id.errors import SolverError
 
-_FINE = (1e-12, 1e-10)  # tolerances within the ball, where numbers are tame
+_FINE = (1e-12, 1e-10)  # tolerances where numbers are tame, or magnified
 _NO_COST = 1e-9  # share of the objective, far below the gap allowed
 _NULL = 1e-12  # singular values below this, relative to the largest, are zero
 
@@ -164,8 +164,8 @@ def solve_certified(
 ) -> tuple[ConeSolution, Optimality]:
     """Try one way after another until a solution is certified; else return the best.
 
-    At several tolerances; then within the ball of the proof; then about the best point
-    so far.
+    At several tolerances, and magnified; then within the ball of the proof; then about
+    the best point so far.
 
     Raises
     ------
@@ -193,7 +193,9 @@ def solve_certified(
 
     wide = Ball(centre, RADIUS * within.radius)
     ways: list[Callable[[], ConeSolution]] = [
-        *(partial(solve, tolerance=t) for t in TOLERANCES),
+        partial(solve, tolerance=TOLERANCES[0]),
+        partial(solve, tolerance=_FINE[0], magnified=True),
+        *(partial(solve, tolerance=t) for t in TOLERANCES[1:]),
         *(partial(solve, tolerance=t, within=within) for t in _FINE),
         *(partial(solve, tolerance=t, within=wide) for t in _FINE),
     ]

@@ -22,7 +22,7 @@ from consistent_id.constraints.cones.programmes import (
 )
 from consistent_id.constraints.cones.sets import ConicSet
 
-_FAR = 1e3  # norm of g, in units of a misfit that matters, beyond which to rescale
+_FAR = 1e3  # norm of g beyond which to rescale, and to which to magnify
 
 TOLERANCES = (1e-10, 1e-9, 1e-8)
 """Tolerances worth asking of the solver, from the tightest on."""
@@ -54,6 +54,7 @@ def solve_least_norm(
     tolerance: float = TOLERANCES[0],
     within: Ball | None = None,
     origin: Vector | None = None,
+    magnified: bool = False,
 ) -> ConeSolution:
     """Solve the problem once, with the given tolerance on gap and feasibility.
 
@@ -61,7 +62,9 @@ def solve_least_norm(
     ``t >= ||G v - (g - G origin)||``.  A ball keeps `u` from running away where the
     objective is all but flat; its multiplier is left out.  An origin near the
     optimum, instead of zero, leaves small numbers to the solver, whose tolerances then
-    mean more.
+    mean more.  A magnified problem has large ones in the norm instead, so that the
+    tolerances ask for more of its digits: where the optimum is far below one, its
+    multipliers need them.
 
     Raises
     ------
@@ -72,7 +75,8 @@ def solve_least_norm(
     if origin is not None:
         g, domain = g - G @ origin, domain.moved(origin)
     # Far from the origin, absolute tolerances would ask for digits that are not there.
-    scale = max(1.0, float(np.linalg.norm(g)) / _FAR)
+    distance = float(np.linalg.norm(g)) / _FAR
+    scale = distance if magnified and distance > 0.0 else max(1.0, distance)
     size = G.shape[1]
     norm = np.zeros((1 + len(g), 1 + size))
     norm[0, 0] = -1.0
