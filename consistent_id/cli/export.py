@@ -49,6 +49,11 @@ def add_export(commands: Any) -> None:
         help="URDF or MJCF to put the estimate into (default: the problem's)",
     )
     command.add_argument(
+        "--copy-files",
+        action="store_true",
+        help="copy the meshes and textures of an MJCF file beside the output",
+    )
+    command.add_argument(
         "--allow-refused", action="store_true", help="write even what is refused"
     )
     add_dry_run(command)
@@ -80,6 +85,8 @@ def run_export(options: argparse.Namespace) -> int:
         estimate,
         options.format,
         source=options.source or problem.model_files.get(options.format),
+        folder=options.output.parent,
+        copy_files=options.copy_files,
         allow_refused=options.allow_refused,
     )
     written = None if options.dry_run else export.save(options.output)

@@ -1,9 +1,14 @@
 """Whether an estimate may be exported, and the provenance that a file states."""
 
+import re
+
 from consistent_id.constraints.cones.certificate import Verdict
 from consistent_id.constraints.link_condition import link_conditions
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.estimate import Estimate
+from consistent_id.robot.loaders.splice import Document, Edit
+
+_COMMENT = re.compile(rb"\s*<!-- consistent-id: [^>]* -->")
 
 
 def inconsistent_links(estimate: Estimate) -> tuple[str, ...]:
@@ -45,3 +50,11 @@ def provenance(estimate: Estimate) -> str:
         f"consistent-id: robot {estimate.model.robot.name}, method {estimate.method}, "
         f"verdict {export_verdict(estimate)}"
     )
+
+
+def comment_edit(document: Document, text: str) -> Edit:
+    """Return the edit that puts a comment first, in place of an earlier one."""
+    text = text.replace("--", "- -").replace(">", "")
+    edit = document.insert(document.root, [[f"<!-- {text} -->"]])
+    earlier = _COMMENT.match(document.data, edit.start)
+    return edit if earlier is None else edit._replace(stop=earlier.end())

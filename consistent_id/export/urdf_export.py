@@ -1,7 +1,6 @@
 """An identified robot in its own URDF: only numbers that changed are other bytes."""
 
-import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,9 +12,13 @@ from consistent_id.export.drive_values import JointDrive, joint_drives, not_expr
 from consistent_id.export.exported_file import Export
 from consistent_id.export.inertia_split import Part, split_inertia
 from consistent_id.export.new_urdf import urdf_text
-from consistent_id.export.provenance import provenance, require_usable
+from consistent_id.export.provenance import (
+    comment_edit,
+    provenance,
+    require_usable,
+)
 from consistent_id.robot.inertia import InertialParameters
-from consistent_id.robot.loaders.splice import Document, Edit
+from consistent_id.robot.loaders.splice import Document, Edit, joined
 from consistent_id.robot.loaders.urdf_inertial import (
     body_of,
     number,
@@ -28,7 +31,6 @@ from consistent_id.robot.model import STANDARD_GRAVITY, JointLimits, RobotModel
 from consistent_id.robot.parameters import did_you_mean
 
 _EXPRESSED = ("damping", "friction")
-_COMMENT = re.compile(rb"\s*<!-- consistent-id: [^>]* -->")
 
 
 def to_urdf(
@@ -94,8 +96,8 @@ def to_urdf(
         edits += _limit_edits(file, name, limit)
     notes += _left_out(file, estimate.model.robot)
     if comment:
-        edits.append(_comment_edit(file, provenance(estimate)))
-    content = file.document.spliced(_joined(edits))
+        edits.append(comment_edit(file.document, provenance(estimate)))
+    content = file.document.spliced(joined(edits))
     return Export("urdf", content, tuple(notes))
 
 
@@ -214,24 +216,6 @@ def _set_or_insert(
         return set_numbers(file.document, element, dict(values))
     pairs = " ".join(f'{name}="{number(value)}"' for name, (value,) in values.items())
     return [file.document.insert(joint, [[f"<{tag} {pairs}/>"]])]
-
-
-def _comment_edit(file: _File, text: str) -> Edit:
-    """Return the edit that puts a comment first, in place of an earlier one."""
-    document = file.document
-    text = text.replace("--", "- -").replace(">", "")
-    edit = document.insert(document.root, [[f"<!-- {text} -->"]])
-    earlier = _COMMENT.match(document.data, edit.start)
-    return edit if earlier is None else edit._replace(stop=earlier.end())
-
-
-def _joined(edits: list[Edit]) -> Iterator[Edit]:
-    """Yield edits, insertions at the same place as one."""
-    joined: dict[tuple[int, int], bytes] = {}
-    for start, stop, text in edits:
-        joined[start, stop] = joined.get((start, stop), b"") + text
-    for (start, stop), text in joined.items():
-        yield Edit(start, stop, text)
 
 
 def _left_out(file: _File, robot: RobotModel) -> list[str]:
