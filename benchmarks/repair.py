@@ -96,13 +96,13 @@ def page(cases: list[Case]) -> str:
         "Measured by `python benchmarks/repair.py`: the URDFs of the package",
         "example-robot-data and of the recordings that this package is tested on.",
         f"{len(cases)} files, {links} links with an `<inertial>`. Of these, {broken}",
-        f"in {len(wrong)} files are inconsistent; {unrepaired} could not be repaired;",
+        f"in {len(wrong)} files were repaired, {unrepaired} are listed for a choice;",
         f"{same} files came out byte by byte as they were. The change is that of the",
         "second moments of mass, relative. The last column counts links with mass that",
         "MuJoCo refuses as moving bodies: as they were, repaired, and with",
         "`--thickness 1e-4`. Point masses have no inertia, but are consistent.",
         "",
-        "| file | links | inconsistent | largest change | refused by MuJoCo |",
+        "| file | links | repaired | largest change | refused by MuJoCo |",
         "|---|---:|---:|---:|---|",
     ]
     for case in cases:
@@ -119,8 +119,8 @@ def page(cases: list[Case]) -> str:
         "",
         "Link by link; links of the same numbers are listed once:",
         "",
-        "| file | link | mass [kg] | wrong | moments after [kg m^2] | change |",
-        "|---|---|---:|---|---|---:|",
+        "| file | link | mass [kg] | wrong | done | moments after [kg m^2] | change |",
+        "|---|---|---:|---|---|---|---:|",
         *details(wrong),
     ]
     return "\n".join(lines) + "\n"
@@ -135,8 +135,8 @@ def details(cases: list[Case]) -> Iterator[str]:
             seen.add((link.before, link.mass))
             after = " ".join(f"{moment:.4g}" for moment in link.after)
             yield (
-                f"| {case.name} | {link.link} | {link.mass:g} | {link.fault} | {after} "
-                f"| {link.change:.2g} |"
+                f"| {case.name} | {link.link} | {link.mass:g} | {link.fault} "
+                f"| {link.remedy} | {after} | {link.change:.2g} |"
             )
 
 

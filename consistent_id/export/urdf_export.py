@@ -9,8 +9,9 @@ import numpy as np
 from consistent_id.errors import ModelError, ProblemError
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.export.drive_values import JointDrive, joint_drives, not_expressed
-from consistent_id.export.exported_file import Export
+from consistent_id.export.exported_file import Export, SideFile
 from consistent_id.export.inertia_split import Part, split_inertia
+from consistent_id.export.json_record import drive_record, json_text
 from consistent_id.export.new_urdf import urdf_text
 from consistent_id.export.provenance import (
     comment_edit,
@@ -30,6 +31,7 @@ from consistent_id.robot.loaders.xml import Element, XmlFault
 from consistent_id.robot.model import STANDARD_GRAVITY, JointLimits, RobotModel
 from consistent_id.robot.parameters import did_you_mean
 
+_SUFFIX = ".drives.json"
 _EXPRESSED = ("damping", "friction")
 
 
@@ -68,7 +70,8 @@ def to_urdf(
     Returns
     -------
     Export
-        Its notes say what URDF cannot express, such as rotor inertia.
+        Its notes say what URDF cannot express, such as rotor inertia and offsets.
+        These are in a file beside it, which ends in ``.drives.json``.
 
     Raises
     ------
@@ -78,11 +81,17 @@ def to_urdf(
         If the estimate is refused.
     """
     require_usable(estimate, allow_refused)
-    notes = [*not_expressed(estimate, "URDF", _EXPRESSED), *_gravity(estimate)]
+    lacking = not_expressed(estimate, "URDF", _EXPRESSED)
+    notes = [*lacking, *_gravity(estimate)]
+    side, line = None, provenance(estimate)
+    if lacking:
+        side = SideFile(_SUFFIX, json_text(drive_record(estimate)))
+        line += f"; what URDF lacks is in the {_SUFFIX} file beside this one"
     if source is None:
         if limits:
             raise ProblemError("limits are for a source; give the model its own ones")
-        return Export("urdf", urdf_text(estimate).encode(), tuple(notes))
+        text = urdf_text(estimate, line).encode()
+        return Export("urdf", text, tuple(notes), side=side)
     file, edits = _File.read(Path(source)), []
     for k, vector in enumerate(estimate.links):
         of_link, note = _link_edits(
@@ -96,9 +105,9 @@ def to_urdf(
         edits += _limit_edits(file, name, limit)
     notes += _left_out(file, estimate.model.robot)
     if comment:
-        edits.append(comment_edit(file.document, provenance(estimate)))
+        edits.append(comment_edit(file.document, line))
     content = file.document.spliced(joined(edits))
-    return Export("urdf", content, tuple(notes))
+    return Export("urdf", content, tuple(notes), side=side)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
