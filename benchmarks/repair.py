@@ -1,4 +1,7 @@
-"""What is wrong with published URDFs, and what repairing them takes.
+"""What is wrong with published URDFs, and how far the nearest inertias are.
+
+Every inconsistent link gets its nearest consistent inertia, whatever mistake explains
+it; ``benchmarks/repair_causes.py`` measures how well mistakes are found.
 
 ``python benchmarks/repair.py [--write docs/repair.md]``: the robots of the package
 example-robot-data and, if ``CONSISTENT_ID_DATASETS`` is set, those of the recordings.
@@ -78,8 +81,10 @@ def measure() -> list[Case]:
     """Repair every file."""
     cases = []
     for name, path in files():
-        repair = repair_urdf(path)
-        thick = repair_urdf(path, thickness=1e-4)
+        wrong = [link.link for link in repair_urdf(path).links if link.fault]
+        nearest = dict.fromkeys(wrong, 0)
+        repair = repair_urdf(path, choices=nearest)
+        thick = repair_urdf(path, choices=nearest, thickness=1e-4)
         contents = (repair.original, repair.content, thick.content)
         cases.append(Case(name, repair, *map(refused, contents)))
     return cases
@@ -93,7 +98,8 @@ def page(cases: list[Case]) -> str:
     unrepaired = sum(len(case.repair.refused) for case in cases)
     broken = sum(len(case.repair.repaired) for case in wrong)
     lines = [
-        "Measured by `python benchmarks/repair.py`: the URDFs of the package",
+        "Measured by `python benchmarks/repair.py`: every inconsistent link gets its",
+        "nearest consistent inertia (`--choose LINK=0`), in the URDFs of the package",
         "example-robot-data and of the recordings that this package is tested on.",
         f"{len(cases)} files, {links} links with an `<inertial>`. Of these, {broken}",
         f"in {len(wrong)} files are inconsistent; {unrepaired} could not be repaired;",

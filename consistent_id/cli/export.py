@@ -49,6 +49,11 @@ def add_export(commands: Any) -> None:
         help="URDF or MJCF to put the estimate into (default: the problem's)",
     )
     add_accept(command)
+    command.add_argument(
+        "--copy-files",
+        action="store_true",
+        help="copy the meshes and textures of an MJCF file beside the output",
+    )
     add_dry_run(command)
 
 
@@ -79,6 +84,8 @@ def run_export(options: argparse.Namespace) -> int:
         replace(estimate, accepted=verdict.accepted),
         options.format,
         source=options.source or problem.model_files.get(options.format),
+        folder=options.output.parent,
+        copy_files=options.copy_files,
         allow_refused=True,  # the study has judged, with all that it knows
     )
     written = None if options.dry_run else export.save(options.output)

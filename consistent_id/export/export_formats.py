@@ -29,6 +29,8 @@ class ExportFormat:
         package.
     takes_source : bool
         Whether the estimate can be put into an existing file of the robot.
+    has_assets : bool
+        Whether that file refers to others, so that it matters where it is written.
     """
 
     name: str
@@ -36,11 +38,14 @@ class ExportFormat:
     module: str
     function: str
     takes_source: bool = False
+    has_assets: bool = False
 
 
 EXPORT_FORMATS = (
     ExportFormat("urdf", "URDF", "urdf_export", "to_urdf", takes_source=True),
-    ExportFormat("mjcf", "MJCF", "mjcf_export", "to_mjcf", takes_source=True),
+    ExportFormat(
+        "mjcf", "MJCF", "mjcf_export", "to_mjcf", takes_source=True, has_assets=True
+    ),
     ExportFormat("json", "JSON", "json_record", "to_json"),
     ExportFormat("pin", "pinocchio.Model", "pinocchio_model", "pinocchio_file"),
     ExportFormat("numpy", "stand-alone NumPy", "numpy_source", "to_numpy"),
@@ -54,6 +59,8 @@ def exported(
     form: str,
     *,
     source: Path | None = None,
+    folder: Path | None = None,
+    copy_files: bool = False,
     allow_refused: bool = False,
 ) -> "Export":
     """Return an estimate in a format.
@@ -65,6 +72,10 @@ def exported(
         Name of an entry of `EXPORT_FORMATS`.
     source : Path, optional
         File of the robot to put the estimate into; without it the file is new.
+    folder : Path, optional
+        Where it will be written, if files that it refers to are to be found from there.
+    copy_files : bool
+        Whether these files are to be copied there.
     allow_refused : bool
 
     Raises
@@ -86,6 +97,8 @@ def exported(
                 f"a source is for {' and '.join(taking)}, not for {form}"
             )
         options["source"] = source
+        if known.has_assets:
+            options |= {"folder": folder, "copy_files": copy_files}
     module = import_module(f"consistent_id.export.{known.module}")
     function = getattr(module, known.function)
     export: Export = function(estimate, allow_refused=allow_refused, **options)

@@ -15,6 +15,7 @@ from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.model import FixedFrame, Joint
 
 FORMAT = "consistent_id robot 1"
+DRIVES_FORMAT = "consistent_id drives 1"
 
 
 def robot_record(estimate: Estimate, *, allow_refused: bool = False) -> dict[str, Any]:
@@ -30,18 +31,11 @@ def robot_record(estimate: Estimate, *, allow_refused: bool = False) -> dict[str
         If the estimate is refused and `allow_refused` is false.
     """
     require_usable(estimate, allow_refused)
-    verdict = estimate.verdict
     model = estimate.model
     robot = model.robot
-    reference = model.load_reference
     return {
         "format": FORMAT,
-        "robot": robot.name,
-        "method": estimate.method,
-        "verdict": verdict.word,
-        "reason": "; ".join(reason.statement for reason in verdict.grounds),
-        "accepted": list(verdict.accepted),
-        "optimum": estimate.certificate.verdict,
+        **_origin(estimate),
         "gravity": robot.gravity.tolist(),
         "joints": [_joint(joint, robot.link_names) for joint in robot.joints],
         "links": [
@@ -55,23 +49,51 @@ def robot_record(estimate: Estimate, *, allow_refused: bool = False) -> dict[str
                 robot.joints, robot.links, estimate.links, strict=True
             )
         ],
-        "drives": _drives(estimate),
-        "couplings": [
-            {"joints": [c.first, c.second], "shapes": c.shapes, **values}
-            for c, values in coupling_values(estimate)
-        ],
-        "load_reference": None if reference is None else reference.tolist(),
+        **_drive_part(estimate),
         "without_torque": [
             name for name in robot.joint_names if name not in model.torque_joints
         ],
     }
 
 
+def drive_record(estimate: Estimate) -> dict[str, Any]:
+    """Return the drives alone, for formats that have no place for all of them."""
+    return {"format": DRIVES_FORMAT, **_origin(estimate), **_drive_part(estimate)}
+
+
+def json_text(record: dict[str, Any]) -> bytes:
+    """Return a record as the bytes of a file."""
+    return (json.dumps(record, indent=1, allow_nan=False) + "\n").encode()
+
+
 def to_json(estimate: Estimate, *, allow_refused: bool = False) -> Export:
     """Return `robot_record` as JSON, which YAML readers read too."""
     record = robot_record(estimate, allow_refused=allow_refused)
-    text = json.dumps(record, indent=1, allow_nan=False) + "\n"
-    return Export("json", text.encode())
+    return Export("json", json_text(record))
+
+
+def _origin(estimate: Estimate) -> dict[str, Any]:
+    verdict = estimate.verdict
+    return {
+        "robot": estimate.model.robot.name,
+        "method": estimate.method,
+        "verdict": verdict.word,
+        "reason": "; ".join(reason.statement for reason in verdict.grounds),
+        "accepted": list(verdict.accepted),
+        "optimum": estimate.certificate.verdict,
+    }
+
+
+def _drive_part(estimate: Estimate) -> dict[str, Any]:
+    reference = estimate.model.load_reference
+    return {
+        "drives": _drives(estimate),
+        "couplings": [
+            {"joints": [c.first, c.second], "shapes": c.shapes, **values}
+            for c, values in coupling_values(estimate)
+        ],
+        "load_reference": None if reference is None else reference.tolist(),
+    }
 
 
 def _joint(joint: Joint, links: tuple[str, ...]) -> dict[str, Any]:

@@ -91,6 +91,8 @@ def set_body(body: Any, what: InertialParameters, *, moves: bool = True) -> list
     body.mass, body.ipos, body.inertia = found.mass, found.com, found.moments
     body.iquat = found.quaternion
     body.fullinertia = [np.nan, *np.zeros(5)]
+    # Stated angles would go before the quaternion.
+    body.ialt.type = require_mujoco().mjtOrientation.mjORIENTATION_QUAT
     if found.raised == 0.0 and found.mass == what.mass:
         return []
     return [

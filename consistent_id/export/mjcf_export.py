@@ -11,6 +11,7 @@ from consistent_id.export.drive_values import JointDrive, joint_drives, not_expr
 from consistent_id.export.exported_file import Export
 from consistent_id.export.mjcf_body import quaternion, require_mujoco, set_body
 from consistent_id.export.mjcf_gears import add_gears, set_number
+from consistent_id.export.mjcf_in_place import put_in_place
 from consistent_id.export.mjcf_source import Source, put_into, read_spec
 from consistent_id.export.mjcf_text import exact_xml
 from consistent_id.export.mjcf_tree import spec_tree
@@ -19,6 +20,7 @@ from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.mimic import Mimic
 from consistent_id.robot.model import Joint
 
+WEAK = 1e-4  # stiffness over offset, [1/rad] or [1/m], of a spring that is a preload
 _EXPRESSED = ("damping", "friction", "armature", "stiffness")
 
 
@@ -33,6 +35,8 @@ def to_mjcf(
     estimate: Estimate,
     source: str | Path | None = None,
     *,
+    folder: str | Path | None = None,
+    copy_files: bool = False,
     allow_refused: bool = False,
 ) -> Export:
     """Return MJCF with explicit inertials, armature, damping, friction loss, springs.
@@ -41,9 +45,15 @@ def to_mjcf(
     ----------
     estimate : Estimate
     source : str or Path, optional
-        The MJCF file that the model was loaded from; all else in it is kept, as MuJoCo
-        writes it.  Without it the robot is built anew: bodies, joints and limits, links
-        fixed to them as sites, no shapes.
+        The MJCF file that the model was loaded from; all else in it keeps its bytes.
+        Only a file that includes or repeats parts is written anew, by MuJoCo.  Without
+        a source the robot is built anew: bodies, joints and limits, links fixed to them
+        as sites, no shapes.
+    folder : str or Path, optional
+        Where the file will be written, from where the source's meshes and textures are
+        to be found; the source's own by default.
+    copy_files : bool
+        Whether meshes and textures are to be copied there, too.
     allow_refused : bool
         Export what is refused, too; MuJoCo will not take all of it.
 
@@ -57,11 +67,16 @@ def to_mjcf(
     """
     mujoco = require_mujoco()
     spec, notes = mujoco_spec(estimate, source, allow_refused=allow_refused)
+    line = provenance(estimate)
     try:
+        if source is not None:
+            place = None if folder is None else Path(folder)
+            done = put_in_place(spec, Path(source), line, place, copy_files)
+            return Export("mjcf", done.content, (*notes, *done.notes), done.files)
         text = exact_xml(spec)
     except (ValueError, mujoco.FatalError) as cause:
         raise ModelError(f"MuJoCo refuses the estimate: {cause}") from None
-    comment = provenance(estimate).replace("--", "- -").encode("ascii", "replace")
+    comment = line.replace("--", "- -").encode("ascii", "replace")
     return Export("mjcf", b"<!-- " + comment + b" -->\n" + text, notes)
 
 
@@ -86,13 +101,27 @@ def mujoco_spec(
             _set_drive(spec, tree.joints[drive.joint], drive)
     exempt = _preloads(estimate) | add_gears(spec, tree.joints, estimate)
     notes = not_expressed(estimate, "MuJoCo", _EXPRESSED, exempt)
-    return Specified(spec, (*notes, *more))
+    return Specified(spec, (*notes, *_weak_springs(estimate), *more))
 
 
 def _preloads(estimate: Estimate) -> set[tuple[str, str]]:
-    """Return offsets that are those of springs: ``spring (q - springref)``."""
-    drives = joint_drives(estimate)
-    return {(d.joint, "offset") for d in drives if d.simulated("stiffness")}
+    """Return offsets, which are those of springs: ``spring (q - springref)``."""
+    return {(drive.joint, "offset") for drive in joint_drives(estimate)}
+
+
+def _weak_springs(estimate: Estimate) -> list[str]:
+    """Say which offsets are springs that were not identified."""
+    weak = [
+        drive.joint
+        for drive in joint_drives(estimate)
+        if drive.values.get("offset") and not drive.simulated("stiffness")
+    ]
+    if not weak:
+        return []
+    return [
+        f"MuJoCo has no torque offset; those of {', '.join(weak)} are weak springs "
+        f"with preload, off by {100 * WEAK:g} % of the offset per rad or m"
+    ]
 
 
 def _built(estimate: Estimate, mujoco: Any) -> tuple[Any, list[str]]:
@@ -146,10 +175,11 @@ def _set_drive(spec: Any, joint: Any, drive: JointDrive) -> None:
     """Set damping, Coulomb friction, armature and spring of a joint."""
     turns = joint.type == require_mujoco().mjtJoint.mjJNT_HINGE
     angle = 180.0 / np.pi if turns and spec.compiler.degree else 1.0
-    spring = drive.simulated("stiffness") or 0.0
+    offset = drive.values.get("offset", 0.0)
+    spring = drive.simulated("stiffness") or WEAK * abs(offset)
     set_number(joint, "damping", drive.simulated("damping") or 0.0)
     set_number(joint, "frictionloss", drive.simulated("friction") or 0.0)
     set_number(joint, "armature", drive.simulated("armature") or 0.0)
     set_number(joint, "stiffness", spring)
     if spring:
-        joint.springref = -angle * drive.values.get("offset", 0.0) / spring
+        joint.springref = -angle * offset / spring

@@ -11,6 +11,7 @@ from consistent_id.export.inertia_split import Part, split_inertia
 from consistent_id.export.mjcf_body import compiled_body, require_mujoco, set_body
 from consistent_id.export.mjcf_tree import SpecTree
 from consistent_id.robot.inertia import InertialParameters
+from consistent_id.robot.loaders import mjcf_assets
 from consistent_id.robot.model import FixedFrame, RobotModel
 
 
@@ -30,8 +31,8 @@ class Source(NamedTuple):
 def read_spec(path: Path) -> tuple[Any, Any]:
     """Return a file's specification, and its compiled model."""
     mujoco = require_mujoco()
+    spec = mjcf_assets.read_spec(path, mujoco)
     try:
-        spec = mujoco.MjSpec.from_file(str(path))
         return spec, spec.compile()
     except (ValueError, mujoco.FatalError) as cause:
         raise ModelError(f"{path}: MuJoCo refuses it: {cause}") from None
@@ -48,7 +49,7 @@ def put_into(source: Source, estimate: Estimate) -> list[str]:
         spec.compiler.inertiafromgeom = from_geoms.mjINERTIAFROMGEOM_AUTO
     if not np.array_equal(spec.option.gravity, robot.gravity):
         spec.option.gravity = robot.gravity
-    notes = [f"meshes and textures are looked for as from {source.file}'s own folder"]
+    notes: list[str] = []
     for k, vector in enumerate(estimate.links):
         link, joint = robot.links[k].name, robot.joints[k].name
         whole = InertialParameters(vector)
@@ -78,7 +79,8 @@ def _set_link(
     bodies = source.tree.bodies
     notes = set_body(bodies[link.name], split.bodies[0])
     for part, share in zip(parts[1:], split.bodies[1:], strict=True):
-        set_body(bodies[part.name], share, moves=False)
+        if share is not part.body:
+            set_body(bodies[part.name], share, moves=False)
     return [split.note, *notes] if split.note else notes
 
 

@@ -10,7 +10,6 @@ from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.export.drive_values import JointDrive, joint_drives
 from consistent_id.export.pinocchio_model import central
-from consistent_id.export.provenance import provenance
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.loaders.urdf_inertial import inertia_attributes, number
 from consistent_id.robot.model import FixedFrame, Joint
@@ -18,7 +17,7 @@ from consistent_id.robot.model import FixedFrame, Joint
 _UNLIMITED = 1e9  # URDF asks for numbers, and has no infinity
 
 
-def urdf_text(estimate: Estimate) -> str:
+def urdf_text(estimate: Estimate, comment: str) -> str:
     """Return URDF text; gravity acts along ``-z`` of its root link."""
     robot = estimate.model.robot
     taken = (*robot.link_names, *(frame.name for frame in robot.ground))
@@ -28,7 +27,7 @@ def urdf_text(estimate: Estimate) -> str:
     lines = [
         '<?xml version="1.0"?>',
         f"<robot name={quoteattr(robot.name)}>",
-        f"  <!-- {provenance(estimate).replace('--', '- -')} -->",
+        f"  <!-- {comment.replace('--', '- -')} -->",
         f"  <link name={quoteattr(world)}/>",
     ]
     if turned:

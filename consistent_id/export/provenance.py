@@ -1,8 +1,13 @@
 """Whether an estimate may be exported, and the provenance that a file states."""
 
+import re
+
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.verdict import HELP
+from consistent_id.robot.loaders.splice import Document, Edit
+
+_COMMENT = re.compile(rb"\s*<!-- consistent-id: [^>]* -->")
 
 
 def require_usable(estimate: Estimate, allow_refused: bool) -> None:
@@ -33,3 +38,11 @@ def provenance(estimate: Estimate) -> str:
         f"consistent-id: robot {estimate.model.robot.name}, method {estimate.method}, "
         f"verdict: {verdict}{accepted}"
     )
+
+
+def comment_edit(document: Document, text: str) -> Edit:
+    """Return the edit that puts a comment first, in place of an earlier one."""
+    text = text.replace("--", "- -").replace(">", "")
+    edit = document.insert(document.root, [[f"<!-- {text} -->"]])
+    earlier = _COMMENT.match(document.data, edit.start)
+    return edit if earlier is None else edit._replace(stop=earlier.end())

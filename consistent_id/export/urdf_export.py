@@ -1,7 +1,6 @@
 """An identified robot in its own URDF: only numbers that changed are other bytes."""
 
-import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,12 +9,17 @@ import numpy as np
 from consistent_id.errors import ModelError, ProblemError
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.export.drive_values import JointDrive, joint_drives, not_expressed
-from consistent_id.export.exported_file import Export
+from consistent_id.export.exported_file import Export, SideFile
 from consistent_id.export.inertia_split import Part, split_inertia
+from consistent_id.export.json_record import drive_record, json_text
 from consistent_id.export.new_urdf import urdf_text
-from consistent_id.export.provenance import provenance, require_usable
+from consistent_id.export.provenance import (
+    comment_edit,
+    provenance,
+    require_usable,
+)
 from consistent_id.robot.inertia import InertialParameters
-from consistent_id.robot.loaders.splice import Document, Edit
+from consistent_id.robot.loaders.splice import Document, Edit, joined
 from consistent_id.robot.loaders.urdf_inertial import (
     body_of,
     number,
@@ -27,8 +31,8 @@ from consistent_id.robot.loaders.xml import Element, XmlFault
 from consistent_id.robot.model import STANDARD_GRAVITY, JointLimits, RobotModel
 from consistent_id.robot.parameters import did_you_mean
 
+_SUFFIX = ".drives.json"
 _EXPRESSED = ("damping", "friction")
-_COMMENT = re.compile(rb"\s*<!-- consistent-id: [^>]* -->")
 
 
 def to_urdf(
@@ -66,7 +70,8 @@ def to_urdf(
     Returns
     -------
     Export
-        Its notes say what URDF cannot express, such as rotor inertia.
+        Its notes say what URDF cannot express, such as rotor inertia and offsets.
+        These are in a file beside it, which ends in ``.drives.json``.
 
     Raises
     ------
@@ -76,11 +81,17 @@ def to_urdf(
         If the estimate is refused.
     """
     require_usable(estimate, allow_refused)
-    notes = [*not_expressed(estimate, "URDF", _EXPRESSED), *_gravity(estimate)]
+    lacking = not_expressed(estimate, "URDF", _EXPRESSED)
+    notes = [*lacking, *_gravity(estimate)]
+    side, line = None, provenance(estimate)
+    if lacking:
+        side = SideFile(_SUFFIX, json_text(drive_record(estimate)))
+        line += f"; what URDF lacks is in the {_SUFFIX} file beside this one"
     if source is None:
         if limits:
             raise ProblemError("limits are for a source; give the model its own ones")
-        return Export("urdf", urdf_text(estimate).encode(), tuple(notes))
+        text = urdf_text(estimate, line).encode()
+        return Export("urdf", text, tuple(notes), side=side)
     file, edits = _File.read(Path(source)), []
     for k, vector in enumerate(estimate.links):
         of_link, note = _link_edits(
@@ -94,9 +105,9 @@ def to_urdf(
         edits += _limit_edits(file, name, limit)
     notes += _left_out(file, estimate.model.robot)
     if comment:
-        edits.append(_comment_edit(file, provenance(estimate)))
-    content = file.document.spliced(_joined(edits))
-    return Export("urdf", content, tuple(notes))
+        edits.append(comment_edit(file.document, line))
+    content = file.document.spliced(joined(edits))
+    return Export("urdf", content, tuple(notes), side=side)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -214,24 +225,6 @@ def _set_or_insert(
         return set_numbers(file.document, element, dict(values))
     pairs = " ".join(f'{name}="{number(value)}"' for name, (value,) in values.items())
     return [file.document.insert(joint, [[f"<{tag} {pairs}/>"]])]
-
-
-def _comment_edit(file: _File, text: str) -> Edit:
-    """Return the edit that puts a comment first, in place of an earlier one."""
-    document = file.document
-    text = text.replace("--", "- -").replace(">", "")
-    edit = document.insert(document.root, [[f"<!-- {text} -->"]])
-    earlier = _COMMENT.match(document.data, edit.start)
-    return edit if earlier is None else edit._replace(stop=earlier.end())
-
-
-def _joined(edits: list[Edit]) -> Iterator[Edit]:
-    """Yield edits, insertions at the same place as one."""
-    joined: dict[tuple[int, int], bytes] = {}
-    for start, stop, text in edits:
-        joined[start, stop] = joined.get((start, stop), b"") + text
-    for (start, stop), text in joined.items():
-        yield Edit(start, stop, text)
 
 
 def _left_out(file: _File, robot: RobotModel) -> list[str]:

@@ -1,5 +1,6 @@
 """URDF: Pinocchio reads what was written, and nothing else has changed."""
 
+import json
 import re
 from dataclasses import replace
 
@@ -11,6 +12,7 @@ from robots import URDF, random_body, random_robot
 from urdf_torques import DECORATED, assert_same_torque, pinocchio_torques, states_of
 
 from consistent_id import (
+    DriveTerms,
     FixedFrame,
     InertialParameters,
     JointLimits,
@@ -295,3 +297,33 @@ def test_mass_matrices_of_the_exported_robot_are_positive(written):
     for pose in random_poses(estimate.model, 5, seed=0):
         q = np.concatenate([pose[:2], [np.cos(pose[2]), np.sin(pose[2])]])
         assert np.linalg.eigvalsh(pin.crba(model, model.createData(), q))[0] > 0.0
+
+
+def test_rotor_inertia_and_offsets_are_in_a_file_beside(written, tmp_path):
+    path = written(URDF)
+    terms = DriveTerms(viscous=True, coulomb="sign", rotor_inertia=True, offset=True)
+    estimate = random_estimate(np.random.default_rng(1), load_urdf(path), terms)
+    target = tmp_path / "new" / "arm.urdf"
+    for source in (path, None):
+        export = to_urdf(estimate, source)
+        export.save(target)
+        (note,) = [
+            line for line in str(export).splitlines() if "consistent-id:" in line
+        ]
+        assert ".drives.json" in note
+        drives = json.loads((tmp_path / "new" / "arm.drives.json").read_text())[
+            "drives"
+        ]
+        for name in estimate.model.robot.joint_names:
+            for term in ("rotor_inertia", "offset"):
+                stated = drives[name]["terms"][term]["value"]
+                assert stated == estimate[f"{name}.{term}"]
+
+
+def test_what_urdf_says_whole_has_no_file_beside(written, tmp_path):
+    path = written(URDF)
+    estimate = random_estimate(np.random.default_rng(1), load_urdf(path), FRICTION)
+    export = to_urdf(estimate, path)
+    assert ".drives.json" not in str(export)
+    export.save(tmp_path / "new" / "arm.urdf")
+    assert [p.name for p in (tmp_path / "new").iterdir()] == ["arm.urdf"]

@@ -5,7 +5,7 @@ they are, because nothing is parsed and written anew: edits are cut into the byt
 """
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Self
 
@@ -28,12 +28,14 @@ class Edit(NamedTuple):
 
 
 class Tag(NamedTuple):
-    """A start tag: where attributes' values stand, and where it ends.
+    """A start tag: where attributes and their values stand, and where it ends.
 
-    `last` is the end of what is written in it, `closed` whether it ends in ``/>``.
+    `whole` has attributes with the white space before them.  `last` is the end of what
+    is written in it, `closed` whether it ends in ``/>``.
     """
 
     values: dict[str, tuple[int, int]]
+    whole: dict[str, tuple[int, int]]
     last: int
     stop: int
     closed: bool
@@ -66,12 +68,14 @@ class Document:
         """Return where the parts of an element's start tag stand."""
         place = self._matched(_TAG, element.start).end()
         values: dict[str, tuple[int, int]] = {}
+        whole: dict[str, tuple[int, int]] = {}
         while found := _ATTRIBUTE.match(self.data, place):
             group = 2 if found[2] is not None else 3
-            values[found[1].decode("latin-1")] = found.span(group)
+            name = found[1].decode("latin-1")
+            values[name], whole[name] = found.span(group), found.span()
             place = found.end()
         end = self._matched(_END, place)
-        return Tag(values, place, end.end(), bool(end[1]))
+        return Tag(values, whole, place, end.end(), bool(end[1]))
 
     def set(self, element: Element, attributes: Mapping[str, str]) -> list[Edit]:
         """Return edits that give attributes their values, adding those that lack."""
@@ -85,6 +89,11 @@ class Document:
         if new:
             edits.append(Edit(tag.last, tag.last, _ascii("".join(new))))
         return edits
+
+    def drop(self, element: Element, attributes: Iterable[str]) -> list[Edit]:
+        """Return edits that take attributes away, where an element has them."""
+        whole = self.tag(element).whole
+        return [Edit(*whole[name], b"") for name in attributes if name in whole]
 
     def insert(self, parent: Element, children: Sequence[Sequence[str]]) -> Edit:
         """Return the edit that puts children first into an element.
@@ -131,6 +140,15 @@ class Document:
         if found is None:  # the text is well-formed, so this cannot be
             raise ModelError(f"byte {place}: not as expected of well-formed XML")
         return found
+
+
+def joined(edits: Iterable[Edit]) -> Iterator[Edit]:
+    """Yield edits, insertions at the same place as one."""
+    found: dict[tuple[int, int], bytes] = {}
+    for start, stop, text in edits:
+        found[start, stop] = found.get((start, stop), b"") + text
+    for (start, stop), text in found.items():
+        yield Edit(start, stop, text)
 
 
 def _laid_out(children: Sequence[Sequence[str]], inner: str) -> str:

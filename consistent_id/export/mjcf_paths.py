@@ -1,0 +1,66 @@
+"""Where an MJCF file's meshes and textures are, seen from another folder."""
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+from consistent_id.export.mjcf_splice import set_section
+from consistent_id.robot.loaders.splice import Document, Edit
+from consistent_id.robot.loaders.xml import Element
+
+_FOLDERS = {"mesh": "meshdir", "hfield": "meshdir", "skin": "meshdir"}
+_FILES = (
+    "file",
+    "fileright",
+    "fileleft",
+    "fileup",
+    "filedown",
+    "filefront",
+    "fileback",
+)
+
+
+def path_edits(document: Document, home: Path, folder: Path) -> list[Edit]:
+    """Return edits by which files that lie beside `home` are found from `folder`."""
+    if home.resolve() == folder.resolve() or not any(asset_files(document, home)):
+        return []
+    compilers = list(document.root.all("compiler"))
+    stated = {name for c in compilers for name in c.attributes}
+    edits: list[Edit] = []
+    for compiler in compilers:
+        moved: dict[str, str] = {
+            name: relative_path(folder, home / compiler.attributes[name])
+            for name in ("assetdir", "meshdir", "texturedir")
+            if name in compiler.attributes
+        }
+        edits += document.set(compiler, moved)
+    whole = {"assetdir"} <= stated
+    missing = {"meshdir", "texturedir"} - stated if not whole else set()
+    default = {name: relative_path(folder, home) for name in sorted(missing)}
+    return edits + (set_section(document, "compiler", default) if default else [])
+
+
+def asset_files(document: Document, home: Path) -> Iterator[tuple[Path, Path]]:
+    """Yield files that are there: where, and where as the MJCF file says it."""
+    root = document.root
+    settings: dict[str, str] = {}
+    for compiler in root.all("compiler"):
+        settings |= compiler.attributes
+    strips = settings.get("strippath") == "true"
+    for section in root.all("asset"):
+        for element in section.children:
+            for name in _named(element):
+                key = _FOLDERS.get(element.tag, "texturedir")
+                start = settings.get(key, settings.get("assetdir", ""))
+                place = Path(start) / (Path(name).name if strips else name)
+                if (home / place).is_file():
+                    yield home / place, place
+
+
+def _named(element: Element) -> Iterator[str]:
+    return (element.attributes[k] for k in _FILES if element.attributes.get(k))
+
+
+def relative_path(folder: Path, place: Path) -> str:
+    """Return how a place is called from a folder."""
+    return Path(os.path.relpath(place.resolve(), folder.resolve())).as_posix()
