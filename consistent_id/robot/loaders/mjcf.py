@@ -66,10 +66,15 @@ def load_mjcf(
     path, selection = Path(path), Selection(base, tip, joints, locked)
     _check(path)
     model = _compiled(path)
-    chosen = _joints_between(model, selection, path)
-    moving = {j for j in chosen if selection.moves(joint_name(model, j))}
-    refuse_unsupported(model, moving, path)
-    robot = _robot(model, path.stem, model.opt.gravity if gravity is None else gravity)
+    try:
+        chosen = _joints_between(model, selection, path)
+        moving = {j for j in chosen if selection.moves(joint_name(model, j))}
+        refuse_unsupported(model, moving, path)
+        robot = _robot(
+            model, path.stem, model.opt.gravity if gravity is None else gravity
+        )
+    except UnicodeDecodeError as cause:  # MuJoCo takes names as they come
+        raise ModelError(f"{path}: a name is not UTF-8: {cause}") from None
     return selected(robot, selection)
 
 
