@@ -12,6 +12,7 @@ from concurrent.futures.process import BrokenProcessPool
 import pytest
 from logged import write_arm
 
+from consistent_id._support.interrupts import OutOfTime
 from consistent_id.cli import main
 from consistent_id.comparison import segment_bootstrap
 
@@ -161,23 +162,27 @@ def test_a_problem_file_of_others_may_name_files_only_with_trust(
 # Interrupts -------------------------------------------------------------------------
 
 
-def test_an_interrupted_bootstrap_shows_what_it_has_and_ends_with_130(
-    arm, capsys, monkeypatch
+@pytest.mark.parametrize(
+    ("stop", "code", "says"),
+    [(KeyboardInterrupt, 130, "interrupted"), (OutOfTime, 3, "out of time")],
+)
+def test_a_bootstrap_that_is_stopped_shows_what_it_has(
+    arm, capsys, monkeypatch, stop, code, says
 ):
     calls = iter(range(10**6))
     solve = segment_bootstrap.penalised_fit
 
     def interrupted(*args, **options):
         if next(calls) == 7:
-            raise KeyboardInterrupt
+            raise stop
         return solve(*args, **options)
 
     monkeypatch.setattr(segment_bootstrap, "_WORKERS", 1)
     monkeypatch.setattr(segment_bootstrap, "penalised_fit", interrupted)
-    assert main(["identify", *map(str, arm), "--uncertainty"]) == 130
+    assert main(["identify", *map(str, arm), "--uncertainty"]) == code
     shown = capsys.readouterr()
     assert "7 estimates from segments" in shown.out and "; interrupted" in shown.out
-    assert "interrupted: this is the best so far" in shown.err
+    assert f"{says}: this is the best so far" in shown.err
 
 
 def started(arguments, tmp_path):
