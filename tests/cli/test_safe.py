@@ -59,6 +59,31 @@ def test_a_repair_does_not_overwrite_what_it_repairs(arm, capsys):
     kept(urdf, ["repair", urdf, "--output", urdf], capsys, "is an input")
 
 
+@pytest.mark.parametrize(
+    ("command", "name"),
+    [
+        ("excite", "trajectory.csv"),
+        ("compare", "comparison.md"),
+        ("reproduce", "reproduction.html"),
+    ],
+)
+def test_long_work_does_not_begin_if_its_files_would_be_refused(
+    tmp_path, capsys, monkeypatch, command, name
+):
+    def begun(*_, **__):
+        raise AssertionError("begun")
+
+    for work in (
+        "excitation.playable.playable_design",
+        "problems.study.run_study",
+        "laboratory.reproduction.paper_study.reproduce",
+    ):
+        monkeypatch.setattr(f"consistent_id.{work}", begun)
+    (tmp_path / name).write_text("mine")
+    arguments = [command, RX60, "--output", tmp_path]
+    kept(tmp_path / name, arguments, capsys, "nothing in it says")
+
+
 @pytest.mark.parametrize("form", ["mjcf", "json", "numpy", "casadi", "c"])
 def test_what_was_exported_may_be_exported_again(tmp_path, capsys, form):
     for problem in (RX60, "problems/rx60/problem.toml"):
