@@ -2,7 +2,7 @@
 
     python benchmarks/fuzz.py --files 10000 --seed 0 --keep build/fuzz
 
-Each file is a valid one with a few changes: bits, bytes, parts that are missing,
+Each file is a valid one with a change or two: bits, bytes, parts that are missing,
 doubled or exchanged, numbers replaced by extreme ones.  A process reads it within 2 GB
 beyond what its libraries take, and within 10 s; what it raises must be an error of the
 package.  Exit code 1 if a file did worse; `--keep` keeps these files.
@@ -50,9 +50,10 @@ class Outcome:
 
 
 def damaged(content: bytes, rng: np.random.Generator) -> bytes:
-    """Return the content with one to three changes."""
-    changes = (_bits, _bytes, _cut, _missing, _doubled, _exchanged, _word, _number)
-    for _ in range(rng.integers(1, 4)):
+    """Return the content with a change or two, of numbers most often."""
+    changes = (_bits, _bytes, _cut, _missing, _doubled, _exchanged, _word)
+    changes += (_number, _number)
+    for _ in range(rng.choice([1, 1, 2])):
         content = changes[rng.integers(len(changes))](content, rng)
     return content
 
@@ -125,7 +126,7 @@ def outcomes(count: int, seed: int) -> Iterator[Outcome]:
     with tempfile.TemporaryDirectory(prefix="fuzz-") as name:
         folder = Path(name)
         known = samples(folder)
-        reader = _Reader(known, folder)
+        reader = Reader(known, folder)
         for number in range(count):
             sample = known[number % len(known)]
             content = damaged(sample.content, rng)
@@ -135,7 +136,7 @@ def outcomes(count: int, seed: int) -> Iterator[Outcome]:
         reader.end()
 
 
-class _Reader:
+class Reader:
     """A process that reads files, and another one when it ends."""
 
     def __init__(self, known: list[Sample], folder: Path) -> None:
@@ -147,7 +148,9 @@ class _Reader:
         self._here, there = context.Pipe()
         arguments = (there, self._known, self._folder)
         self._process = context.Process(target=_serve, args=arguments, daemon=True)
-        self._process.start()
+        with warnings.catch_warnings():  # threads, which hold nothing that is needed
+            warnings.simplefilter("ignore", DeprecationWarning)
+            self._process.start()
         there.close()
 
     def read(self, place: int) -> tuple[str, str]:

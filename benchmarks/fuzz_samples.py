@@ -127,7 +127,8 @@ def _logs(folder: Path) -> list[tuple[Path, Callable[[Path], object]]]:
 
     time = np.arange(40) * 0.01
     names = ("time", "q_a", "q_b", "tau_a", "tau_b")
-    table = dict(zip(names, [time, *np.sin(time * np.arange(1, 5)[:, None])]))
+    waves = np.sin(time * np.arange(1, 5)[:, None])
+    table = dict(zip(names, [time, *waves], strict=True))
     path = {
         name: folder / f"log.{name}"
         for name in ("csv", "npz", "h5", "mat", "parquet", "feather")

@@ -6,7 +6,7 @@ import re
 import shutil
 import stat
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
@@ -117,20 +117,22 @@ def require_replaceable(path: Path, content: bytes | None = None) -> None:
         )
 
 
-def require_writable(folder: Path) -> None:
+def require_writable(folder: Path, names: Iterable[str] = ()) -> None:
     """Refuse a folder that cannot be written to, before hours of work for it.
 
-    The nearest folder that exists is asked; nothing is made.
+    The nearest folder that exists is asked; nothing is made.  None of the files that
+    are named may be in the way.
     """
     standing = next(p for p in (folder, *folder.absolute().parents) if p.exists())
     if not (standing.is_dir() and os.access(standing, os.W_OK)):
         raise ProblemError(f"{folder}: cannot be written to; choose another folder")
+    for name in names:
+        require_replaceable(folder / name)
 
 
 def require_writable_file(file: Path) -> None:
     """Refuse a file that could not be written in the end, before work for it."""
-    require_writable(file.parent)
-    require_replaceable(file)
+    require_writable(file.parent, [file.name])
 
 
 def _holds(path: Path, content: bytes) -> bool:

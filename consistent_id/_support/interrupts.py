@@ -34,25 +34,40 @@ def note_stop(cause: KeyboardInterrupt) -> None:
 def noted_interrupts() -> Iterator[Interrupted]:
     """Note the first interrupt of the user; the second one is raised.
 
+    So is a SIGTERM that `terminations_raised` would raise: solvers that call Python,
+    such as CasADi's, swallow what is raised in them.  What they have swallowed is
+    raised when the work is over.
+
     Outside the main thread, where Python lets nobody listen, none is noted.
     """
-    noted = threading.Event()
+    noted, again, terminated = (threading.Event() for _ in range(3))
     if threading.current_thread() is not threading.main_thread():
         yield noted.is_set
         return
 
     def note(number: int, frame: FrameType | None) -> None:
-        if noted.is_set():
+        if number == signal.SIGTERM:
+            terminated.set()
+        elif noted.is_set():
+            again.set()
             raise KeyboardInterrupt
         noted.set()
 
-    before = signal.signal(signal.SIGINT, note)
+    watched = [signal.SIGINT]
+    if callable(signal.getsignal(signal.SIGTERM)):
+        watched.append(signal.SIGTERM)
+    before = {number: signal.signal(number, note) for number in watched}
     try:
         yield noted.is_set
     finally:
-        signal.signal(signal.SIGINT, before)
-        if noted.is_set():
-            note_stop(KeyboardInterrupt())
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    if terminated.is_set():
+        raise Terminated
+    if again.is_set():
+        raise KeyboardInterrupt
+    if noted.is_set():
+        note_stop(KeyboardInterrupt())
 
 
 @contextmanager

@@ -51,7 +51,7 @@ def _compare(options: argparse.Namespace) -> Answer:
     problem = load_problem(options.problem)
     output = options.output or Path("results") / problem.name
     if not options.dry_run:
-        require_writable(output)
+        require_writable(output, ["comparison.md", "comparison.json"])
     study = run_study(
         problem, progress=shows_progress(options), accepted=options.accept
     )

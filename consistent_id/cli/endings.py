@@ -3,8 +3,6 @@
 import argparse
 import os
 import sys
-import tempfile
-import traceback
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -83,6 +81,9 @@ def _said(code: int, sentence: str) -> int:
 
 def _bug(bug: Exception) -> int:
     """Keep the traceback in a file, say where it is, and return the exit code."""
+    import tempfile
+    import traceback
+
     text = "".join(traceback.format_exception(bug))
     try:
         handle, name = tempfile.mkstemp(prefix="consistent-id-", suffix=".txt")

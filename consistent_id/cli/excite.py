@@ -80,6 +80,7 @@ def _excite(options: argparse.Namespace) -> Answer:
         text = "\n\n".join(table.text() for table in plan)
         return Answer(0, text, [asdict(table) for table in plan])
     formats = output.checked_formats(options.format)
+    output.require_places(folder, formats)
     playable = playable_design(
         problem,
         starts=options.starts,

@@ -57,7 +57,8 @@ def _reproduce(options: argparse.Namespace) -> Answer:
     problem = load_problem(options.problem)
     folder = options.output or Path("results") / problem.name
     if not options.dry_run:
-        require_writable(folder)
+        endings = ("html", "md", "json")
+        require_writable(folder, [f"reproduction.{ending}" for ending in endings])
 
     def show(step: str) -> None:
         if shows_progress(options):

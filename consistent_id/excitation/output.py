@@ -15,7 +15,7 @@ from consistent_id._support.tables import Table
 from consistent_id.errors import InfeasibleError, ProblemError
 from consistent_id.excitation.design_record import design_record, design_tables
 from consistent_id.excitation.figure import design_figure
-from consistent_id.excitation.playable import TRAINING, PlayableDesign
+from consistent_id.excitation.playable import TRAINING, VALIDATION, PlayableDesign
 from consistent_id.excitation.replay import write_replay
 from consistent_id.excitation.request import design_request
 from consistent_id.excitation.request_tables import request_tables
@@ -59,6 +59,13 @@ def write_design(
         text = json.dumps(playable_record(playable), indent=1, allow_nan=False)
         written.append(write_atomically(folder / "excitation.json", text + "\n"))
     return written
+
+
+def require_places(folder: Path, formats: Sequence[str]) -> None:
+    """Refuse a folder in which `write_design` could not write in the end."""
+    motions = (TRAINING, VALIDATION)
+    names = [f"{name}.{end}" for name in motions for end in ("json", *formats)]
+    require_writable(folder, ["excitation.png", "excitation.json", *names])
 
 
 def _rate_of(ending: str, rate: float) -> float:

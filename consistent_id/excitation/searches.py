@@ -1,5 +1,6 @@
 """Searches from many starts, side by side, none of whose work is lost."""
 
+import os
 import signal
 import threading
 import time as clock
@@ -148,9 +149,13 @@ def _in_worker(
     problem: SearchProblem, start: Candidate, deadline: float, folder: Path
 ) -> Candidate | None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # where it was not inherited
-    if clock.monotonic() > deadline:
-        return None
-    return _run(problem, start, lambda: clock.monotonic() > deadline, folder)
+    main = os.getppid()
+
+    def ended() -> bool:
+        # Nobody tells a worker that the process it works for was killed.
+        return clock.monotonic() > deadline or os.getppid() != main
+
+    return None if ended() else _run(problem, start, ended, folder)
 
 
 def _run(

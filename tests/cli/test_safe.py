@@ -12,6 +12,7 @@ from concurrent.futures.process import BrokenProcessPool
 import pytest
 from logged import write_arm
 
+from consistent_id._support.interrupts import OutOfTime
 from consistent_id.cli import main
 from consistent_id.comparison import segment_bootstrap
 
@@ -56,6 +57,31 @@ def test_an_export_does_not_overwrite_the_model(tmp_path, capsys):
 def test_a_repair_does_not_overwrite_what_it_repairs(arm, capsys):
     urdf, _ = arm
     kept(urdf, ["repair", urdf, "--output", urdf], capsys, "is an input")
+
+
+@pytest.mark.parametrize(
+    ("command", "name"),
+    [
+        ("excite", "trajectory.csv"),
+        ("compare", "comparison.md"),
+        ("reproduce", "reproduction.html"),
+    ],
+)
+def test_long_work_does_not_begin_if_its_files_would_be_refused(
+    tmp_path, capsys, monkeypatch, command, name
+):
+    def begun(*_, **__):
+        raise AssertionError("begun")
+
+    for work in (
+        "excitation.playable.playable_design",
+        "problems.study.run_study",
+        "laboratory.reproduction.paper_study.reproduce",
+    ):
+        monkeypatch.setattr(f"consistent_id.{work}", begun)
+    (tmp_path / name).write_text("mine")
+    arguments = [command, RX60, "--output", tmp_path]
+    kept(tmp_path / name, arguments, capsys, "nothing in it says")
 
 
 @pytest.mark.parametrize("form", ["mjcf", "json", "numpy", "casadi", "c"])
@@ -161,23 +187,27 @@ def test_a_problem_file_of_others_may_name_files_only_with_trust(
 # Interrupts -------------------------------------------------------------------------
 
 
-def test_an_interrupted_bootstrap_shows_what_it_has_and_ends_with_130(
-    arm, capsys, monkeypatch
+@pytest.mark.parametrize(
+    ("stop", "code", "says"),
+    [(KeyboardInterrupt, 130, "interrupted"), (OutOfTime, 3, "out of time")],
+)
+def test_a_bootstrap_that_is_stopped_shows_what_it_has(
+    arm, capsys, monkeypatch, stop, code, says
 ):
     calls = iter(range(10**6))
     solve = segment_bootstrap.penalised_fit
 
     def interrupted(*args, **options):
         if next(calls) == 7:
-            raise KeyboardInterrupt
+            raise stop
         return solve(*args, **options)
 
     monkeypatch.setattr(segment_bootstrap, "_WORKERS", 1)
     monkeypatch.setattr(segment_bootstrap, "penalised_fit", interrupted)
-    assert main(["identify", *map(str, arm), "--uncertainty"]) == 130
+    assert main(["identify", *map(str, arm), "--uncertainty"]) == code
     shown = capsys.readouterr()
     assert "7 estimates from segments" in shown.out and "; interrupted" in shown.out
-    assert "interrupted: this is the best so far" in shown.err
+    assert f"{says}: this is the best so far" in shown.err
 
 
 def started(arguments, tmp_path):

@@ -29,7 +29,7 @@ def read_arrays(path: Path, names: Sequence[str]) -> Arrays:
         unpacked = 8 * file.metadata.num_rows * len(names)
         require_unpacked(path, unpacked, path.stat().st_size, RecordingError)
         table = file.read(columns=list(names))
-    except (pa.ArrowException, OSError) as cause:
+    except (pa.ArrowException, OSError, UnicodeDecodeError) as cause:
         raise RecordingError(f"{path}: not readable as Parquet: {cause}") from None
     return {name: numbers_of(table[name], f"{path}: column {name!r}") for name in names}
 
@@ -41,7 +41,7 @@ def array_names(path: Path) -> tuple[str, ...]:
 
     try:
         return tuple(pq.read_schema(path).names)
-    except (pa.ArrowException, OSError) as cause:
+    except (pa.ArrowException, OSError, UnicodeDecodeError) as cause:
         raise RecordingError(f"{path}: not readable as Parquet: {cause}") from None
 
 

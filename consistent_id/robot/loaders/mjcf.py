@@ -15,7 +15,7 @@ from consistent_id.robot.chains import Place, Selection, selected, snapped, turn
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.loaders.mjcf_assets import read_spec
 from consistent_id.robot.loaders.mjcf_checks import joint_name, refuse_unsupported
-from consistent_id.robot.loaders.mjcf_equality import bindings
+from consistent_id.robot.loaders.mjcf_equality import Bindings, bindings
 from consistent_id.robot.loaders.urdf_lint import read_bytes
 from consistent_id.robot.loaders.xml import XmlFault, parse
 from consistent_id.robot.mimic import Mimic
@@ -75,16 +75,23 @@ def load_mjcf(
     path, selection = Path(path), Selection(base, tip, joints, locked)
     _check(path)
     model = _compiled(path)
-    chosen = _joints_between(model, selection, path)
-    moving = {j for j in chosen if selection.moves(joint_name(model, j))}
-    refuse_unsupported(model, moving, path)
     try:
-        bound = bindings(model)
+        chosen = _joints_between(model, selection, path)
+        moving = {j for j in chosen if selection.moves(joint_name(model, j))}
+        refuse_unsupported(model, moving, path)
+        bound = _bindings(model, path)
+        gravity = model.opt.gravity if gravity is None else gravity
+        robot = _robot(model, path.stem, gravity, bound.mimics)
+    except UnicodeDecodeError as cause:  # MuJoCo takes names as they come
+        raise ModelError(f"{path}: a name is not UTF-8: {cause}") from None
+    return selected(robot, selection.with_locked(bound.still))
+
+
+def _bindings(model: Any, path: Path) -> Bindings:
+    try:
+        return bindings(model)
     except ModelError as fault:
         raise ModelError(f"{path}: {fault}") from None
-    gravity = model.opt.gravity if gravity is None else gravity
-    robot = _robot(model, path.stem, gravity, bound.mimics)
-    return selected(robot, selection.with_locked(bound.still))
 
 
 def _check(path: Path) -> None:
