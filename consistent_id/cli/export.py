@@ -76,10 +76,9 @@ def run_export(options: argparse.Namespace) -> int:
         )
         return 1
     export = exported(
-        replace(estimate, accepted=verdict.accepted),
+        replace(estimate, judged=verdict),
         options.format,
         source=options.source or problem.model_files.get(options.format),
-        allow_refused=True,  # the study has judged, with all that it knows
     )
     written = None if options.dry_run else export.save(options.output)
     record = {

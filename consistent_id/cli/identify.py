@@ -86,12 +86,12 @@ def _identify(options: argparse.Namespace) -> Answer:
     tables = [
         *headline_tables(study),
         excitation_table(study.excitation, study.training),
-        *(estimate.table() for estimate in study.estimates),
+        *(report.judged.table() for report in study.comparison.reports),
     ]
     reports = study.comparison.reports
     record: dict[str, Any] = {
         **study.verdict.to_dict(),
-        "estimates": [r.estimate.to_dict() | r.verdict.to_dict() for r in reports],
+        "estimates": [report.judged.to_dict() for report in reports],
     }
 
     def write() -> list[Path]:
@@ -126,7 +126,7 @@ def _identify_log(options: argparse.Namespace) -> Answer:
     if study.diagnosis is not None:
         tables.append(diagnosis_table(study.diagnosis))
         record |= {"findings": diagnosis_record(study.diagnosis)["findings"]}
-    tables.append(study.recommended.estimate.table())
+    tables.append(study.recommended.judged.table())
 
     def write() -> list[Path]:
         from consistent_id._support.files import write_atomically

@@ -1,7 +1,7 @@
 """Estimates side by side: held-out torque, consistency, distance to nominal."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -92,6 +92,11 @@ class EstimateReport:
     def verdict(self) -> Verdict:
         """Whether the estimate may be used, and why."""
         return judge(self.evidence)
+
+    @property
+    def judged(self) -> Estimate:
+        """The estimate with this report's verdict, as it is shown and written."""
+        return replace(self.estimate, judged=self.verdict)
 
     @property
     def held_out_error(self) -> float | None:

@@ -6,7 +6,7 @@ the estimate; see `judge`.
 
 from dataclasses import dataclass
 from textwrap import shorten
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 Word = Literal["use", "use with care", "do not use"]
 """What a verdict says in a word."""
@@ -109,6 +109,17 @@ class Verdict:
         said = [f"{r.kind}: {r.statement}" for r in self.reasons]
         done = [f"to do: {r.advice}" for r in self.grounds if r.advice]
         return (*said, *dict.fromkeys(done), *self._page)
+
+    @classmethod
+    def from_dict(cls, record: dict[str, Any]) -> Self:
+        """Read what `to_dict` wrote, besides which the record may hold more."""
+        return cls(
+            record["verdict"],
+            record["method"],
+            tuple(Reason(**reason) for reason in record["reasons"]),
+            tuple(record["accepted"]),
+            record["held_out_error"],
+        )
 
     @property
     def brief(self) -> tuple[str, ...]:
