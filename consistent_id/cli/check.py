@@ -61,7 +61,7 @@ def _check(options: argparse.Namespace) -> Answer:
         diagnosis_record,
         diagnosis_table,
     )
-    from consistent_id.estimation.verdict import HELP
+    from consistent_id.estimation.verdict import BAD_RESULT, HELP
     from consistent_id.problems.log_check import check_problem
     from consistent_id.problems.problem import load_problem
     from consistent_id.recordings.readers import Columns
@@ -86,6 +86,6 @@ def _check(options: argparse.Namespace) -> Answer:
     faults = [fault for fault in found.faults if fault.kind not in options.accept]
     text = diagnosis_table(found).text()
     if faults:
-        text += f"\nmy result is bad, what now? {HELP}"
+        text += f"\n{BAD_RESULT} {HELP}"
     record = diagnosis_record(found) | {"accepted": options.accept}
     return Answer(1 if faults else 0, text, record)

@@ -81,12 +81,11 @@ def run_export(options: argparse.Namespace) -> int:
         )
         return 1
     export = exported(
-        replace(estimate, accepted=verdict.accepted),
+        replace(estimate, judged=verdict),
         options.format,
         source=options.source or problem.model_files.get(options.format),
         folder=options.output.parent,
         copy_files=options.copy_files,
-        allow_refused=True,  # the study has judged, with all that it knows
     )
     written = None if options.dry_run else export.save(options.output)
     record = {

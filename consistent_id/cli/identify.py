@@ -73,7 +73,7 @@ def run_identify(options: argparse.Namespace) -> int:
 def _identify(options: argparse.Namespace) -> Answer:
     from consistent_id.problems.problem import load_problem
     from consistent_id.problems.study import Study
-    from consistent_id.report.summary import excitation_table, headline_table
+    from consistent_id.report.summary import excitation_table, headline_tables
 
     _refuse_drafting(options)
     _require_writable(options)
@@ -84,14 +84,14 @@ def _identify(options: argparse.Namespace) -> Answer:
         accepted=tuple(options.accept),
     )
     tables = [
-        headline_table(study),
+        *headline_tables(study),
         excitation_table(study.excitation, study.training),
-        *(estimate.table() for estimate in study.estimates),
+        *(report.judged.table() for report in study.comparison.reports),
     ]
     reports = study.comparison.reports
     record: dict[str, Any] = {
         **study.verdict.to_dict(),
-        "estimates": [r.estimate.to_dict() | r.verdict.to_dict() for r in reports],
+        "estimates": [report.judged.to_dict() for report in reports],
     }
 
     def write() -> list[Path]:
@@ -111,7 +111,7 @@ def _identify_log(options: argparse.Namespace) -> Answer:
     from consistent_id.problems.draft import draft_table
     from consistent_id.problems.study import run_study
     from consistent_id.report.study_record import study_record
-    from consistent_id.report.summary import headline_table, study_tables
+    from consistent_id.report.summary import headline_tables, study_tables
 
     _require_writable(options)
     draft = draft_of(options, options.problem, options.log)
@@ -121,12 +121,12 @@ def _identify_log(options: argparse.Namespace) -> Answer:
         progress=shows_progress(options),
         accepted=options.accept,
     )
-    tables = [headline_table(study), draft_table(draft)]
+    tables = [*headline_tables(study), draft_table(draft)]
     record = study_record(study)
     if study.diagnosis is not None:
         tables.append(diagnosis_table(study.diagnosis))
         record |= {"findings": diagnosis_record(study.diagnosis)["findings"]}
-    tables.append(study.recommended.estimate.table())
+    tables.append(study.recommended.judged.table())
 
     def write() -> list[Path]:
         from consistent_id._support.files import write_atomically

@@ -55,7 +55,7 @@ def run_report(options: argparse.Namespace) -> int:
     from consistent_id.problems.problem import load_problem
     from consistent_id.problems.study import run_study
     from consistent_id.report import write_report
-    from consistent_id.report.summary import headline_table
+    from consistent_id.report.summary import headline_tables
 
     problem = load_problem(options.problem)
     file = options.output or Path("results") / problem.name / "report.html"
@@ -76,7 +76,7 @@ def run_report(options: argparse.Namespace) -> int:
         f"--seed {options.seed}{accepted}",
     )
     verdict = study.verdict
-    text = headline_table(study).text()
+    text = "\n\n".join(table.text() for table in headline_tables(study))
     text += f"\nwritten: {file} ({file.stat().st_size / 1000:.0f} kB)"
     record = verdict.to_dict() | {
         "recommended": study.recommendation.statement,

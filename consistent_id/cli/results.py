@@ -42,10 +42,8 @@ def write_estimates(comparison: Comparison, folder: Path) -> list[Path]:
     """
     paths = []
     for report in comparison.reports:
-        own = report.estimate
-        record = own.to_dict() | report.verdict.to_dict()
-        file = folder / f"{own.method.replace(' ', '_')}.json"
-        paths.append(write_atomically(file, json.dumps(record, indent=1) + "\n"))
+        name = report.estimate.method.replace(" ", "_")
+        paths.append(report.judged.save(folder / f"{name}.json"))
     return paths
 
 

@@ -9,10 +9,14 @@ COLUMNS = 100
 """Columns of an answer by default."""
 
 
+_KEPT = ("written: ", "next: ", "my result is bad")  # lines that are never left out
+
+
 def shortened(text: str) -> str:
     r"""Return the first lines of a text, and how to see all of it.
 
-    Wide lines are wrapped.  Lines that name written files are kept.
+    Wide lines are wrapped.  Lines that name files, the next step or the page of help
+    are kept.
 
     Examples
     --------
@@ -20,16 +24,16 @@ def shortened(text: str) -> str:
     (6 more lines: --verbose prints them, --json has all figures)
     """
     lines = [short for line in text.splitlines() for short in _wrapped(line)]
-    files = [line for line in lines if line.startswith("written: ")]
-    others = [line for line in lines if line not in files]
+    kept = [line for line in lines if line.startswith(_KEPT)]
+    others = [line for line in lines if line not in kept]
     while others and not others[-1]:
         others.pop()
-    room = LINES - len(files)
+    room = LINES - len(kept)
     if len(others) > room:
         left = len(others) - (room - 1)
         rest = f"({left} more lines: --verbose prints them, --json has all figures)"
         others = [*others[: room - 1], rest]
-    return "\n".join([*others, *files])
+    return "\n".join([*others, *kept])
 
 
 def _wrapped(line: str) -> list[str]:

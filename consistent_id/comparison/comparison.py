@@ -118,6 +118,11 @@ class EstimateReport:
         return judge(self.evidence)
 
     @property
+    def judged(self) -> Estimate:
+        """The estimate with this report's verdict, as it is shown and written."""
+        return replace(self.estimate, judged=self.verdict)
+
+    @property
     def held_out_error(self) -> float | None:
         """Relative torque error over all validation recordings; None without any."""
         return stacked_error(self.validation)

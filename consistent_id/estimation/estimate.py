@@ -74,6 +74,8 @@ class Estimate:
         How well it explains the data that it was fitted to.
     accepted : tuple of str
         Kinds of reasons that its `verdict` is to overlook, as the user decided.
+    judged : Verdict, optional
+        By somebody who knows more of it than it does itself; see `EstimateReport`.
     """
 
     method: str
@@ -89,6 +91,7 @@ class Estimate:
     seconds: float = 0.0
     fit: Fit | None = None
     accepted: tuple[str, ...] = ()
+    judged: Verdict | None = None
 
     def __post_init__(self) -> None:
         p, b, n = len(self.model.layout), len(self.base), len(self.model.torque_joints)
@@ -114,10 +117,13 @@ class Estimate:
 
     @property
     def verdict(self) -> Verdict:
-        """Whether the robot may be used, from what the estimate knows of itself.
+        """Whether the robot may be used: as it was judged, or as it judges itself.
 
-        `compare` and `Study` know more: held-out errors, and what is wrong with a log.
+        `compare` and `Study` know more than an estimate: held-out errors, and what is
+        wrong with a log.
         """
+        if self.judged is not None:
+            return self.judged
         from consistent_id.estimation.evidence import evidence_of
         from consistent_id.estimation.judge import judge
 
@@ -332,6 +338,7 @@ class Estimate:
             seconds=record.seconds,
             fit=record.fit_value(),
             accepted=tuple(record.accepted),
+            judged=record.verdict_value(),
         )
 
 

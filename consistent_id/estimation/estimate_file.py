@@ -9,6 +9,7 @@ import msgspec
 from consistent_id._support.inputs import LARGEST_MODEL, read_input
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.fit import Fit
+from consistent_id.estimation.verdict import Verdict, Word
 
 FORMAT = "consistent_id estimate 1"
 
@@ -50,6 +51,15 @@ class FitRecord(msgspec.Struct):
     joints: dict[str, JointRecord]
 
 
+class ReasonRecord(msgspec.Struct):
+    """One reason for the verdict; see `Reason`."""
+
+    kind: str
+    word: Word
+    statement: str
+    advice: str
+
+
 class EstimateRecord(msgspec.Struct):
     """What an estimate is made of again; the file holds more, for people."""
 
@@ -63,11 +73,20 @@ class EstimateRecord(msgspec.Struct):
     seconds: float
     fit: FitRecord | None = None
     accepted: list[str] = []
+    verdict: Word = "use with care"
+    reasons: list[ReasonRecord] = []
+    held_out_error: float | None = None
 
     def fit_value(self) -> Fit | None:
         """Return the fit, if the file has one."""
         fit = self.fit
         return None if fit is None else Fit.from_dict(msgspec.to_builtins(fit))
+
+    def verdict_value(self) -> Verdict | None:
+        """Return the verdict, if the file has one with the fit behind it."""
+        if self.fit is None:
+            return None
+        return Verdict.from_dict(msgspec.to_builtins(self))
 
 
 def read_estimate(path: Path) -> EstimateRecord:

@@ -296,8 +296,8 @@ def _worth_knowing(evidence: Evidence) -> Iterator[Reason]:
 Rule = Callable[[Evidence], Iterable[Reason]]
 
 RULES: tuple[Rule, ...] = (
-    _of_findings,
     _of_slopes,
+    _of_findings,
     _of_fit,
     _of_held_out,
     _of_bodies,

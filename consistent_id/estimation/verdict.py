@@ -5,7 +5,8 @@ the estimate; see `judge`.
 """
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from textwrap import shorten
+from typing import Any, Literal, Self
 
 Word = Literal["use", "use with care", "do not use"]
 """What a verdict says in a word."""
@@ -15,6 +16,12 @@ WORDS: tuple[Word, ...] = ("use", "use with care", "do not use")
 
 HELP = "docs/bad-result.md"
 """Page for everyone whose verdict is not ``use``."""
+
+BAD_RESULT = "my result is bad, what now?"
+"""What the page is about, as messages name it."""
+
+_BRIEF = 3  # reasons shown on a terminal
+_WIDE = 180  # characters of each
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,8 +108,31 @@ class Verdict:
         """The reasons and what to do, in sentences; last where to read on."""
         said = [f"{r.kind}: {r.statement}" for r in self.reasons]
         done = [f"to do: {r.advice}" for r in self.grounds if r.advice]
-        page = [f"my result is bad, what now? {HELP}"] if self.word != "use" else []
-        return (*said, *dict.fromkeys(done), *page)
+        return (*said, *dict.fromkeys(done), *self._page)
+
+    @classmethod
+    def from_dict(cls, record: dict[str, Any]) -> Self:
+        """Read what `to_dict` wrote, besides which the record may hold more."""
+        return cls(
+            record["verdict"],
+            record["method"],
+            tuple(Reason(**reason) for reason in record["reasons"]),
+            tuple(record["accepted"]),
+            record["held_out_error"],
+        )
+
+    @property
+    def brief(self) -> tuple[str, ...]:
+        """The weightiest reasons, one of a kind, each in one or two lines."""
+        kinds = {reason.kind: reason for reason in reversed(self.grounds)}
+        shown = list(reversed(kinds.values()))[:_BRIEF]
+        said = [shorten(f"{r.kind}: {r.statement}", _WIDE) for r in shown]
+        done = [f"to do: {r.advice}" for r in shown if r.advice]
+        return (*said, *dict.fromkeys(done), *self._page)
+
+    @property
+    def _page(self) -> tuple[str, ...]:
+        return () if self.word == "use" else (f"{BAD_RESULT} {HELP}",)
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain text and numbers."""
@@ -129,6 +159,8 @@ def percent(share: float) -> str:
     Examples
     --------
     >>> percent(0.0312), percent(0.46), percent(413.2)
-    ('3.1 %', '46 %', '41320 %')
+    ('3.1 %', '46 %', 'over 1000 %')
     """
+    if share > 10.0:
+        return "over 1000 %"
     return f"{share:.0%}".replace("%", " %") if share >= 0.1 else f"{100 * share:.1f} %"

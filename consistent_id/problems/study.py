@@ -4,8 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-import numpy as np
-
 from consistent_id._support.progress import stages
 from consistent_id.comparison.comparison import Comparison, EstimateReport, compare
 from consistent_id.comparison.constraint_prices import ShadowPrice, shadow_prices
@@ -13,7 +11,6 @@ from consistent_id.comparison.fit_costs import ConstraintCost, constraint_costs
 from consistent_id.comparison.parameter_uncertainty import Uncertainty, uncertainty
 from consistent_id.constraints import PhysicalConsistency
 from consistent_id.diagnosis import Diagnosis
-from consistent_id.errors import ProblemError
 from consistent_id.estimation.constrained import constrained_least_squares
 from consistent_id.estimation.cross_validation import (
     RegularisationPath,
@@ -31,6 +28,7 @@ from consistent_id.estimation.recommendation import (
 )
 from consistent_id.estimation.robust import huber
 from consistent_id.estimation.verdict import Verdict
+from consistent_id.problems.experiment_data import recordings_of
 from consistent_id.problems.log_check import check_problem
 from consistent_id.problems.problem import Problem
 from consistent_id.problems.published import (
@@ -45,7 +43,6 @@ from consistent_id.regression.data_rank import Excitation, excitation_of
 from consistent_id.regression.noise import joint_noise
 from consistent_id.regression.regression import Regression, build_regression
 from consistent_id.regression.segments import merged, segment_regressions
-from consistent_id.regression.simulation import simulate_torque
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,7 +172,8 @@ class Study:
         estimate : Estimate
             Of the problem's model, computed now or loaded from a file.
         """
-        own = replace(estimate, accepted=(*estimate.accepted, *self.accepted))
+        kinds = dict.fromkeys((*estimate.accepted, *self.accepted))
+        own = replace(estimate, accepted=tuple(kinds))
         found = compare([own], self.validation, findings=self.findings)
         return found.reports[0].verdict
 
@@ -364,40 +362,3 @@ def regularisation_path(
         distance=problem.prior.distance,
         base=base,
     )
-
-
-def simulated_experiment(
-    problem: Problem, published: PublishedReport
-) -> tuple[Recording, Recording]:
-    """Return simulated training and validation recordings, from the file's seed.
-
-    The truth is the consistent robot nearest to the published mean.
-    """
-    table = problem.table.simulation
-    if table is None:
-        raise ProblemError(f"problem {problem.name!r} has no [simulation] table")
-    truth = published.vectors[0].nearest.parameters
-    rng = np.random.default_rng(table.seed)
-    training, validation = (
-        simulate_torque(
-            problem.model, truth, problem.motion(name), noise=table.noise, rng=rng
-        )
-        for name in (table.training, table.validation)
-    )
-    return training, validation
-
-
-def recordings_of(
-    problem: Problem, published: PublishedReport | None = None
-) -> tuple[tuple[Recording, ...], tuple[Recording, ...]]:
-    """Return a problem's training and validation recordings, real or simulated."""
-    if problem.table.data is not None:
-        return problem.training, problem.validation
-    if not problem.has_data:
-        raise ProblemError(
-            f"problem {problem.name!r} has neither [data] nor a [simulation] with a "
-            "[published] truth; there are no training data"
-        )
-    published = check_published(problem) if published is None else published
-    training, validation = simulated_experiment(problem, published)
-    return (training,), (validation,)

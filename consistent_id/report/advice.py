@@ -28,7 +28,9 @@ class Advice:
     reasons : tuple of str
         Why this one.
     cautions : tuple of str
-        What to know before using it.
+        The verdict's reasons, and what to do.
+    also : tuple of str
+        Which others may be used as well.
     """
 
     verdict: Verdict
@@ -36,6 +38,7 @@ class Advice:
     headline: str
     reasons: tuple[str, ...]
     cautions: tuple[str, ...]
+    also: tuple[str, ...] = ()
 
     @property
     def level(self) -> Word:
@@ -81,7 +84,8 @@ def advise(
         chosen.estimate.method if verdict.usable else "",
         verdict.compared(None if plain is None else plain.held_out_error),
         (*why, *(() if plain is None else (_against(plain),))),
-        (*verdict.lines, *_better(chosen, others)),
+        verdict.lines,
+        _better(chosen, others),
     )
 
 

@@ -77,8 +77,7 @@ def study_record(study: Study) -> dict[str, Any]:
 
 
 def _report_record(report: EstimateReport) -> dict[str, Any]:
-    own = report.estimate.to_dict() | report.verdict.to_dict()
-    return own | {
+    return report.judged.to_dict() | {
         "training": [_error_record(e) for e in report.training],
         "validation": [_error_record(e) for e in report.validation],
         "consistent_links": list(report.consistent_links),

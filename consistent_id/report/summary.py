@@ -27,20 +27,19 @@ from consistent_id.report.published_tables import published_tables
 _PRICES = 12  # single constraints shown
 
 
-def headline_table(study: Study) -> Table:
-    """Return the verdict in one line, all estimates, and the reasons."""
+def headline_tables(study: Study) -> list[Table]:
+    """Return the verdict in one line, its weightiest reasons, and all estimates."""
     advice = advise(study.comparison, recommendation=study.recommendation)
     table = verdict_table(study.comparison)
-    return replace(
-        table,
-        title=advice.headline,
-        notes=(*table.notes, *advice.reasons, *advice.cautions),
-    )
+    return [
+        Table(advice.headline, (), (), advice.verdict.brief),
+        replace(table, notes=(*table.notes, *advice.reasons, *advice.also)),
+    ]
 
 
 def study_tables(study: Study) -> list[Table]:
     """Return everything that a study found, table by table, the verdict first."""
-    tables = [headline_table(study)]
+    tables = headline_tables(study)
     if study.published is not None:
         tables += published_tables(study.published, study.problem.table.published)
     tables.append(excitation_table(study.excitation, study.training))

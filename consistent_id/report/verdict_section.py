@@ -13,7 +13,7 @@ def verdict_section(content: ReportContent) -> Section:
     parts = [
         tag("p", advice.headline, class_="headline"),
         listed(advice.reasons),
-        listed(advice.cautions, class_="cautions"),
+        listed((*advice.cautions, *advice.also), class_="cautions"),
     ]
     card = tag("div", *parts, class_=f"card {_SIGN[advice.level]}")
     body = joined((card, _tiles(content), _estimates(content)))

@@ -13,6 +13,7 @@ from consistent_id import (
     FixedMasses,
     NonNegativeDrive,
     PhysicalConsistency,
+    ProblemError,
     TorqueModel,
     build_regression,
     compare,
@@ -22,6 +23,7 @@ from consistent_id import (
     least_squares,
     load_urdf,
     simulate_torque,
+    to_json,
     weighted_least_squares,
 )
 from consistent_id.estimation.estimate import Estimate
@@ -258,3 +260,15 @@ def test_a_joint_at_rest_gets_no_boundless_friction():
     )
     estimate = constrained_least_squares(model(), build_regression(model(), still))
     assert abs(estimate["elbow.viscous"]) < 1e5
+
+
+def test_a_verdict_of_who_knows_more_goes_with_the_estimate_into_its_file(tmp_path):
+    good = constrained_least_squares(model(), build_regression(model(), log()))
+    found = Finding("clock", "fault", "log", "seen", "mend it")
+    (report,) = compare([good], [log()], findings=[found]).reports
+    assert (good.verdict.word, report.judged.verdict.word) == ("use", "do not use")
+    path = report.judged.save(tmp_path / "e.json")
+    read = Estimate.load(path, good.model, good.base)
+    assert read.verdict == report.verdict
+    with pytest.raises(ProblemError, match=r"do not use: constrained.*clock"):
+        to_json(read)

@@ -122,7 +122,7 @@ def test_mujoco_loads_bodies_at_the_edge_of_what_can_be(body):
 
 def test_mujoco_loads_the_constrained_estimate_of_a_study():
     from consistent_id import build_regression, constrained_least_squares, load_problem
-    from consistent_id.problems.study import recordings_of
+    from consistent_id.problems.experiment_data import recordings_of
 
     problem = load_problem("problems/rx60")
     training, _ = recordings_of(problem)
