@@ -99,6 +99,7 @@ def _other_masses(as_is: FittedLog) -> Iterator[Candidate]:
         "with masses that are not the model's",
         'masses = "free" (--masses free); check load, tool and model',
         _THRESHOLD,
+        excuse=1,
     )
     yield Candidate(cause, as_is.factors, free)
 

@@ -125,7 +125,7 @@ def _of_one_joint(
                     statement.format(names[j]),
                     advice,
                     _THRESHOLD,
-                    excuse=kind == "spring",
+                    excuse=2 if kind == "spring" else 0,
                 )
                 parts = {names[j]: left[j].taken_up(columns)}
                 yield _without(as_is, cause, parts)
