@@ -36,8 +36,8 @@ PUBLISHED = 1_000_000
 
 
 _HOW = """How a cause is named: a log is prepared once, and compressed once with all
-torque channels. Signals are judged first: clocks, gaps, spikes, channels that stop, steps,
-noise. Then the torque is regressed on gravity, inertia and friction of the nominal
+torque channels. Signals are judged first: clocks, gaps, spikes, channels that
+stop, steps, noise. Then the torque is regressed on gravity, inertia and friction of the nominal
 robot; the slopes say what the channel is. Nominal inertials may be wrong: what follows
 from wrong masses as well is said so. Then candidates are fitted: changes of channels
 (one entry each in the table of `diagnosis/corrections.py`), gravity's direction, other

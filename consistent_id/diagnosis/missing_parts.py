@@ -52,7 +52,8 @@ class Residual:
         """Return the part of the torque that columns beside the model's explain."""
         beside = columns - self.spanned @ (self.spanned.T @ columns)
         amount = np.linalg.lstsq(beside, self.rest, rcond=1e-6)[0]
-        return np.asarray(np.dot(columns, amount), dtype=np.float64)
+        part: Vector = np.dot(columns, amount)
+        return part
 
     def share(self, columns: Matrix) -> float:
         """Return the share of the squared residual that they take up."""
