@@ -79,7 +79,7 @@ def residuals(log: FittedLog) -> list[Residual]:
 
 def _unit(columns: Matrix) -> Matrix:
     norms = np.linalg.norm(columns, axis=0)
-    return columns[:, norms > 0.0] / norms[norms > 0.0]
+    return np.asarray(columns[:, norms > 0.0] / norms[norms > 0.0])
 
 
 def missing_parts(as_is: FittedLog) -> list[Candidate]:
