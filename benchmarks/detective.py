@@ -35,6 +35,26 @@ CHOSEN_BELOW = 100_000
 PUBLISHED = 1_000_000
 
 
+_HOW = """How a cause is named: a log is prepared once, and compressed once with all
+torque channels. Signals are judged first: clocks, gaps, spikes, channels that
+stop, steps, noise. Then the torque is regressed on gravity, inertia and
+friction of the nominal robot; the slopes say what the channel is. Nominal
+inertials may be wrong: what follows from wrong masses as well is said so.
+Then candidates are fitted: changes of channels (one entry each in the table
+of `diagnosis/corrections.py`), gravity's direction, other masses, drift,
+coupled joints, contact. Least squares bounds what a physically consistent
+robot can explain; only candidates whose bound can win are fitted under
+constraints.
+
+A candidate is named only if it brings the constrained misfit down to the
+log's own noise: three times the torque's white noise, or 1.5 times what least
+squares without constraints leaves of the best candidate, whichever is larger,
+and 12 % of the torque at the most. If causes of several kinds do, none is
+named. Otherwise the finding is "model does not explain", with the candidates
+and their figures.
+"""
+
+
 @dataclass(frozen=True)
 class Trial:
     """One log to be looked at; no fault means clean."""
@@ -135,11 +155,7 @@ def page(groups: dict[str | None, list[Verdict]], seed: int) -> str:
         "move less. `consistent-id check` notes which joint zero offsets a log would",
         "not show, and from which angle on it would show them.",
         "",
-        "How: a log is prepared once, and compressed once with all torque channels. A",
-        "fault of channels, units, signs or zeros is a linear change of the prepared",
-        "channels, one entry of the table in `diagnosis/corrections.py`. Least squares",
-        "bounds what a physically consistent robot can explain; only changes whose",
-        "bound beats the log as it is are fitted under constraints.",
+        *_HOW.splitlines(),
         "",
         "| fault | logs | found | as that fault | surely more than | besides |",
         "|---|---:|---:|---:|---:|---:|",

@@ -97,8 +97,9 @@ def _other_masses(as_is: FittedLog) -> Iterator[Candidate]:
         "datasheet",
         "masses",
         "with masses that are not the model's",
-        'masses = "free" (--masses free); check load, tool and model',
+        'masses = "free" (--masses free); check load, tool, model and gains',
         _THRESHOLD,
+        excuse=1,
     )
     yield Candidate(cause, as_is.factors, free)
 

@@ -41,9 +41,10 @@ class Cause:
         As in `Finding`; the statement is the condition under which misfits are told.
     threshold : float
         Ratio of misfits, as the log is over corrected, from which on it is reported.
-    excuse : bool
-        Whether it stands in for other causes, as a spring does for wrong geometry: it
-        is told as a candidate, and never named alone.
+    excuse : int
+        Whether it stands in for other causes: 0 if it does not; 1 if it is named where
+        nothing else explains the log, as other masses; 2 if it is only told as a
+        candidate, as a spring, which stands in for wrong geometry.
     """
 
     kind: str
@@ -51,7 +52,7 @@ class Cause:
     statement: str
     advice: str
     threshold: float
-    excuse: bool = False
+    excuse: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,7 +223,8 @@ FAULT_KINDS = (
         "torque",
         1.3,
         "with the torque of {joints} reversed",
-        "reverse the torque channel of {joints}, or its axis in the model",
+        "reverse the torque channel of {joints}; or its position and velocity, or its "
+        "axis in the model",
         _reversed,
     ),
     FaultKind(

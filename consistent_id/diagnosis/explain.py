@@ -36,6 +36,7 @@ _WHITE = 3.0  # times the white noise: filters leave less, edges of friction mor
 _BEYOND = 1.5  # times least squares: clean logs have 1.0 to 1.1, here and in robots
 _MOST = 0.12  # of the torque: misfit that explains nothing, least squares or not
 _RIVAL = 1.25  # ratio of misfits within which two causes explain a log alike
+_MIRRORED = ("torque sign", "position sign")  # one and the same at the last joint
 _UNUSUAL = 0.06  # of the torque: clean logs without noise leave 0.5 to 3 %
 _BAD = 0.3  # of the torque: misfit of which no good comes
 _SHOWN = 3  # candidates that are worth mention
@@ -122,13 +123,16 @@ class Explanations:
         Of causes that explain it about as well, none is known to be the one, unless
         they are of one kind.
         """
-        named = [e for e in self.tried if not e.cause.excuse]
-        explained = [e for e in named if e.misfit <= self.floor]
-        if not explained:
-            return None
-        rivals = [e for e in explained if e.misfit <= _RIVAL * explained[0].misfit]
-        alike = {e.cause.kind for e in rivals} == {rivals[0].cause.kind}
-        return explained[0] if alike else None
+        explained = [e for e in self.tried if e.misfit <= self.floor]
+        for excuse in (0, 1):
+            causes = [e for e in explained if e.cause.excuse == excuse]
+            rivals = [e for e in causes if e.misfit <= _RIVAL * causes[0].misfit]
+            kinds = {e.cause.kind for e in rivals}
+            if kinds == set(_MIRRORED) and len({e.cause.where for e in rivals}) == 1:
+                return next(e for e in rivals if e.cause.kind == _MIRRORED[0])
+            if rivals:
+                return rivals[0] if len(kinds) == 1 else None
+        return None
 
 
 def datasheet_constraints(model: TorqueModel) -> tuple[Constraint, ...]:
@@ -180,7 +184,7 @@ def explanations(
         a model of friction that is not quite right leaves is in the second one.
     """
     bounds = [c.factors.least_misfit() for c in candidates]
-    own = [b for b, c in zip(bounds, candidates, strict=True) if not c.cause.excuse]
+    own = [b for b, c in zip(bounds, candidates, strict=True) if c.cause.excuse < 2]
     least = min([as_is.factors.least_misfit(), *own])
     floor = min(max(_WHITE * noise, _BEYOND * least), _MOST)
     found: list[Explanation] = []
@@ -261,7 +265,7 @@ def unexplained_findings(
 ) -> list[Finding]:
     """Report a log that no robot of the datasheet explains, with the candidates."""
     usual = max(_UNUSUAL, _WHITE * noise)
-    rivals = any(e.misfit <= found.floor and not e.cause.excuse for e in found.tried)
+    rivals = any(e.misfit <= found.floor and e.cause.excuse < 2 for e in found.tried)
     if as_is.misfit <= usual and not rivals:
         return []
     better = [

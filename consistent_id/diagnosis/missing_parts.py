@@ -52,7 +52,7 @@ class Residual:
         """Return the part of the torque that columns beside the model's explain."""
         beside = columns - self.spanned @ (self.spanned.T @ columns)
         amount = np.linalg.lstsq(beside, self.rest, rcond=1e-6)[0]
-        part: Vector = columns @ np.asarray(amount, dtype=np.float64)
+        part: Vector = np.dot(columns, amount)
         return part
 
     def share(self, columns: Matrix) -> float:
@@ -125,7 +125,7 @@ def _of_one_joint(
                     statement.format(names[j]),
                     advice,
                     _THRESHOLD,
-                    excuse=kind == "spring",
+                    excuse=2 if kind == "spring" else 0,
                 )
                 parts = {names[j]: left[j].taken_up(columns)}
                 yield _without(as_is, cause, parts)

@@ -314,3 +314,31 @@ def test_of_other_files_the_columns_are_asked_for(tmp_path):
         column_names(tmp_path / "log.h5")
     with pytest.raises(RecordingError, match="no such file"):
         column_names(tmp_path / "nowhere.csv")
+
+
+@pytest.mark.parametrize(
+    "pattern", ["current{number}", "i_{joint}", "motor.amps.{joint}"]
+)
+def test_currents_without_a_gain_are_refused(pattern):
+    from consistent_id.recordings.column_guess import require_torque
+
+    with pytest.raises(RecordingError, match="--torque-gain"):
+        require_torque(pattern, ())
+    require_torque(pattern, (12.0,))
+    require_torque("current_torque_{joint}", ())
+    require_torque(None, ())
+
+
+@pytest.mark.parametrize(("period", "expected"), [(6.0, 18.0), (9.0, 18.0)])
+def test_a_motion_that_repeats_is_split_by_whole_periods(period, expected):
+    from consistent_id.problems.drafting import _training
+    from consistent_id.recordings.recording import Recording
+
+    time = np.arange(2701) / 100.0
+    angle = 2 * np.pi * time / period
+    q = np.column_stack([np.sin(angle) + 0.3 * np.cos(3 * angle), np.cos(2 * angle)])
+    log = Recording(("a", "b"), time, q)
+    # 70 % of 27 s are 18.9 s: three of four whole periods of 6 s, two of three of 9 s.
+    assert _training(log, 27.0) == pytest.approx(expected, abs=0.01)
+    once = Recording(("a",), time, time[:, None] ** 2)
+    assert _training(once, 27.0) == pytest.approx(0.7 * 27.0)

@@ -1,0 +1,98 @@
+"""Faults that signals show by themselves, put into a clean log one by one."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from faulty_logs import clean_log
+
+from consistent_id.diagnosis.clock import velocity_findings
+from consistent_id.diagnosis.missing_parts import window
+from consistent_id.diagnosis.signal_faults import (
+    frozen_findings,
+    jump_findings,
+    noise_findings,
+    noise_share,
+    resolution_findings,
+    spike_findings,
+)
+
+
+def _with(channel, change, joint=1):
+    log = clean_log(0)
+    values = getattr(log, channel).copy()
+    values[:, joint] = change(values[:, joint])
+    return replace(log, **{channel: values})
+
+
+def _stopped(values):
+    half = len(values) // 2
+    return np.where(np.arange(len(values)) < half, values, values[half])
+
+
+def test_clean_signals_are_not_accused():
+    log = clean_log(0)
+    found = [*frozen_findings(log), *spike_findings(log), *jump_findings(log)]
+    assert found + noise_findings(log) + resolution_findings(log, log) == []
+
+
+@pytest.mark.parametrize("channel", ["torque", "velocity", "position"])
+def test_a_channel_that_stops_while_the_joint_moves_is_frozen(channel):
+    (finding,) = frozen_findings(_with(channel, _stopped))
+    assert (finding.kind, finding.where) == ("frozen channel", "joint2")
+    assert f"{channel} is" in finding.statement
+    assert "from 10 s" in finding.statement
+
+
+def test_spikes_are_counted_and_steps_are_none():
+    rows = [300, 1000, 2500]
+
+    def spoilt(tau):
+        out = tau.copy()
+        out[rows] += 20.0 * np.std(tau)
+        return out
+
+    (finding,) = spike_findings(_with("torque", spoilt))
+    assert "3 of 4000" in finding.statement
+    stepped = _with("torque", lambda tau: tau + np.where(np.arange(4000) > 900, 50, 0))
+    assert spike_findings(stepped) == []
+
+
+def test_an_encoder_that_wraps_and_rows_that_are_lost_are_told_apart():
+    wrapped = _with("position", lambda q: np.mod(q, 0.6 * np.ptp(q)))
+    (finding,) = jump_findings(wrapped)
+    assert (finding.kind, finding.where) == ("wrapped encoder", "joint2")
+    log = clean_log(0)
+    kept = np.r_[0:2000, 2300:4000]
+    lost = log.samples(kept)
+    (finding,) = jump_findings(replace(lost, time=log.time[: len(kept)]))
+    assert finding.kind == "gap"
+
+
+def test_white_noise_is_measured_beside_a_smooth_signal():
+    rng, time = np.random.default_rng(0), np.arange(20000) / 1000.0
+    smooth = np.sin(time)[:, None]
+    noisy = smooth + 0.3 * rng.normal(size=smooth.shape)
+    expected = 0.3 / np.sqrt(np.var(smooth) + 0.09)
+    # Twenty thousand draws know the median of their sizes to a percent.
+    assert noise_share(noisy)[0] == pytest.approx(expected, rel=0.03)
+
+
+def test_a_clock_of_another_speed_and_a_late_velocity_are_told_apart():
+    log = clean_log(0)
+    (finding,) = velocity_findings(replace(log, time=0.8 * log.time))
+    assert (finding.kind, finding.where) == ("clock", "all joints")
+    assert "0.8" in finding.statement
+    late = replace(log, velocity=np.roll(log.velocity, 14, axis=0))
+    (finding,) = velocity_findings(late.samples(slice(20, -20)))
+    assert finding.kind == "lag"
+    assert "70 ms later" in finding.statement
+
+
+def test_the_while_that_holds_most_of_a_weight_is_found_if_it_is_short():
+    weight = np.full(1000, 1e-3)
+    weight[400:500] = 1.0
+    inside = np.flatnonzero(window(weight))
+    assert 380 <= inside[0] <= 400
+    assert 480 <= inside[-1] <= 520
+    assert window(np.ones(1000)) is None

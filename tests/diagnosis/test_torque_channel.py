@@ -1,0 +1,93 @@
+"""What a torque channel is, on logs from which parts of the torque were taken."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from faulty_logs import DRIVE
+
+from consistent_id import (
+    DHRow,
+    InertialParameters,
+    Recording,
+    TorqueModel,
+    from_modified_dh,
+    simulate_torque,
+)
+from consistent_id.diagnosis.torque_channel import channel_findings, nothing_findings
+from consistent_id.diagnosis.torque_parts import nominal_parts, torque_parts
+from consistent_id.robot.model import Link
+
+FRICTION = np.array([1.0, 2.0, 0.3])  # viscous, coulomb, offset
+
+
+def _arm():
+    rows = [DHRow(0, 0), DHRow(-np.pi / 2, 0), DHRow(0, 0.5), DHRow(np.pi / 2, 0, 0.4)]
+    robot = from_modified_dh("arm", rows)
+    body = InertialParameters.from_central(4.0, [0.2, 0.02, 0.05], 0.05 * np.eye(3))
+    links = tuple(Link(link.name, body) for link in robot.links)
+    return TorqueModel(replace(robot, links=links), DRIVE)
+
+
+def _parts(rng=None):
+    """Return the model, a motion, and the torque's gravity, inertia and friction."""
+    model, rng = _arm(), np.random.default_rng(0) if rng is None else rng
+    time = np.arange(2000) / 100.0
+    f, phase = rng.uniform(0.1, 0.6, (2, 4, 3)) * [[[1.0]], [[10.0]]]
+    angle = 2 * np.pi * f[..., None] * time + phase[..., None]
+    omega = 2 * np.pi * f[..., None]
+    q = 0.4 * np.sin(angle).sum(axis=1).T
+    dq = 0.4 * (omega * np.cos(angle)).sum(axis=1).T
+    ddq = -0.4 * (omega**2 * np.sin(angle)).sum(axis=1).T
+    motion = Recording(model.robot.joint_names, time, q, dq, ddq)
+    bodies = np.asarray(model.robot.nominal)
+    whole = simulate_torque(model, np.append(bodies, np.tile(FRICTION, 4)), motion)
+    gravity, inertial = nominal_parts(model, replace(motion, torque=whole.torque))
+    return model, motion, gravity, inertial, whole.torque - gravity - inertial
+
+
+def _said(change):
+    model, motion, gravity, inertial, friction = _parts()
+    noise = 0.02 * np.random.default_rng(1).normal(size=gravity.shape)
+    log = replace(motion, torque=change(gravity, inertial, friction) + noise)
+    parts = torque_parts(model, log)
+    return channel_findings(parts) or nothing_findings(parts)
+
+
+def test_a_whole_torque_is_not_accused():
+    assert _said(lambda g, i, f: g + i + f) == []
+
+
+def test_the_slopes_of_the_parts_are_those_with_which_they_were_added():
+    model, motion, gravity, inertial, friction = _parts()
+    log = replace(motion, torque=0.6 * gravity + 1.4 * inertial + friction)
+    parts = torque_parts(model, log)
+    # Friction is the model's own: nothing but rounding is in the way.
+    np.testing.assert_allclose(parts.gravity[1:], 0.6, atol=1e-6)
+    np.testing.assert_allclose(parts.inertial, 1.4, atol=1e-6)
+    assert parts.rest.max() < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("change", "kind", "words"),
+    [
+        (lambda g, i, f: i + f, "torque channel", "gravity-compensated"),
+        (lambda g, i, f: f, "torque channel", "friction alone"),
+        (lambda g, i, f: g, "torque channel", "gravity torque of a model"),
+        (lambda g, i, f: g + i, "torque channel", "no friction"),
+        (lambda g, i, f: 1e3 * (g + i + f), "torque unit", "N mm"),
+        (lambda g, i, f: 1.5 * (g + i + f), "torque gain", "1.5 times"),
+        (lambda g, i, f: (g + i + f) / [5, 8, 12, 10], "torque channel", "currents"),
+    ],
+)
+def test_the_channel_is_named_by_the_parts_it_holds(change, kind, words):
+    (finding,) = _said(change)
+    assert finding.kind == kind
+    assert words in finding.statement
+
+
+def test_one_gain_that_is_off_is_a_warning_with_its_factor():
+    (finding,) = _said(lambda g, i, f: (g + i + f) * [1.0, 1.0, 0.5, 1.0])
+    assert (finding.severity, finding.kind) == ("warning", "torque gain")
+    assert "0.50" in finding.statement
+    assert "masses" in finding.statement  # which would look the same
