@@ -200,7 +200,7 @@ def solve_table(repeats: int, samples: int = 20_000, replicates: int = 200) -> s
         "re-solve with its certificate": (again, 20.0),
         "whole estimate": (
             lambda: ci.constrained_least_squares(model, regression, base=base),
-            300.0,
+            80.0,
         ),
         f"bootstrap of {replicates} constrained estimates": (
             lambda: ci.bootstrap(model, segments, base=base, replicates=replicates),
