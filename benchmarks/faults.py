@@ -186,20 +186,21 @@ def page(outcomes: Sequence[Outcome], seeds: Sequence[int]) -> str:
     whole = [o for o in outcomes if o.trial.clean]
     named = [o for o in faulty if o.named]
     quiet = [o for o in faulty if silent(o, clean)]
+    numbers = " ".join(map(str, seeds))
     lines = [
         "# What is said of faulty logs",
         "",
-        f"Measured by `python benchmarks/faults.py --seeds {' '.join(map(str, seeds))}`:",
+        f"Measured by `python benchmarks/faults.py --seeds {numbers}`:",
         f"{len(labels) - len(CLEAN)} faults on {len(clean)} logs of five robots. Their",
-        "torque has Stribeck and load friction, which the default model lacks. Odd seeds",
-        "are for development.",
+        "torque has Stribeck and load friction, which the default model lacks. Odd",
+        "seeds are for development.",
         "",
-        f"- Silently wrong (verdict `use`, error above {WRONG:.0%} and {_TIMES:g} times",
-        f"  that of the clean log): {len(quiet)} of {len(faulty)}.",
-        f"- Causes named rightly: {sum(o.right for o in named)} of {len(named)} logs with",
-        "  a named cause.",
-        f"- Clean logs with a fault or a warning: {sum(bool(o.kinds) for o in whole)} of "
-        f"{len(whole)}; not `use`: {sum(o.said != 'use' for o in whole)}.",
+        f"- Silently wrong (verdict `use`, error above {WRONG:.0%} and {_TIMES:g}",
+        f"  times that of the clean log): {len(quiet)} of {len(faulty)}.",
+        f"- Causes named rightly: {sum(o.right for o in named)} of {len(named)} logs",
+        "  with a named cause.",
+        f"- Clean logs with a fault or a warning: {sum(bool(o.kinds) for o in whole)}",
+        f"  of {len(whole)}; not `use`: {sum(o.said != 'use' for o in whole)}.",
         "",
         "Error: median, on another motion of the robot as it is, over the torque.",
         "",

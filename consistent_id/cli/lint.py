@@ -55,4 +55,5 @@ def run_lint(options: argparse.Namespace) -> int:
     if options.sarif is not None:
         text = json.dumps(sarif(found, __version__), indent=1, allow_nan=False)
         write_atomically(options.sarif, text + "\n")
-    return show(options, Answer(int(refused), lint_text(found), lint_record(found)))
+    text, record = lint_text(found), lint_record(found)
+    return show(options, Answer(int(refused), text, record, whole=True))

@@ -16,7 +16,7 @@ def shortened(text: str) -> str:
     r"""Return the first lines of a text, and how to see all of it.
 
     Wide lines are wrapped.  Lines that name files, the next step or the page of help
-    are kept.
+    are kept as they are.
 
     Examples
     --------
@@ -37,7 +37,7 @@ def shortened(text: str) -> str:
 
 
 def _wrapped(line: str) -> list[str]:
-    if len(line) <= COLUMNS:
+    if len(line) <= COLUMNS or line.startswith(_KEPT):
         return [line]
     indent = " " * (len(line) - len(line.lstrip()) + 2)
     return wrap(

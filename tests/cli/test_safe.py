@@ -204,7 +204,7 @@ def test_a_bootstrap_that_is_stopped_shows_what_it_has(
 
     monkeypatch.setattr(segment_bootstrap, "_WORKERS", 1)
     monkeypatch.setattr(segment_bootstrap, "penalised_fit", interrupted)
-    assert main(["identify", *map(str, arm), "--uncertainty"]) == code
+    assert main(["identify", *map(str, arm), "--uncertainty", "--verbose"]) == code
     shown = capsys.readouterr()
     assert "7 estimates from segments" in shown.out and "; interrupted" in shown.out
     assert f"{says}: this is the best so far" in shown.err

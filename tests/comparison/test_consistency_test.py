@@ -77,12 +77,12 @@ def test_a_comparison_says_whether_the_data_mean_what_is_impossible():
     regression = build_regression(model, log)
     estimate = least_squares(model, regression)
     (alone,) = compare([estimate], [log]).reports
-    assert alone.verdict == "refused"
+    assert alone.verdict.word == "do not use"
     assert alone.consistency is None
     (tested,) = compare([estimate], [log], regression=regression).reports
     assert tested.consistency is not None
-    assert tested.consistency.sentence in tested.refusal
-    assert "proven among parameters up to" in tested.refusal
+    assert tested.consistency.sentence in tested.impossibility
+    assert "proven among parameters up to" in tested.impossibility
 
 
 def test_without_residuals_it_says_that_noise_is_taken_to_be_white():

@@ -12,6 +12,7 @@ from consistent_id import (
     PhysicalConsistency,
     PointToSet,
     SharedMotors,
+    SolverError,
     TorqueModel,
     base_parameters,
     build_regression,
@@ -107,16 +108,16 @@ def test_no_robot_within_the_slack_is_nearer(seed):
             assert other.squared_distance >= mine - near.distance_gap * max(mine, 0.01)
 
 
-def test_the_entropic_distance_certifies_no_link_without_mass():
+def test_the_entropic_distance_refuses_a_link_without_mass():
     model, _, log = pendulum()
     massless = [PhysicalConsistency(margin=0.0), FixedMasses({"link1": 0.0})]
-    estimate = constrained_least_squares(
-        model,
-        build_regression(model, log),
-        constraints=massless,
-        prior=PointToSet(distance="entropic"),
-    )
-    assert estimate.certificate.verdict == "uncertified"
+    with pytest.raises(SolverError, match="entropic distance needs links with mass"):
+        constrained_least_squares(
+            model,
+            build_regression(model, log),
+            constraints=massless,
+            prior=PointToSet(distance="entropic"),
+        )
 
 
 def test_couplings_of_one_joint_add_up_to_no_more_than_its_own():

@@ -108,20 +108,29 @@ class LoadedRobot:
 
     def _extended(self, runs: Sequence[Recording], loaded: bool) -> Regression:
         regression = build_regression(self.torque_model(loaded=loaded), runs)
-        factors = []
-        for factor in regression.factors:
-            wide = np.zeros((len(factor), len(self.model.layout) + 1))
-            wide[:, [*self.place, -1]] = factor
-            if loaded:
-                carrier = self.bare.layout.link_slice(self.carrier)
-                wide[:, self.load_slice] = factor[:, carrier]
-            factors.append(wide)
+        wider = self._wider(loaded)
+        noise = regression.noise
+        if noise is not None:
+            noise = replace(noise, scores=tuple(N @ wider for N in noise.scores))
         return replace(
             regression,
             layout=self.model.layout,
-            factors=tuple(factors),
+            factors=tuple(
+                np.hstack([factor[:, :-1] @ wider, factor[:, -1:]])
+                for factor in regression.factors
+            ),
+            noise=noise,
             fingerprint=self.model.fingerprint,
         )
+
+    def _wider(self, loaded: bool) -> Matrix:
+        """Return what takes columns of the bare model to those of the loaded one."""
+        wider = np.zeros((len(self.bare.layout), len(self.model.layout)))
+        wider[range(len(wider)), self.place] = 1.0
+        if loaded:
+            carrier = self.bare.layout.link_slice(self.carrier)
+            wider[range(carrier.start, carrier.stop), self.load_slice] = np.eye(10)
+        return wider
 
     def parameters(self, x: Vector, *, loaded: bool) -> Array:
         """Return the bare model's parameters, the load in its carrier or left out."""
