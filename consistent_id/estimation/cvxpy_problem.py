@@ -73,8 +73,6 @@ class CvxpyProblem:
     prior : cvxpy.Expression
         Half the squared distance to nominal, times `weight`.
     weight : float
-    unit_misfit : float
-        Norm that least squares leaves, or a millionth of the torque's.
     """
 
     source: FitProblem
@@ -93,7 +91,10 @@ class CvxpyProblem:
 
     @property
     def unit_misfit(self) -> float:
-        """Norm of the residual that counts as one in `misfit`."""
+        """Norm of the residual that counts as one in `misfit`.
+
+        It is the norm that least squares leaves, or a millionth of the torque's.
+        """
         return self.scaled.size
 
     def of(self, name: str) -> Any:

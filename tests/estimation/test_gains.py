@@ -135,7 +135,8 @@ def test_gains_from_one_load_weigh_the_other_of_the_ur10e(tmp_path):
     found = identify_payload(problem.model, *other, constraints=problem.constraints)
     # The mass is known to 2.805 kg; the published gains say 2.34 and 3.04 kg.
     assert found.free.mass == pytest.approx(2.805, abs=0.03)
-    assert found.standard_errors[0] < 0.04
+    # Residuals are correlated: errors are several times those of white noise.
+    assert abs(found.free.mass - 2.805) < found.standard_errors[0] < 0.125
     assert found.body.mass == pytest.approx(2.805, abs=0.03)
 
 

@@ -105,7 +105,7 @@ def _blind(problem, design):
 def _problem(folder, text, **parts):
     defaults = {"excitation": "", "scene": "", "bodies": ""}
     (folder / "problem.toml").write_text(text.format(**defaults | parts))
-    return load_problem(folder)
+    return load_problem(folder, trust=True)
 
 
 @pytest.mark.slow

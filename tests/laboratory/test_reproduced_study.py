@@ -282,7 +282,7 @@ def test_the_command_writes_page_tables_and_numbers(tmp_path, capsys, monkeypatc
         "consistent_id.laboratory.reproduction.paper_study.reproduce", known
     )
     arguments = ["reproduce", "problems/rx60", "--quick", "--output", str(tmp_path)]
-    assert cli.main(arguments) == 0
+    assert cli.main([*arguments, "--verbose"]) == 0
     assert done == [("rx60", QUICK, 0)]
     assert "Mean squared errors" in capsys.readouterr().out
     record = json.loads((tmp_path / "reproduction.json").read_text())
