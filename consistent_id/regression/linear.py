@@ -1,6 +1,7 @@
 """Linear least squares by singular values: rank, null space, smallest solution."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import permutations
 
 import numpy as np
@@ -15,7 +16,7 @@ count as zero: ten times beyond what rounding leaves of an exact zero."""
 _SILENT = 1e-13  # norm of a column, relative to the largest, that is rounding alone
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class LinearSolution:
     """Solution of ``min ||A x - b||`` with its rank and null space.
 
@@ -25,8 +26,8 @@ class LinearSolution:
         The smallest solution.
     pseudo_inverse : ndarray, shape (columns, rows)
         ``x = pseudo_inverse @ b``.
-    null_space : ndarray, shape (columns, columns - rank)
-        Directions that do not change ``A x``, in readable (reduced) form.
+    kernel : ndarray, shape (columns, columns - rank)
+        Directions that do not change ``A x``.
     row_space : ndarray, shape (rank, columns)
         Combinations that the rows determine.
     singular_values : ndarray
@@ -35,14 +36,19 @@ class LinearSolution:
 
     x: Vector
     pseudo_inverse: Matrix
-    null_space: Matrix
+    kernel: Matrix
     row_space: Matrix
     singular_values: Vector
 
     @property
     def rank(self) -> int:
         """Rank of the matrix."""
-        return len(self.x) - int(self.null_space.shape[1])
+        return len(self.x) - int(self.kernel.shape[1])
+
+    @cached_property
+    def null_space(self) -> Matrix:
+        """The kernel in readable (reduced) form, which takes a search."""
+        return _readable(self.kernel)
 
 
 def solve_linear(
@@ -67,7 +73,7 @@ def solve_linear(
         # The smallest solution has no part along the null space.
         basis, _ = np.linalg.qr(null)
         inverse = inverse - basis @ (basis.T @ inverse)
-    return LinearSolution(inverse @ b, inverse, _readable(null), Vt[:rank] * unit, s)
+    return LinearSolution(inverse @ b, inverse, null, Vt[:rank] * unit, s)
 
 
 def _readable(null: Matrix) -> Matrix:
