@@ -89,6 +89,7 @@ def test_the_table_of_repaired_robots_can_be_made(tmp_path):
     assert "| robot.urdf | 4 | 1 |" in table
 
 
+@pytest.mark.slow
 def test_the_wrist_draws_what_it_is_to_write():
     cases = _benchmark("excitation").cases
     robot = cases.rx60_problem().model.robot

@@ -34,6 +34,7 @@ def careful(folder, version):
             write_atomically(folder / name, bytes([version]) * 200_000)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
 def test_a_writer_that_is_killed_leaves_whole_files_if_it_is_careful(faults, tmp_path):
     assert faults.killed("x", careless, 20, tmp_path / "careless").faults

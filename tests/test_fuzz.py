@@ -26,6 +26,7 @@ def refused():
     raise RecordingError("not this one")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("work", "kind"),
     [

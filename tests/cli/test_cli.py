@@ -61,6 +61,7 @@ def test_info_shows_the_robot_and_its_base_parameters(capsys):
     assert json.loads(capsys.readouterr().out)[0]["header"][0] == "joint"
 
 
+@pytest.mark.slow
 def test_identify_writes_estimates_that_can_be_read_back(tmp_path, capsys):
     assert main(["identify", RX60, "--json", "--output", str(tmp_path)]) == 0
     printed = json.loads(capsys.readouterr().out)["estimates"]
@@ -153,6 +154,7 @@ def test_a_source_is_for_formats_that_have_one(rx60_estimate, capsys):
     assert "a source is for URDF and MJCF" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_what_is_refused_is_not_exported_unless_told(rx60_estimate, capsys):
     record = json.loads(rx60_estimate.read_text())
     record["parameters"]["link3.Ixx"]["value"] = -1.0

@@ -44,6 +44,7 @@ def test_a_report_does_not_overwrite_a_file_of_others(arm, tmp_path, capsys):
     kept(page, arguments, capsys, "nothing in it says")
 
 
+@pytest.mark.slow
 def test_an_export_does_not_overwrite_the_model(tmp_path, capsys):
     model = tmp_path / "robot.urdf"
     assert main(["export", RX60, "--format", "urdf", "--output", str(model)]) == 0
@@ -84,6 +85,7 @@ def test_long_work_does_not_begin_if_its_files_would_be_refused(
     kept(tmp_path / name, arguments, capsys, "nothing in it says")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", ["mjcf", "json", "numpy", "casadi", "c"])
 def test_what_was_exported_may_be_exported_again(tmp_path, capsys, form):
     for problem in (RX60, "problems/rx60/problem.toml"):
@@ -109,6 +111,7 @@ def test_every_file_of_a_study_may_be_written_again(arm, tmp_path, capsys):
     capsys.readouterr()
 
 
+@pytest.mark.slow
 def test_an_estimate_with_a_list_for_a_number_is_refused(tmp_path, capsys):
     out = tmp_path / "out"
     main(["identify", RX60, "--output", str(out)])
@@ -187,6 +190,7 @@ def test_a_problem_file_of_others_may_name_files_only_with_trust(
 # Interrupts -------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("stop", "code", "says"),
     [(KeyboardInterrupt, 130, "interrupted"), (OutOfTime, 3, "out of time")],

@@ -39,6 +39,7 @@ def arm(tmp_path_factory):
     return [str(path) for path in write_arm(tmp_path_factory.mktemp("arm"))]
 
 
+@pytest.mark.slow
 def test_a_robot_and_a_log_are_identified_by_one_command(arm, tmp_path, capsys):
     folder = tmp_path / "out"
     assert main(["identify", *arm, "--output", str(folder), "--verbose"]) == 0
@@ -80,6 +81,7 @@ def test_init_writes_a_problem_that_compare_works_through(
     assert (tmp_path / "results" / "log" / "comparison.md").exists()
 
 
+@pytest.mark.slow
 def test_the_quiet_hear_no_warnings_and_others_do_later(arm, tmp_path, capsys):
     urdf = tmp_path / "arm.urdf"
     urdf.write_text(Path(arm[0]).read_text().replace('xyz="0 1 0"', 'xyz="0 2 0"'))
@@ -98,6 +100,7 @@ def test_the_quiet_hear_no_warnings_and_others_do_later(arm, tmp_path, capsys):
     capsys.readouterr()
 
 
+@pytest.mark.slow
 def test_init_does_not_write_over_a_file_unless_told(arm, tmp_path, capsys):
     file = tmp_path / "problem.toml"
     file.write_text("mine")

@@ -133,6 +133,7 @@ def test_motions_compressed_together_are_those_compressed_alone():
         )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "fault",
     [
@@ -176,6 +177,7 @@ def test_bounds_lose_no_explanation_that_trying_all_would_find(fault):
     assert best.misfit == pytest.approx(min(left.values()), rel=1e-4)
 
 
+@pytest.mark.slow
 def test_each_log_is_prepared_as_it_is_and_with_one_reading_changed():
     calls = []
 

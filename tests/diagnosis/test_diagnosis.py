@@ -143,6 +143,7 @@ def test_what_is_not_identifiable_has_no_standard_error():
     assert np.isinf(fit.errors).tolist() == [True, True, False, True, True]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("nonsense", [0.0, 1.0])
 def test_torque_that_the_model_does_without_is_not_looked_at(nonsense):
     log = clean_log(1)
@@ -254,6 +255,7 @@ def test_a_log_that_starts_where_another_did_is_no_fault():
     assert leak_findings([case.log], [joined]) == []
 
 
+@pytest.mark.slow
 def test_validation_is_looked_at_too():
     log, other = clean_log(0), clean_log(1)
     wrong = replace(other, torque=other.torque * [1.0, -1.0, 1.0, 1.0], name="held")
@@ -347,6 +349,7 @@ def _arm_in(folder):
     return logs().clean(model, np.random.default_rng(3)).log
 
 
+@pytest.mark.slow
 def test_a_problem_whose_validation_repeats_its_training_is_found(tmp_path):
     from consistent_id import load_problem
     from consistent_id.diagnosis.diagnosis_table import diagnosis_table
@@ -365,6 +368,7 @@ def test_a_problem_whose_validation_repeats_its_training_is_found(tmp_path):
     assert "repeats log.csv (0 to 9.995 s)" in diagnosis_table(found).text()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("sign", "code"), [(1.0, 0), (-1.0, 1)])
 def test_the_shell_checks_a_log_without_a_problem_file(tmp_path, capsys, sign, code):
     from consistent_id.cli import main

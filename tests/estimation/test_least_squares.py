@@ -110,6 +110,7 @@ def test_nothing_moves_and_nothing_weighs_is_refused():
         solve_linear(np.zeros((5, 3)), np.ones(5))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sigma", [[1.0, 1.0], [0.5, 0.05], [0.2, 0.1]])
 def test_standard_errors_are_the_scatter_over_repeated_experiments(sigma):
     # Whatever the weights, right or wrong: the errors are of the estimator as used.

@@ -96,6 +96,7 @@ def test_a_load_is_recovered_without_noise():
     assert found.open == ()
 
 
+@pytest.mark.slow
 def test_a_load_is_recovered_within_its_errors():
     misses = []
     for seed in range(5):

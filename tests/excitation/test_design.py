@@ -223,6 +223,7 @@ def test_a_design_for_a_noise_is_the_better_one_under_it(noise):
     assert condition(for_equal, equal) < 0.9 * condition(for_it, equal)
 
 
+@pytest.mark.slow
 def test_a_design_takes_account_of_earlier_recordings():
     model, rng = TorqueModel(arm(2)), np.random.default_rng(0)
     # One joint has moved, for long: what it identifies needs no more motion.
@@ -348,6 +349,7 @@ def test_an_interrupt_keeps_the_best(workers, tmp_path):
     assert "Traceback" not in ended.stderr
 
 
+@pytest.mark.slow
 def test_a_motor_without_a_torque_sensor_has_a_limit_all_the_same():
     robot = arm(2)
     model = TorqueModel(robot, torque_joints=("joint2",))

@@ -137,6 +137,7 @@ def test_the_worst_of_a_set_of_robots_counts():
     assert measure.max() <= 1e-6
 
 
+@pytest.mark.slow
 def test_what_cannot_be_kept_is_named():
     problem = guarded(0.5, arm(2).nominal[None])
     found = searched(problem, "condition", 0)

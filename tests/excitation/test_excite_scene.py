@@ -199,6 +199,7 @@ def same_proof(mine, theirs):
     )
 
 
+@pytest.mark.slow
 def test_every_piece_is_proven_once(tmp_path, monkeypatch):
     proven = []
 
@@ -216,6 +217,7 @@ def test_every_piece_is_proven_once(tmp_path, monkeypatch):
     assert len(proven) == 6
 
 
+@pytest.mark.slow
 def test_a_validation_motion_has_its_own_clearance_where_it_alone_is_played(tmp_path):
     problem = _problem(tmp_path, ARM, bodies=WALL, excitation="rest = false")
     excited = playable_design(problem, starts=1, workers=1, time_limit=60.0)
@@ -256,6 +258,7 @@ def test_all_that_is_played_is_proven_and_lasts_as_designed(tmp_path):
         assert (abs(motion[1]) <= limits.velocity + 1e-9).all()
 
 
+@pytest.mark.slow
 def test_the_proof_of_one_period_is_that_of_all(tmp_path):
     twice = _problem(tmp_path, ARM, bodies=WALL, excitation="rest = false\nperiods = 2")
     excited = playable_design(twice, starts=1, workers=1, time_limit=60.0)

@@ -15,6 +15,7 @@ SOME = [path for path in FILES[::5] if path.name not in NO_ROBOTS]
 pytestmark = pytest.mark.skipif(not FILES, reason="example-robot-data is missing")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", SOME, ids=lambda path: path.stem)
 def test_its_urdf_takes_other_bodies(path):
     locked = dict.fromkeys(leaderless(path), 0.0)
@@ -32,6 +33,7 @@ def test_its_urdf_takes_other_bodies(path):
         assert content.count(element) == path.read_bytes().count(element) + added
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
 def test_repaired_it_has_bodies_only(path):
     repair = repair_urdf(path)

@@ -233,6 +233,7 @@ def _solid(shapes, put, name):
     return shapes.geometryObjects[k].geometry, place
 
 
+@pytest.mark.slow
 @needs_robots
 def test_a_ur10_stretched_out_is_free_and_folded_it_is_not():
     robot = load_urdf(UR10)

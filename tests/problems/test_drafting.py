@@ -177,6 +177,7 @@ def test_a_log_in_which_nothing_moves_is_refused(tmp_path):
         draft_problem(urdf, log)
 
 
+@pytest.mark.slow
 def test_masses_are_free_where_asked_and_where_there_are_none(tmp_path):
     urdf, log = write_arm(tmp_path)
     draft = draft_problem(urdf, log, masses="free")
@@ -202,6 +203,7 @@ def test_the_part_that_moves_can_be_said(tmp_path):
     assert 'tip = "upper"' in draft.text(tmp_path)
 
 
+@pytest.mark.slow
 def test_torque_gains_are_one_or_one_each(tmp_path):
     urdf, log = write_arm(tmp_path)
     draft = draft_problem(urdf, log, torque_gain=(2.0, 3.0))

@@ -95,6 +95,7 @@ def test_info_of_one_problem_names_its_neighbours(cell, capsys):
     assert "of this folder: problem.toml, spare.toml" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_several_problems_are_worked_through_whatever_happens_to_one(cell, capsys):
     output = cell / "results"
     assert main(["identify", str(cell), "--json", "--output", str(output)]) == 2

@@ -40,6 +40,7 @@ def calls(monkeypatch):
     return counts
 
 
+@pytest.mark.slow
 def test_each_part_is_computed_once(calls):
     study = run_study(load_problem("problems/rx60"))
     for part in ("published", "excitation", "comparison", "costs", "prices", "path"):
@@ -58,6 +59,7 @@ def test_the_constrained_estimate_alone_needs_no_other(calls):
     assert calls["compare"] == calls["cross_validated"] == calls["huber"] == 0
 
 
+@pytest.mark.slow
 def test_a_study_estimates_what_identify_does():
     problem = load_problem("problems/rx60")
     study = Study(problem)

@@ -72,6 +72,7 @@ ODD = ["", " ", " 1 ", "\t1", "\x0b1", "\x1c1", "1\x00", '"1"', "#1", "\u00a01",
 CELL = st.sampled_from([*NUMERALS.split(" "), *ODD])
 
 
+@pytest.mark.slow
 @settings(REPEATABLE, max_examples=400)
 @given(
     separator=st.sampled_from(list(SEPARATORS.values())),

@@ -133,6 +133,7 @@ def experiment():
     )
 
 
+@pytest.mark.slow
 def test_a_study_has_every_section_that_applies_in_order(html):
     sections = Page(html).sections
     assert sections[0] == "verdict"
@@ -340,6 +341,7 @@ def test_the_shell_writes_it_and_says_which_estimate_to_use(tmp_path, capsys):
     assert "consistent-id report problems/rx60 --seed 0" in page.texts
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("chromium") is None, reason="needs chromium")
 def test_a_browser_draws_and_zooms_without_complaint(html, tmp_path):
     zoom = '<script>document.querySelector("[data-zoom=in]").click()</script></body>'
