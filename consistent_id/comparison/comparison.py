@@ -170,7 +170,7 @@ def verdict_table(comparison: Comparison) -> Table:
         (
             "estimate",
             "verdict",
-            "links that can be consistent",
+            "possibly consistent",
             *(f"held-out error {i}" for i in range(1, len(held_out) + 1)),
         ),
         tuple(
