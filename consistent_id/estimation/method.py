@@ -17,7 +17,7 @@ class Method(StrEnum):
     LEAST_SQUARES = "least squares"
     WEIGHTED_LEAST_SQUARES = "weighted least squares"
     HUBER = "Huber"
-    BOX_CONSTRAINED = "bounded"
+    BOX_CONSTRAINED = "box-constrained QP"
     CONSTRAINED = "constrained"
     CONSTRAINED_WITH_FRICTION = "constrained, with friction"
     WEIGHTED_CONSTRAINED = "weighted constrained"

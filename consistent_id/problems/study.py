@@ -303,11 +303,11 @@ def identify(
 
     Least squares and the constrained estimate come with equal weights for all joints,
     and both again weighted by each joint's noise, so that each constrained estimate has
-    a twin without constraints.  Besides come robust least squares; ``"bounded"``: the
-    quadratic programme with every constraint but physical consistency, which shows
-    what masses, bounds and signs contribute by themselves; and ``"cross-validated"``:
-    the constrained estimate with a `Penalty` whose weight is chosen from the training
-    data.
+    a twin without constraints.  Besides come robust least squares;
+    ``"box-constrained QP"``: the quadratic programme with every constraint but physical
+    consistency, which shows what masses, bounds and signs contribute by themselves; and
+    ``"cross-validated"``: the constrained estimate with a `Penalty` whose weight is
+    chosen from the training data.
 
     Parameters
     ----------
