@@ -168,13 +168,13 @@ def _added(
     noise: ResidualNoise, base: BaseParameters, level: float, joint: bool
 ) -> Vector:
     """Return the squared misfit that each parameter's interval allows."""
-    from scipy import stats
+    from scipy.special import fdtri, stdtrit
 
     freedom = max(noise.freedom, 1.0)
     if joint:
-        ratio = noise.rank * float(stats.f.ppf(level, noise.rank, freedom))
+        ratio = noise.rank * float(fdtri(noise.rank, freedom, level))
     else:
-        ratio = float(stats.t.ppf(0.5 + level / 2.0, freedom)) ** 2
+        ratio = float(stdtrit(freedom, 0.5 + level / 2.0)) ** 2
     return ratio * noise.squared_misfit(base.lift(np.eye(len(base))))
 
 

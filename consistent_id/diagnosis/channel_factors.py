@@ -60,14 +60,21 @@ class ChannelFactors:
 
         Root of the mean over joints of the squared residual over the squared torque.
         """
-        b = len(self.base)
+        R = self.joined()
+        return float(abs(R[-1, -1])) if len(R) == R.shape[1] else 0.0
+
+    def joined(self) -> Matrix:
+        """Return the triangular factor of all joints' base columns and own torque.
+
+        Its norms are misfits relative to the torque, as `relative` returns them.
+        """
+        b, root = len(self.base), np.sqrt(len(self.factors))
         rows = [
-            F[:, [*range(b), b + j]] / max(float(np.linalg.norm(F[:, b + j])), _LEAST)
+            F[:, [*range(b), b + j]]
+            / (root * max(float(np.linalg.norm(F[:, b + j])), _LEAST))
             for j, F in enumerate(self.factors)
         ]
-        R = triangle(np.asfortranarray(np.vstack(rows)))
-        least = abs(R[-1, -1]) if len(R) == R.shape[1] else 0.0
-        return float(least / np.sqrt(len(rows)))
+        return triangle(np.asfortranarray(np.vstack(rows)))
 
     def regression(self) -> Regression:
         """Return the regression, each joint relative to its own torque."""

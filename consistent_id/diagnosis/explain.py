@@ -20,6 +20,7 @@ from consistent_id.constraints import (
 )
 from consistent_id.diagnosis.channel_factors import ChannelFactors, channel_factors
 from consistent_id.diagnosis.corrections import Cause, Correction
+from consistent_id.diagnosis.cuts import cuts_at, least_within
 from consistent_id.diagnosis.findings import Finding
 from consistent_id.errors import InfeasibleError, SolverError
 from consistent_id.estimation.best_fit import BestFit, best_fit
@@ -35,6 +36,7 @@ _MARGIN = 1.1  # by which so few samples may overstate a misfit
 _WHITE = 3.0  # times the white noise: filters leave less, edges of friction more
 _BEYOND = 1.5  # times least squares: clean logs have 1.0 to 1.1, here and in robots
 _MOST = 0.12  # of the torque: misfit that explains nothing, least squares or not
+_SURE = 0.999  # of a bound on a misfit: what fits are not exact to
 _RIVAL = 1.25  # ratio of misfits within which two causes explain a log alike
 _MIRRORED = ("torque sign", "position sign")  # one and the same at the last joint
 _UNUSUAL = 0.06  # of the torque: clean logs without noise leave 0.5 to 3 %
@@ -183,25 +185,40 @@ def explanations(
         free of all constraints, leaves of the best candidate, each with a margin; what
         a model of friction that is not quite right leaves is in the second one.
     """
-    bounds = [c.factors.least_misfit() for c in candidates]
+    factors = [c.factors.joined() for c in candidates]
+    bounds = [least_within(R, ()) for R in factors]
     own = [b for b, c in zip(bounds, candidates, strict=True) if c.cause.excuse < 2]
     least = min([as_is.factors.least_misfit(), *own])
     floor = min(max(_WHITE * noise, _BEYOND * least), _MOST)
     found: list[Explanation] = []
+    cuts = cuts_at(as_is.factors, as_is.fit)
     for i in sorted(range(len(bounds)), key=bounds.__getitem__):
         candidate, asked = candidates[i], as_is.misfit / candidates[i].cause.threshold
         best = min([e.misfit for e in found], default=np.inf)
         # Nor do constraints allow what least squares does not reach.
         if bounds[i] > min(asked, _RIVAL * best):
             continue
+        alike = _same_robots(as_is, candidate)
+        if alike and _SURE * least_within(factors[i], cuts) > asked:
+            continue
         try:
             fit = _fit(candidate.factors, candidate.constraints)
         except (InfeasibleError, SolverError):
             continue
+        if alike:
+            cuts += cuts_at(candidate.factors, fit)
         misfit = candidate.factors.relative(fit.misfit)
         if misfit <= asked:
             found.append(Explanation(candidate.cause, misfit, as_is.misfit))
     return Explanations(tuple(sorted(found, key=lambda e: e.misfit)), floor)
+
+
+def _same_robots(as_is: FittedLog, candidate: Candidate) -> bool:
+    """Return whether the same robots are possible for a candidate as for the log."""
+    return (
+        candidate.factors.base is as_is.factors.base
+        and candidate.constraints is as_is.constraints
+    )
 
 
 def corrected(as_is: FittedLog, corrections: Sequence[Correction]) -> list[Candidate]:

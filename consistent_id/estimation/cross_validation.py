@@ -6,11 +6,18 @@ The error over all folds, as a function of the weight, is the regularisation pat
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays, frozen
+from consistent_id._support.arrays import (
+    IntArray,
+    Matrix,
+    Vector,
+    freeze_arrays,
+    frozen,
+)
 from consistent_id._support.threads import single_threaded, worker_threads
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.distances import NominalDistance, nominal_distance
@@ -25,7 +32,10 @@ from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.segments import merged
 
 WEIGHTS = 10.0 ** np.arange(2.0, -8.5, -0.5)
-"""Weights tried, from the strongest on; of the entropic distance as far as 1e-6."""
+"""Weights to choose from, the strongest first; of the entropic distance as far as 1e-6.
+
+Every other one is tried, then those beside the best: the error changes little from one
+weight to the next."""
 
 _LEAST_ENTROPIC = 1e-6  # below, Newton's method takes dozens of steps
 
@@ -105,8 +115,8 @@ def cross_validated(
     constraints : sequence of Constraint
     distance : {"pullback", "euclidean", "entropic"}
     weights : array_like, shape (weights,)
-        In any order; see `Penalty`.  Folds are given the same ones, in units of the
-        residual of all data.
+        All of them are tried, in any order; see `Penalty`.  By default some of
+        `WEIGHTS`.  Folds are given the same ones, in units of the residual of all data.
     folds : int
         Of consecutive segments; at most as many as there are segments.
     base : BaseParameters, optional
@@ -126,11 +136,9 @@ def cross_validated(
     folds = min(folds, len(segments))
     if folds < 2:
         raise ProblemError(f"{folds} folds of {len(segments)} segments, expected 2")
-    if weights is None:
-        entropic = distance == "entropic"
-        weights = WEIGHTS[WEIGHTS >= _LEAST_ENTROPIC] if entropic else WEIGHTS
-    weights = np.sort(frozen(weights, (None,), "weights"))[::-1]
-    if len(weights) == 0 or weights[-1] <= 0.0:
+    grid = WEIGHTS[WEIGHTS >= _LEAST_ENTROPIC] if distance == "entropic" else WEIGHTS
+    first = grid[::2] if weights is None else frozen(weights, (None,), "weights")
+    if len(first) == 0 or first.min() <= 0.0:
         raise ProblemError("weights are to be positive numbers, one or more")
     base = base_parameters(model) if base is None else base
     scaled = scaled_fit(model, merged(segments), base, constraints)
@@ -139,22 +147,30 @@ def cross_validated(
     counts = np.array([sum(segment.counts) for segment in segments])
     parts = np.array_split(np.arange(len(segments)), folds)
 
-    def held_out(part: Array) -> Vector:
-        others = [F for i, F in enumerate(factors) if i not in set(part.tolist())]
-        tested = scaled.with_factor(_joined([factors[i] for i in part]))
-        found = _along(scaled.with_factor(_joined(others)), to_nominal, weights)
-        squared = [tested.excess(f.solution.u) + tested.residual**2 for f in found]
-        rms = np.sqrt(np.array(squared) / counts[part].sum()) * scaled.size
-        return np.asarray(rms)
+    rests = [_without(scaled, factors, part) for part in parts]
+    tests = [scaled.with_factor(_joined([factors[i] for i in part])) for part in parts]
 
-    with worker_threads(_WORKERS) as pool:
-        errors = np.column_stack(list(pool.map(held_out, parts)))
-    whole = _along(scaled, to_nominal, weights)
+    def tried(weights: Vector, start: Vector | None = None) -> _Tried:
+        """Fit all data and all but each fold, and predict the folds."""
+        with worker_threads(_WORKERS) as pool:
+            along = partial(_along, distance=to_nominal, weights=weights, start=start)
+            whole, *found = pool.map(along, [scaled, *rests])
+        columns = [
+            _errors(tested, fits, counts[part].sum())
+            for tested, fits, part in zip(tests, found, parts, strict=True)
+        ]
+        return _Tried(weights, np.column_stack(columns), whole)
+
+    found = tried(np.sort(first)[::-1])
+    if weights is None:
+        beside = _beside(found.weights[found.best], grid)
+        found = found.merged(tried(beside, found.whole[found.best].solution.u))
+    whole = found.whole
     total = np.array([f.excess + scaled.residual**2 for f in whole])
     return RegularisationPath(
         distance=distance,
-        weights=weights,
-        errors=errors,
+        weights=found.weights,
+        errors=found.errors,
         misfits=np.sqrt(total / counts.sum()) * scaled.size,
         distances=np.sqrt([f.squared_distance for f in whole]),
         parameters=np.array([f.solution.u * scaled.unit for f in whole]),
@@ -162,13 +178,58 @@ def cross_validated(
     )
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Tried:
+    """Weights, the error on each fold for each, and the fits to all data."""
+
+    weights: Vector
+    errors: Matrix
+    whole: list[PenalisedFit]
+
+    @property
+    def best(self) -> int:
+        """Index of the weight with the least error over all folds."""
+        return int(np.argmin(np.mean(self.errors**2, axis=1)))
+
+    def merged(self, other: "_Tried") -> "_Tried":
+        """Return both, the strongest weight first."""
+        weights = np.concatenate([self.weights, other.weights])
+        order = np.argsort(-weights)
+        whole = [*self.whole, *other.whole]
+        errors = np.vstack([self.errors, other.errors])
+        return _Tried(weights[order], errors[order], [whole[i] for i in order])
+
+
+def _beside(weight: float, grid: Vector) -> Vector:
+    """Return the weights of a grid next to one of them."""
+    place = int(np.flatnonzero(grid == weight)[0])
+    return grid[[i for i in (place - 1, place + 1) if 0 <= i < len(grid)]]
+
+
+def _without(fit: ScaledFit, factors: Sequence[Matrix], part: IntArray) -> ScaledFit:
+    """Return the fit to all segments but those of a part."""
+    left_out = set(part.tolist())
+    return fit.with_factor(
+        _joined([F for i, F in enumerate(factors) if i not in left_out])
+    )
+
+
+def _errors(tested: ScaledFit, fits: Sequence[PenalisedFit], samples: int) -> Vector:
+    """Return the root-mean-square error of fits on data left out."""
+    squared = [tested.excess(f.solution.u) + tested.residual**2 for f in fits]
+    return np.asarray(np.sqrt(np.array(squared) / samples) * tested.size)
+
+
 def _along(
-    fit: ScaledFit, distance: NominalDistance, weights: Vector
+    fit: ScaledFit,
+    distance: NominalDistance,
+    weights: Vector,
+    start: Vector | None = None,
 ) -> list[PenalisedFit]:
     """Fit for one weight after another, each from where the last one ended."""
     found: list[PenalisedFit] = []
     for weight in weights:
-        start = found[-1].solution.u if found else None
+        start = found[-1].solution.u if found else start
         found.append(penalised_fit(fit, distance, float(weight), start=start))
     return found
 

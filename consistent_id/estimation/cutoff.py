@@ -29,10 +29,10 @@ from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays
 from consistent_id._support.threads import single_threaded, worker_threads
 from consistent_id.errors import ProblemError, RecordingError
 from consistent_id.estimation.estimate import Estimate
-from consistent_id.estimation.least_squares import weighted_least_squares
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import differentiated, low_passed, trimmed
 from consistent_id.regression.base import base_parameters
+from consistent_id.regression.noise import base_solution, joint_noise
 from consistent_id.regression.regression import Regression, build_regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.segments import merged
@@ -40,6 +40,7 @@ from consistent_id.regression.segments import merged
 _SHARE = 0.25  # of a part that may be dropped at each end
 
 Estimator = Callable[[TorqueModel, Regression], Estimate]
+_Fit = Callable[[Regression], Vector]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -149,18 +150,28 @@ def best_cutoff(
         )
     margin = 1.0 / min(min(p) for p in pairs)
     parts = _parts(recordings, folds, margin)
-    if estimator is None:
-        base = base_parameters(model)
-
-        def estimator(model: TorqueModel, regression: Regression) -> Estimate:
-            return weighted_least_squares(model, regression, base=base)
-
+    fitted = _weighted(model) if estimator is None else _by(model, estimator)
     errors = []
     for pair in pairs:
-        sides = _sides(model, parts, pair, target, margin)
-        errors.append(_held_out(model, sides, estimator))
+        sides = _sides(model, parts, pair, target, margin, estimator is not None)
+        errors.append(_held_out(sides, fitted))
     motion, torque = np.array(pairs).T
     return CutoffChoice(motion, torque, float(target), np.array(errors))
+
+
+def _weighted(model: TorqueModel) -> _Fit:
+    """Return weighted least squares of the parameters alone."""
+    base = base_parameters(model)
+
+    def fitted(regression: Regression) -> Vector:
+        sigma = joint_noise(model, regression, base=base)
+        return base.lift(base_solution(regression.weighted(sigma), base).x)
+
+    return fitted
+
+
+def _by(model: TorqueModel, estimator: Estimator) -> _Fit:
+    return lambda regression: estimator(model, regression).parameters
 
 
 class _Sides(NamedTuple):
@@ -200,7 +211,10 @@ def _sides(
     pair: tuple[float, float],
     target: float,
     margin: float,
+    noise: bool,
 ) -> _Sides:
+    """Compress each part; training with its noise, if the estimator may want it."""
+
     def both(part: Recording) -> tuple[Regression, Regression]:
         motion, torque = pair
         training = differentiated(
@@ -210,8 +224,8 @@ def _sides(
         lightly = replace(training, torque=light)
         start, stop = part.time[0] + margin, part.time[-1] - margin
         return (
-            build_regression(model, trimmed(training, start, stop)),
-            build_regression(model, trimmed(lightly, start, stop)),
+            build_regression(model, trimmed(training, start, stop), noise=noise),
+            build_regression(model, trimmed(lightly, start, stop), noise=False),
         )
 
     with worker_threads(2) as pool:
@@ -219,13 +233,13 @@ def _sides(
     return _Sides(list(training), list(validation))
 
 
-def _held_out(model: TorqueModel, sides: _Sides, estimator: Estimator) -> Array:
+def _held_out(sides: _Sides, fitted: _Fit) -> Array:
     """Return the error on each part, fitted to all others."""
     whole = merged(sides.validation).torque_rms
     errors = []
     for k, validation in enumerate(sides.validation):
         others = [side for i, side in enumerate(sides.training) if i != k]
-        x = estimator(model, merged(others)).parameters
+        x = fitted(merged(others))
         relative = validation.residual_rms(x) / whole
         errors.append(np.sqrt(np.mean(relative**2)))
     return np.array(errors)

@@ -12,6 +12,7 @@ import numpy as np
 from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.regression.base import BaseParameters, parameter_origins
 from consistent_id.regression.linear import solve_linear
+from consistent_id.regression.noise import base_solution
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import ResidualNoise
@@ -71,8 +72,7 @@ def determinations(
     width : ndarray, shape (parameters,), optional
         Of consistent intervals: where these leave no room, constraints determine.
     """
-    R, columns = regression.stacked(), list(base.independent)
-    rows = solve_linear(R[:, columns], R[:, -1]).row_space @ base.projection
+    rows = base_solution(regression, base).row_space @ base.projection
     origins = parameter_origins(rows, known, elsewhere=elsewhere)
     size = parameter_sizes(model, regression, x)
     loose = _WIDTH * linear_errors(base, noise, known) > KNOWN * size

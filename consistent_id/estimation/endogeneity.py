@@ -79,7 +79,7 @@ def endogeneity_test(
     ProblemError
         If there are too few effective samples.
     """
-    from scipy.stats import f
+    from scipy.special import fdtrc
 
     base = base_parameters(model) if base is None else base
     rows = instrumented(model, recordings, instruments, base)
@@ -95,7 +95,7 @@ def endogeneity_test(
             "instruments differ from the motion are too few for a test; record longer"
         )
     statistic = ((alone - both) / directions) / (both / freedom)
-    p = float(f.sf(statistic, directions, freedom))
+    p = float(fdtrc(directions, freedom, statistic))
     return EndogeneityTest(float(statistic), directions, float(effective), p)
 
 

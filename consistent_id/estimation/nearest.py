@@ -1,6 +1,8 @@
 """The point-to-set stage: of all that fit nearly best, the nearest to nominal."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,8 +12,12 @@ from consistent_id.estimation.best_fit import BestFit
 from consistent_id.estimation.penalised import PenalisedFit, penalised_fit
 
 _WEIGHTS = 30  # weights of the prior tried, at the most
-_STEP = np.log(30.0)  # by which the weight grows or shrinks until it is bracketed
-_AIM = np.log(0.997)  # share of the slack to use up
+_FIRST = -12.0  # logarithm of the first weight over the slack: what real logs end near
+_SLOPE = 1.2  # of the share used up over the weight, in logarithms, where it matters
+_BEYOND = 0.3  # by how much to step beyond what that slope says, so as to bracket
+_STEP = np.log(1e3)  # by which the weight grows or shrinks, at the most
+_AIM = np.log(0.98)  # share of the slack to use up
+_APART = 1e-6  # shares closer than that, in logarithms, show no curvature
 _SMALL = 0.01  # squared distance that is as good as none
 
 DISTANCE_GAP = 0.01
@@ -56,7 +62,7 @@ def nearest_within(best: BestFit, distance: NominalDistance, slack: float) -> Ne
     allowed = ((1.0 + slack) ** 2 - 1.0) * max(least + scaled.residual**2, 1.0)
     # The proof's ball is to contain the best fit, wherever that is.
     reach = 2.0 * float(np.linalg.norm(best.solution.u - distance.nominal))
-    search = _Search(np.log(allowed))
+    search = _Search(np.log(allowed) + _FIRST)
     kept: Nearest | None = None
     closest: PenalisedFit | None = None
     for _ in range(_WEIGHTS):
@@ -83,25 +89,43 @@ def nearest_within(best: BestFit, distance: NominalDistance, slack: float) -> Ne
     return Nearest(closest, np.inf, allowed)
 
 
+class _Point(NamedTuple):
+    """Logarithms of a weight and of the share of the slack that it uses."""
+
+    weight: float
+    used: float
+
+
 @dataclass(frozen=True, slots=True)
 class _Search:
     """For the weight whose misfit uses up the slack: bracket, then interpolate."""
 
     log_weight: float
-    low: tuple[float, float] | None = None
-    high: tuple[float, float] | None = None
+    tried: tuple[_Point, ...] = ()
 
     def narrowed(self, used: float) -> "_Search":
         """Return the next search, knowing what share of the slack a weight uses."""
-        here = (self.log_weight, float(np.log(max(used, 1e-12))))
-        low, high = (here, self.high) if used <= 1.0 else (self.low, here)
-        if low is None:
-            return _Search(self.log_weight - _STEP, low, high)
-        if high is None:
-            return _Search(self.log_weight + _STEP, low, high)
-        # Nearly a power law; aimed a little below, so as not to miss from above.
-        slope = (high[1] - low[1]) / (high[0] - low[0])
-        aim = low[0] + (_AIM - low[1]) / max(slope, 1e-12)
-        width = high[0] - low[0]
-        aim = min(max(aim, low[0] + 0.05 * width), high[0] - 0.05 * width)
-        return _Search(aim, low, high)
+        here = _Point(self.log_weight, float(np.log(max(used, 1e-12))))
+        tried = (*self.tried, here)
+        low = max((p for p in tried if p.used <= 0.0), default=None)
+        high = min((p for p in tried if p.used > 0.0), default=None)
+        if low is None or high is None:
+            step = min(abs(here.used) / _SLOPE + _BEYOND, _STEP)
+            return _Search(self.log_weight + (step if high is None else -step), tried)
+        width = high.weight - low.weight
+        aim = _interpolated(low, high, tried)
+        aim = min(max(aim, low.weight + 0.05 * width), high.weight - 0.05 * width)
+        return _Search(aim, tried)
+
+
+def _interpolated(low: _Point, high: _Point, tried: Sequence[_Point]) -> float:
+    """Return the weight that is to use up the slack, from the nearest three tried."""
+    others = [p for p in tried if p not in (low, high)]
+    points = [low, high, *sorted(others, key=lambda p: abs(p.used))[:1]]
+    weights, used = np.array(points).T
+    if np.diff(np.sort(used)).min() < _APART:
+        weights, used = weights[:2], used[:2]
+    # Lagrange's polynomial of the weight over the share.
+    rest = [np.delete(used, i) for i in range(len(used))]
+    share = [np.prod((_AIM - r) / (u - r)) for u, r in zip(used, rest, strict=True)]
+    return float(weights @ np.array(share))

@@ -8,6 +8,7 @@ their error stays that of a choice made without them.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -130,10 +131,10 @@ def recommend(
         )
     blocks = np.array_split(np.arange(len(segments)), min(FOLDS, len(segments)))
 
-    def left_out(candidate: Candidate, block: IntArray) -> float:
-        chosen = set(block.tolist())
-        rest = merged([s for i, s in enumerate(segments) if i not in chosen])
-        tested = merged([segments[i] for i in sorted(chosen)])
+    folds = [_fold(segments, block) for block in blocks]
+
+    def left_out(candidate: Candidate, fold: _Fold) -> float:
+        rest, tested = fold
         try:
             if candidate.weighted:
                 rest = rest.weighted(joint_noise(model, rest, base=base))
@@ -142,9 +143,22 @@ def recommend(
             return np.inf
         return _relative_error(tested, fit.parameters)
 
-    errors = np.array([[left_out(c, block) for block in blocks] for c in candidates])
+    errors = np.array([[left_out(c, fold) for fold in folds] for c in candidates])
     names = tuple(candidate.method for candidate in candidates)
     return Recommendation(names[_simplest(errors)], names, errors)
+
+
+class _Fold(NamedTuple):
+    """The data without a block, and the block."""
+
+    rest: Regression
+    tested: Regression
+
+
+def _fold(segments: Sequence[Regression], block: IntArray) -> _Fold:
+    chosen = set(block.tolist())
+    rest = [s for i, s in enumerate(segments) if i not in chosen]
+    return _Fold(merged(rest), merged([segments[i] for i in sorted(chosen)]))
 
 
 def _simplest(errors: Matrix) -> int:

@@ -17,7 +17,8 @@ from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.correlation import correlation_lengths
 from consistent_id.regression.linear import solve_linear
-from consistent_id.regression.noise import joint_noise
+from consistent_id.regression.motion_arrays import motion_of
+from consistent_id.regression.noise import base_solution, joint_noise
 from consistent_id.regression.regression import Regression, build_regression
 from consistent_id.regression.regressor import TorqueModel
 
@@ -67,11 +68,10 @@ def huber(
     if isinstance(recordings, Recording):
         recordings = [recordings]
     base = base_parameters(model) if base is None else base
-    regression = plain = build_regression(model, recordings)
-    sigma = joint_noise(model, regression, base=base)
-    floor = 1e-6 * np.maximum(regression.torque_rms, 1e-12)
-    estimate = least_squares(model, regression.weighted(sigma), base=base)
-    residuals = _residuals(estimate, recordings)
+    plain = build_regression(model, recordings)
+    sigma = joint_noise(model, plain, base=base)
+    floor = 1e-6 * np.maximum(plain.torque_rms, 1e-12)
+    residuals = _residuals(model, plain.weighted(sigma), base, recordings)
     change = np.inf
     for _ in range(iterations):
         scale = np.maximum(_MAD * np.median(abs(np.vstack(residuals)), axis=0), floor)
@@ -79,11 +79,10 @@ def huber(
             np.sqrt(np.minimum(1.0, k * scale / np.maximum(abs(r), 1e-300)))
             for r in residuals
         ]
-        regression = build_regression(model, recordings, row_weights=weights)
-        estimate = least_squares(
-            model, regression.weighted(scale), base=base, method=Method.HUBER
+        regression = build_regression(
+            model, recordings, row_weights=weights, noise=False
         )
-        updated = _residuals(estimate, recordings)
+        updated = _residuals(model, regression.weighted(scale), base, recordings)
         change = max(
             float((abs(new - old) / scale).max())
             for new, old in zip(updated, residuals, strict=True)
@@ -91,6 +90,10 @@ def huber(
         residuals = updated
         if change <= tolerance:
             break
+    regression = build_regression(model, recordings, row_weights=weights)
+    estimate = least_squares(
+        model, regression.weighted(scale), base=base, method=Method.HUBER
+    )
     return replace(
         estimate,
         sigma=scale,
@@ -102,15 +105,16 @@ def huber(
     )
 
 
-def _residuals(estimate: Estimate, recordings: Sequence[Recording]) -> list[Array]:
-    joints = estimate.model.torque_joints
-    residuals = []
-    for recording in recordings:
-        torque = recording.of(joints).torque
-        if torque is None:
-            raise ProblemError(f"{recording.name} has no torque")
-        residuals.append(torque - estimate.predict(recording))
-    return residuals
+def _residuals(
+    model: TorqueModel,
+    regression: Regression,
+    base: BaseParameters,
+    recordings: Sequence[Recording],
+) -> list[Array]:
+    """Return what the regression's least squares leaves of each recording's torque."""
+    x = base.lift(base_solution(regression, base).x)
+    motions = [motion_of(model, recording, None) for recording in recordings]
+    return [m.torque - model.predict(x, m.q, m.dq, m.ddq) for m in motions]
 
 
 def _covariance(

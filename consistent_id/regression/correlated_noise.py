@@ -11,6 +11,7 @@ is right on average however many parameters were fitted to however few samples. 
 noise has the same ``P`` everywhere.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,7 +29,7 @@ _LEFT = 0.05
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CorrelatedNoise:
-    """Noise behind a regression's factors; of several recordings it adds.
+    """Noise behind a regression's factors.
 
     Parameters
     ----------
@@ -42,19 +43,21 @@ class CorrelatedNoise:
     effective: Vector
     scores: tuple[Matrix, ...]
 
-    def __add__(self, other: "CorrelatedNoise") -> "CorrelatedNoise":
-        pairs = zip(self.scores, other.scores, strict=True)
-        return CorrelatedNoise(
-            self.effective + other.effective,
-            tuple(_compressed(np.vstack(pair)) for pair in pairs),
-        )
-
     def share(self, part: float) -> "CorrelatedNoise":
         """Return the noise behind a part of the samples, the rest being like it."""
         root = np.sqrt(part)
         return CorrelatedNoise(
             self.effective * part, tuple(N * root for N in self.scores)
         )
+
+
+def joined_noise(parts: Sequence[CorrelatedNoise]) -> CorrelatedNoise:
+    """Return the noise behind several recordings, or parts of them: it adds."""
+    of_joints = zip(*(part.scores for part in parts), strict=True)
+    return CorrelatedNoise(
+        np.sum([part.effective for part in parts], axis=0),
+        tuple(_compressed(np.vstack(scores)) for scores in of_joints),
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -6,7 +6,7 @@ from consistent_id._support.arrays import Matrix, Vector
 from consistent_id._support.threads import single_threaded
 from consistent_id.errors import ProblemError
 from consistent_id.regression.base import BaseParameters, base_parameters
-from consistent_id.regression.linear import solve_linear
+from consistent_id.regression.linear import LinearSolution, solve_linear
 from consistent_id.regression.regression import Regression, require_match, triangle
 from consistent_id.regression.regressor import TorqueModel
 
@@ -51,6 +51,18 @@ def joint_noise(
         if converged:
             break
     return sigma
+
+
+def base_solution(regression: Regression, base: BaseParameters) -> LinearSolution:
+    """Return the base parameters of weighted least squares, and their null space.
+
+    Raises
+    ------
+    NotExcitedError
+        If the data excite nothing.
+    """
+    R = regression.stacked()
+    return solve_linear(R[:, list(base.independent)], R[:, -1])
 
 
 def residual_sigma(regression: Regression, x: Vector, rank: int) -> Vector:

@@ -7,8 +7,7 @@ recordings add; weights of joints scale factors.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache, reduce
-from operator import add
+from functools import lru_cache
 from typing import Any, Self
 
 import numpy as np
@@ -28,7 +27,7 @@ from consistent_id.errors import NotExcitedError, ProblemError
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.clocks import uniform_rate
 from consistent_id.regression.base import BaseParameters
-from consistent_id.regression.correlated_noise import CorrelatedNoise
+from consistent_id.regression.correlated_noise import CorrelatedNoise, joined_noise
 from consistent_id.regression.joint_fit import joint_fit
 from consistent_id.regression.motion_arrays import Motion, motion_of
 from consistent_id.regression.recorded_noise import recorded_noise
@@ -94,23 +93,32 @@ class Regression:
 
     def __add__(self, other: "Regression") -> Self:
         """Merge two regressions of one torque model."""
+        return self.joined((other,))
+
+    def joined(self, others: Sequence["Regression"]) -> Self:
+        """Merge with other regressions of one torque model, all at once.
+
+        Raises
+        ------
+        ProblemError
+            If their models or weights differ.
+        """
         mine = (self.layout, self.joints, self.fingerprint)
-        if mine != (other.layout, other.joints, other.fingerprint):
-            raise ProblemError("regressions of different models cannot be added")
-        if not np.array_equal(self.sigma, other.sigma):
-            raise ProblemError("regressions with different weights cannot be added")
-        factors = tuple(
-            triangle(np.vstack([mine, theirs]))
-            for mine, theirs in zip(self.factors, other.factors, strict=True)
-        )
-        counts = tuple(a + b for a, b in zip(self.counts, other.counts, strict=True))
-        pair = self.noise, other.noise
+        for other in others:
+            if mine != (other.layout, other.joints, other.fingerprint):
+                raise ProblemError("regressions of different models cannot be added")
+            if not np.array_equal(self.sigma, other.sigma):
+                raise ProblemError("regressions with different weights cannot be added")
+        together: tuple[Regression, ...] = (self, *others)
+        of_joints = zip(*(one.factors for one in together), strict=True)
+        counts = np.sum([one.counts for one in together], axis=0)
+        noises = [one.noise for one in together if one.noise is not None]
         return replace(
             self,
-            factors=factors,
-            counts=counts,
-            noise=None if pair[0] is None or pair[1] is None else pair[0] + pair[1],
-            peaks=np.maximum(self.peaks, other.peaks),
+            factors=tuple(triangle(np.vstack(factors)) for factors in of_joints),
+            counts=tuple(counts.tolist()),
+            noise=joined_noise(noises) if len(noises) == len(together) else None,
+            peaks=np.max([one.peaks for one in together], axis=0),
         )
 
     @property
@@ -156,6 +164,7 @@ def build_regression(
     *,
     row_weights: Sequence[Array] | None = None,
     decimate: int = 1,
+    noise: bool = True,
 ) -> Regression:
     """Compress recordings into a `Regression`.
 
@@ -173,6 +182,9 @@ def build_regression(
         filter on motion and torque (`decimated`) this leaves the equations exactly
         true, also where a joint turns back and friction jumps: filter only the motion
         before, leave the torque as it was recorded.  See `RowFilter`.
+    noise : bool
+        Find how noise is correlated, which takes another pass over the recordings.
+        Parameters do not depend on it, errors and constrained estimates do.
 
     Raises
     ------
@@ -197,6 +209,8 @@ def build_regression(
     row_filter = RowFilter(decimate)
     kept = [_centres(recording, row_filter) for recording in recordings]
     regression = _compressed(model, motions, kept, row_filter)
+    if not noise:
+        return regression
     return _with_noise(model, regression, motions, kept, row_filter)
 
 
@@ -218,7 +232,7 @@ def compressed_pieces(
         found.append(_compressed(model, [motion], [range(len(piece))], plain))
     motions = [motion_of(model, recording, None) for recording in whole]
     kept = [range(len(recording)) for recording in whole]
-    together = reduce(add, found)
+    together = found[0].joined(found[1:])
     noise = _with_noise(model, together, motions, kept, plain).noise
     if noise is None:
         return tuple(found)
@@ -288,7 +302,7 @@ def _with_noise(
         ).share(len(rows) / min(len(rows), _SHOWN))
         for motion, rows in zip(motions, kept, strict=True)
     ]
-    return replace(regression, noise=reduce(add, parts))
+    return replace(regression, noise=joined_noise(parts))
 
 
 def _middle(

@@ -5,9 +5,7 @@ alike.  Segments are what cross-validation leaves out and the bootstrap draws.
 """
 
 from collections.abc import Sequence
-from functools import reduce
 from itertools import pairwise
-from operator import add
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -81,7 +79,7 @@ def merged(segments: Sequence[Regression]) -> Regression:
     """
     if not segments:
         raise ProblemError("there are no segments to merge")
-    return reduce(add, segments)
+    return segments[0].joined(segments[1:])
 
 
 def _cuts(samples: int, length: float) -> list[tuple[int, int]]:

@@ -35,12 +35,39 @@ def test_of_a_half_space_the_p_value_is_half_that_of_chi_square(errors):
     k = plain.base.names.index("joint1.viscous")
     bound = plain.base_values[k] + errors * plain.standard_errors[k]
     friction = ParameterBounds({"joint1.viscous": (bound, np.inf)})
-    test = consistency_test(model, regression, constraints=[friction], draws=400)
+    all_400 = {"draws": 400, "enough": 400}
+    test = consistency_test(model, regression, constraints=[friction], **all_400)
     assert test.increase == pytest.approx(errors**2, rel=1e-3)
     # A mixture of nothing and of chi^2 with one degree of freedom, by halves; 400
     # draws tell it to four standard errors of a proportion.
     p = 0.5 * stats.chi2.sf(errors**2, 1)
     assert test.p_value == pytest.approx(p, abs=4 * np.sqrt(p * (1 - p) / 400) + 0.005)
+
+
+def test_what_is_not_rare_is_known_from_a_few_draws_and_what_is_rare_from_all():
+    model, truth, log = experiment(4, joints=2, noise=0.0, samples=400)
+    noise = log.torque.std(axis=0)
+    rng = np.random.default_rng(0)
+    common = build_regression(
+        model, simulate_torque(model, truth, log, noise=noise, rng=rng)
+    )
+    wrong = truth.copy()
+    wrong[10:20] *= -1.0
+    rare = build_regression(
+        model, simulate_torque(model, wrong, log, noise=0.1 * noise, rng=rng)
+    )
+    early, whole = (
+        consistency_test(model, common, draws=99, enough=k) for k in (10, 99)
+    )
+    assert early.draws < whole.draws == 99
+    # The tenth draw that reaches it is the last one, so the share is that of the draws.
+    assert early.p_value == 10 / early.draws
+    # Of ten, a share is known to a third; four of these.
+    assert early.p_value == pytest.approx(whole.p_value, rel=4 / np.sqrt(10))
+    first, second = (
+        consistency_test(model, rare, draws=99, enough=k) for k in (10, 99)
+    )
+    assert (first.draws, first.p_value) == (second.draws, second.p_value) == (99, 0.01)
 
 
 def test_weights_of_the_regression_do_not_matter():

@@ -14,6 +14,7 @@ from consistent_id import (
     simulate_torque,
 )
 from consistent_id.constraints.priors import Penalty
+from consistent_id.estimation.cross_validation import WEIGHTS as GRID
 from consistent_id.estimation.cross_validation import cross_validated
 from consistent_id.regression.segments import merged, segment_regressions
 
@@ -86,6 +87,21 @@ def test_the_error_of_a_fold_is_that_of_predicting_its_samples():
         )
         rest = (held_out.torque - estimate.predict(held_out)) / sigma
         assert errors[1] == pytest.approx(np.sqrt(np.mean(rest**2)), rel=1e-4)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("right", "samples"), [(True, 60), (False, 240)])
+def test_the_path_finds_the_best_of_all_weights_without_trying_them_all(right, samples):
+    model, segments, _ = simulated(5, right, samples, noise=0.5, joints=2)
+    path = cross_validated(model, segments, constraints=BODIES)
+    whole = cross_validated(model, segments, constraints=BODIES, weights=GRID)
+    assert len(path.weights) < len(whole.weights) == len(GRID)
+    assert (np.diff(path.weights) < 0.0).all()
+    assert path.penalty == whole.penalty
+    places = [int(np.flatnonzero(GRID == weight)[0]) for weight in path.weights]
+    # Solutions are exact to about 1e-6 of what is typical.
+    assert path.errors == pytest.approx(whole.errors[places], rel=1e-5)
+    assert path.misfits == pytest.approx(whole.misfits[places], rel=1e-5)
 
 
 def test_the_path_is_the_estimates_with_all_data():

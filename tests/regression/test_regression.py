@@ -123,6 +123,18 @@ def test_adding_two_recordings_equals_building_from_both():
         assert_same_squares(part, stacked_rows(pin_model, robot, log))
 
 
+def test_without_the_pass_for_noise_all_else_is_the_same():
+    rng = np.random.default_rng(5)
+    _, robot = random_robot(rng, 2)
+    model, log = TorqueModel(robot, DRIVE), recorded(robot, rng, 60)
+    whole, bare = (build_regression(model, log, noise=n) for n in (True, False))
+    assert whole.noise is not None
+    assert bare.noise is None
+    for mine, theirs in zip(whole.factors, bare.factors, strict=True):
+        np.testing.assert_array_equal(mine, theirs)
+    assert (bare.counts, bare.peaks.tolist()) == (whole.counts, whole.peaks.tolist())
+
+
 def test_neither_the_order_of_samples_nor_the_size_of_pieces_matters():
     # Two pieces of four chunks each, and a last piece of one sample.
     model, recording, rows, rng = problem(joints=2, samples=32_769)

@@ -79,9 +79,9 @@ def profile(
     samples ``N``; its ends are interpolated in the root of the logarithm, which is
     straight for a quadratic.
     """
-    from scipy.stats import chi2
+    from scipy.special import chdtri
 
-    allowed = chi2.ppf(confidence, 1) / independent / 2.0  # of half the logarithm
+    allowed = chdtri(1, 1.0 - confidence) / independent / 2.0  # of half the logarithm
     least = misfit(best).half_log
     points = [(best[place], 0.0)]
     for side in (-1.0, 1.0):
