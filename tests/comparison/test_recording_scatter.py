@@ -125,7 +125,7 @@ def test_a_recording_that_tells_too_little_does_not_count():
 
 def test_uncertainty_has_it_in_errors_intervals_and_a_figure_of_its_own():
     rng, planted = np.random.default_rng(3), 0.03
-    recordings = logs(6, planted, rng)
+    recordings = logs(6, planted, rng, samples=1600)
     weights = np.full(2, NOISE)
     segments = segment_regressions(MODEL, recordings, sigma=weights)
     alone = uncertainty(MODEL, segments, replicates=10)
