@@ -2,8 +2,10 @@
 
     python benchmarks/faults_running.py --kills 200 --fits 2000
 
-Prints one table; exit code 1 if a row is not "good".  Needs Linux and half a minute of
-computing, most of it for the fits.
+Prints one table, which ``--write SECURITY.md`` puts between the page's marks; exit code
+1 if a row is not "good".  Needs Linux, and half a minute of computing, most of it for
+the fits.  Full and read-only disks are tried where file systems may be mounted, as root
+or in a container; elsewhere their rows say that they were not.
 """
 
 import argparse
@@ -15,7 +17,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -29,6 +31,8 @@ ROOT = Path(__file__).resolve().parent.parent
 PROBLEM = "problems/rx60"
 LEAK = 30 * 2**20  # bytes that a process may grow by after its first tenth of fits
 _NOBODY = 65534
+_DISK = 16 * 2**20  # bytes of a small disk
+BEGIN, END = "<!-- faults: begin -->", "<!-- faults: end -->"
 _UNTIL_ALL_END = 10.0  # s, for processes that notice by themselves
 
 
@@ -131,37 +135,92 @@ def _in_child(work: Callable[[], object]) -> str:
 
 
 def refused(
-    fault: str, prepare: Callable[[], object], writers: dict, folder: Path
+    fault: str,
+    prepare: Callable[[Path], object],
+    writers: dict,
+    folder: Path,
+    disk: bool = False,
 ) -> Row:
     """Write where nothing can be written: an own error, and the old files stay."""
     found = []
     for name, write in writers.items():
         place = folder / name
-        write(place, 0)
-        before = contents(place)
-        os.chmod(place, 0o755)
+        with mounted(folder) if disk else nullcontext():
+            write(place, 0)
+            before = contents(place)
+            os.chmod(place, 0o755)
 
-        def work(write=write, place=place) -> None:
-            prepare()
-            write(place, 1)
+            def work(write=write, place=place) -> None:
+                prepare(folder)
+                write(place, 1)
 
-        answer = _in_child(work)
-        if "cannot be written" not in answer:
-            found.append(f"{name}: {answer}")
-        if contents(place) != before or len(list(place.iterdir())) != len(before):
-            found.append(f"{name}: files changed")
+            answer = _in_child(work)
+            if "cannot be written" not in answer:
+                found.append(f"{name}: {answer}")
+            if contents(place) != before or len(list(place.iterdir())) != len(before):
+                found.append(f"{name}: files changed")
     return Row(fault, len(writers), tuple(found))
 
 
-def _no_room() -> None:
+def _no_room(_: Path) -> None:
     """No file may grow beyond 1 kB, which fails in the middle as a full disk does."""
     signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
 
 
-def _nobody() -> None:
+def _nobody(_: Path) -> None:
     if os.geteuid() == 0:
         os.setuid(_NOBODY)
+
+
+@contextmanager
+def mounted(folder: Path) -> Iterator[None]:
+    """Make a folder a small disk of its own, in memory."""
+    folder.mkdir(parents=True, exist_ok=True)
+    _mount("-t", "tmpfs", "-o", f"size={_DISK}", "none", str(folder))
+    try:
+        yield
+    finally:
+        subprocess.run(["umount", str(folder)], check=True)
+
+
+def _mount(*arguments: str) -> None:
+    subprocess.run(["mount", *arguments], check=True, capture_output=True)
+
+
+def may_mount(folder: Path) -> bool:
+    """Return whether this process may mount file systems."""
+    try:
+        with mounted(folder):
+            return True
+    except (OSError, subprocess.CalledProcessError):
+        return False
+
+
+def _full(disk: Path) -> None:
+    """Fill a disk to its last byte."""
+    with (disk / "filler").open("wb", buffering=0) as file, suppress(OSError):
+        while file.write(bytes(2**20)):  # at the end, as much as there is room for
+            pass
+
+
+def _read_only(disk: Path) -> None:
+    _mount("-o", "remount,ro", str(disk))
+
+
+def no_room_or_leave(known: dict, folder: Path) -> list[Row]:
+    """Write where there is no room, and where there is no leave to."""
+    rows = [
+        refused("files of at most 1 kB", _no_room, known, folder / "short"),
+        refused("a folder of others", _nobody, known, folder / "only"),
+    ]
+    disks = (("a full disk", _full), ("a read-only disk", _read_only))
+    if not may_mount(folder / "mount"):
+        return rows + [Row(fault, 0, (), "not tried: no mounts") for fault, _ in disks]
+    return rows + [
+        refused(fault, prepare, known, folder / fault.split()[1], disk=True)
+        for fault, prepare in disks
+    ]
 
 
 @contextmanager
@@ -265,21 +324,17 @@ def _held() -> tuple[int, int, int]:
     return pages * resource.getpagesize(), files, len(os.listdir("/proc/self/task"))
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--kills", type=int, default=200)
-    parser.add_argument("--fits", type=int, default=2000)
-    options = parser.parse_args()
+def measure(kills: int, fits: int) -> list[Row]:
+    """Try everything."""
     with tempfile.TemporaryDirectory(prefix="faults-") as name:
         folder = Path(name)
         os.chmod(folder, 0o755)
         known = writers()
         rows = [
-            killed(name, write, options.kills // len(known), folder / f"kill-{name}")
+            killed(name, write, kills // len(known), folder / f"kill-{name}")
             for name, write in known.items()
         ]
-        rows.append(refused("no room for a file", _no_room, known, folder / "full"))
-        rows.append(refused("a folder of others", _nobody, known, folder / "only"))
+        rows += no_room_or_leave(known, folder)
         kill, term = signal.SIGKILL, signal.SIGTERM
         disturbances = (
             ("a worker killed", lambda main: os.kill(_worker(main), kill), 3),
@@ -288,16 +343,38 @@ def main() -> int:
         )
         for place, (fault, end, code) in enumerate(disturbances):
             rows.append(ended(fault, end, code, folder / f"search{place}"))
-        rows.append(many_fits(options.fits))
+        rows.append(many_fits(fits))
+    return rows
+
+
+def result(row: Row) -> str:
+    """Return what a table says of a row."""
+    if row.faults:
+        return row.faults[0]
+    return "good" if row.times else "-"
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--kills", type=int, default=200)
+    parser.add_argument("--fits", type=int, default=2000)
+    parser.add_argument("--write", type=Path, help="page to write the table into")
+    options = parser.parse_args()
+    rows = measure(options.kills, options.fits)
     table = Table(
         "Faults while running",
         ("fault", "times", "result", "note"),
-        tuple(
-            (row.fault, str(row.times), (*row.faults, "good")[0], row.note)
-            for row in rows
-        ),
+        tuple((row.fault, str(row.times), result(row), row.note) for row in rows),
     )
     print(table.text())
+    if options.write:
+        text = options.write.read_text()
+        head, _, rest = text.partition(BEGIN)
+        _, _, tail = rest.partition(END)
+        lines = ["| fault | times | result | note |", "|---|---:|---|---|"]
+        lines += [f"| {' | '.join(row)} |" for row in table.rows]
+        body = "\n".join(lines)
+        options.write.write_text(f"{head}{BEGIN}\n\n{body}\n\n{END}{tail}")
     return int(any(row.faults for row in rows))
 
 

@@ -2,7 +2,7 @@
 
 import io
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,6 +10,7 @@ import numpy as np
 
 import consistent_id as ci
 
+_JOINT_STATE = "sensor_msgs/msg/JointState"
 URDF = """<?xml version="1.0"?>
 <robot name="arm">
   <link name="base"/>
@@ -173,6 +174,12 @@ def _message(folder: Path) -> Path:
 
 
 def _bags(folder: Path) -> list[tuple[Path, Callable[[Path], object]]]:
+    (folder / "log.mcap").write_bytes(_mcap())
+    paths = folder / "log.mcap", _sqlite_bag(folder), _old_bag(folder / "log.bag")
+    return [(path, _bag) for path in paths]
+
+
+def _mcap() -> bytes:
     from mcap_ros2.writer import Writer
 
     definition = (
@@ -190,8 +197,45 @@ def _bags(folder: Path) -> list[tuple[Path, Callable[[Path], object]]]:
         message = {"header": header, "name": ["a", "b"], **values}
         writer.write_message("/joint_states", schema, message, log_time=10**9 + k)
     writer.finish()
-    (folder / "log.mcap").write_bytes(buffer.getvalue())
-    return [(folder / "log.mcap", _bag)]
+    return buffer.getvalue()
+
+
+def _sqlite_bag(folder: Path) -> Path:
+    """Write a bag of ROS 2, and return its file of messages."""
+    from rosbags.rosbag2 import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    types = get_typestore(Stores.ROS2_HUMBLE)
+    with Writer(folder / "bag", version=9) as bag:
+        topic = bag.add_connection("/joints", _JOINT_STATE, typestore=types)
+        for k, state in enumerate(_states(types)):
+            bag.write(topic, 10**9 + k, types.serialize_cdr(state, _JOINT_STATE))
+    return next((folder / "bag").glob("*.db3"))
+
+
+def _old_bag(path: Path) -> Path:
+    """Write a bag of ROS 1."""
+    from rosbags.rosbag1 import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    types = get_typestore(Stores.ROS1_NOETIC)
+    with Writer(path) as bag:
+        topic = bag.add_connection("/joints", _JOINT_STATE, typestore=types)
+        for k, state in enumerate(_states(types)):
+            bag.write(topic, 10**9 + k, types.serialize_ros1(state, _JOINT_STATE))
+    return path
+
+
+def _states(types) -> Iterator[object]:
+    """Yield joint states in the words of a version of ROS."""
+    make = types.types.__getitem__
+    header = make("std_msgs/msg/Header")
+    numbered = ["seq"] if "seq" in header.__annotations__ else []
+    for k in range(20):
+        stamp = make("builtin_interfaces/msg/Time")(1, 10**7 * k)
+        values = [np.array([0.1 * k, 1.0])] * 3
+        head = header(stamp=stamp, frame_id="", **dict.fromkeys(numbered, k))
+        yield make(_JOINT_STATE)(head, ["a", "b"], *values)
 
 
 def _torque_model() -> ci.TorqueModel:

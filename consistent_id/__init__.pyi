@@ -173,7 +173,7 @@ from consistent_id.regression.regressor import (
     casadi_regressor,
     joint_torque_regressor,
 )
-from consistent_id.regression.segments import segment_regressions
+from consistent_id.regression.segments import segment_regressions, segment_sources
 from consistent_id.regression.simulation import simulate_torque
 from consistent_id.report import (
     Advice,
@@ -409,6 +409,7 @@ __all__ = [
     "savitzky_golay_differentiated",
     "scene_from_urdf",
     "segment_regressions",
+    "segment_sources",
     "shadow_prices",
     "shapes_of",
     "simulate_torque",

@@ -57,7 +57,9 @@ def test_what_a_reader_does_is_seen(fuzz, tmp_path, monkeypatch, work, kind):
 @pytest.mark.slow
 def test_a_thousand_damaged_files_do_no_harm(fuzz):
     found = list(fuzz.outcomes(1000, seed=0))
-    assert len({outcome.name for outcome in found}) > 15
+    names = {outcome.name for outcome in found}
+    assert len(names) > 15
+    assert {Path(name).suffix for name in names} >= {".mcap", ".db3", ".bag"}
     assert [(o.name, o.kind, o.detail) for o in found if fuzz.bad(o)] == []
     kinds = [outcome.kind for outcome in found]
     assert kinds.count("refused") > 300 and kinds.count("read") > 30

@@ -104,6 +104,7 @@ def consistent_intervals(
     level: float = 0.95,
     joint: bool = False,
     base: BaseParameters | None = None,
+    noise: ResidualNoise | None = None,
 ) -> ConsistentIntervals:
     """Bound every standard parameter over all robots that fit and satisfy constraints.
 
@@ -120,6 +121,8 @@ def consistent_intervals(
     joint : bool
         Whether they are to hold it all together, and not each by itself.
     base : BaseParameters, optional
+    noise : ResidualNoise, optional
+        Of the regression; with scatter between recordings, if there are several.
 
     Raises
     ------
@@ -137,7 +140,8 @@ def consistent_intervals(
     # A misfit below a millionth of the torque counts as that: see `ScaledFit`.
     least = max(best.misfit, best.scaled.size) ** 2
     if slack is None:
-        added = _added(residual_noise(regression, base), base, level, joint)
+        noise = residual_noise(regression, base) if noise is None else noise
+        added = _added(noise, base, level, joint)
     else:
         added = np.full(len(model.layout), ((1.0 + slack) ** 2 - 1.0) * least)
     unit = best.scaled.unit
@@ -170,12 +174,13 @@ def _added(
     """Return the squared misfit that each parameter's interval allows."""
     from scipy.special import fdtri, stdtrit
 
-    freedom = max(noise.freedom, 1.0)
+    of_parameters = base.lift(np.eye(len(base)))
+    freedom = noise.freedoms(of_parameters)
     if joint:
-        ratio = noise.rank * float(fdtri(noise.rank, freedom, level))
+        ratio = noise.rank * fdtri(noise.rank, freedom, level)
     else:
-        ratio = float(stdtrit(freedom, 0.5 + level / 2.0)) ** 2
-    return ratio * noise.squared_misfit(base.lift(np.eye(len(base))))
+        ratio = stdtrit(freedom, 0.5 + level / 2.0) ** 2
+    return np.asarray(ratio * noise.squared_misfit(of_parameters))
 
 
 def _box(model: TorqueModel, best: BestFit) -> tuple[Vector, Vector]:

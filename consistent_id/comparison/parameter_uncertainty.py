@@ -5,19 +5,25 @@ of the prior's bias together; the bootstrap's interval; and the 95 % interval am
 consistent robots.
 """
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from consistent_id._support.arrays import Matrix
+from consistent_id._support.arrays import Matrix, Vector
 from consistent_id._support.threads import single_threaded
 from consistent_id.comparison.intervals import ConsistentIntervals, consistent_intervals
+from consistent_id.comparison.recording_scatter import (
+    RecordingScatter,
+    recording_scatter,
+)
 from consistent_id.comparison.segment_bootstrap import Bootstrap, bootstrap
 from consistent_id.comparison.sensitivity import (
     covariance,
     segment_scores,
+    shift_scores,
     white_scores,
 )
 from consistent_id.constraints import Constraint
@@ -30,12 +36,15 @@ from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import ResidualNoise, residual_noise
-from consistent_id.regression.segments import merged
+from consistent_id.regression.segments import lengthened, merged
 from consistent_id.robot.parameters import did_you_mean
 
 LONG = 10.0
 """Length of a segment, in correlation lengths, from which on segments are independent:
 their scatter then shows the noise, whatever it is like."""
+FEW = 10
+"""Degrees of freedom below which segments are called few: the quantile for 95 % is
+then above 2.2, and standard errors are off by a fifth or more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,8 +57,9 @@ class ParameterUncertainty:
     value : float
         Of the constrained estimate.
     standard_error : float
-        Root of the sum of squared scatter (see `sensitivity`) and squared
-        `prior_shift`; NaN where the verdict says that the value is not known by it.
+        Root of the sum of squared scatter (see `sensitivity`, and `RecordingScatter`)
+        and squared `prior_shift`; NaN where the verdict says that the value is not
+        known by it.
     prior_shift : float
         How far the prior moved the parameter from the best fit: its bias.
     resampled : tuple of float
@@ -58,6 +68,9 @@ class ParameterUncertainty:
         Least and largest value of any consistent robot that fits nearly best.
     verdict : str
         What determines it; see `determinations`.
+    between_recordings : float
+        Standard deviation of the parameter between recordings, beyond noise; NaN where
+        the data do not see it, or there is only one recording.
     """
 
     name: str
@@ -68,19 +81,22 @@ class ParameterUncertainty:
     resampled: tuple[float, float]
     consistent: tuple[float, float]
     verdict: str
+    between_recordings: float = np.nan
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Uncertainty:
     """What is known of all parameters, and how it was found.
 
-    `scatter` says what standard errors rest on.
+    `scatter` says what standard errors rest on, and `recordings` what recordings differ
+    by; None of one recording, or of several that do not tell by themselves.
     """
 
     parameters: tuple[ParameterUncertainty, ...]
     bootstrap: Bootstrap
     intervals: ConsistentIntervals
     scatter: str = ""
+    recordings: RecordingScatter | None = None
 
     def __getitem__(self, name: str) -> ParameterUncertainty:
         for parameter in self.parameters:
@@ -103,6 +119,7 @@ class Uncertainty:
             "slack": self.intervals.slack,
             "level": self.intervals.level,
             "scatter": self.scatter,
+            "recordings": 1 if self.recordings is None else self.recordings.recordings,
         }
 
 
@@ -118,6 +135,7 @@ def uncertainty(
     replicates: int = 200,
     seed: int = 0,
     progress: bool = False,
+    sources: Sequence[int] | None = None,
 ) -> Uncertainty:
     """Say how sure the constrained estimate's parameters are.
 
@@ -132,6 +150,9 @@ def uncertainty(
         See `consistent_intervals`.
     replicates, seed, progress
         See `bootstrap`.
+    sources : sequence of int, optional
+        The recording that each segment is from; see `segment_sources`.  By default all
+        are from one.
 
     Returns
     -------
@@ -144,11 +165,26 @@ def uncertainty(
         See the functions named.
     """
     base = base_parameters(model) if base is None else base
+    sources = [0] * len(segments) if sources is None else list(sources)
     whole = merged(segments)
+    parts = _by_source(segments, sources)
     fitted = constrained_fit(model, whole, constraints, prior, base)
     noise = residual_noise(whole, base)
-    scores = _scores(fitted, segments, whole, base, noise)
+    segments, sources = _long_enough(segments, sources, LONG * noise.length)
+    scores = _scores(fitted, segments, sources, whole, base, noise)
     scatter = np.diag(covariance(fitted, scores.rows))
+    recordings = recording_scatter(parts, base)
+    between = np.full(len(scatter), np.nan)
+    if recordings is not None:
+        noise = recordings.added_to(noise, parts, base)
+        moved, between = (
+            np.diag(
+                covariance(fitted, shift_scores(fitted, p, base, recordings.deviations))
+            )
+            for p in (parts, [whole])
+        )
+        scatter = scatter + moved
+        between = np.sqrt(np.maximum(between, 0.0))
     shift = abs(fitted.parameters - fitted.best.parameters)
     errors = np.sqrt(np.maximum(scatter, 0.0) + shift**2)
     resampled = bootstrap(
@@ -162,7 +198,7 @@ def uncertainty(
         progress=progress,
     )
     intervals = consistent_intervals(
-        model, whole, constraints=constraints, slack=slack, base=base
+        model, whole, constraints=constraints, slack=slack, base=base, noise=noise
     )
     verdicts = determinations(
         model,
@@ -176,11 +212,13 @@ def uncertainty(
     )
     known = np.array([v in ("data", "constraint") for v in verdicts])
     errors, shift = (np.where(known, a, np.nan) for a in (errors, shift))
+    seen = known | np.array([v == "loose" for v in verdicts])
+    between = np.where(seen, between, np.nan)
     layout = model.layout
     return Uncertainty(
         parameters=tuple(
-            ParameterUncertainty(name, unit, x, e, d, tuple(b), tuple(c), v)
-            for name, unit, x, e, d, b, c, v in zip(
+            ParameterUncertainty(name, unit, x, e, d, tuple(b), tuple(c), v, r)
+            for name, unit, x, e, d, b, c, v, r in zip(
                 layout.names,
                 layout.units,
                 fitted.parameters.tolist(),
@@ -189,13 +227,33 @@ def uncertainty(
                 resampled.interval().tolist(),
                 intervals.bounds.tolist(),
                 verdicts,
+                between.tolist(),
                 strict=True,
             )
         ),
         bootstrap=resampled,
         intervals=intervals,
         scatter=scores.sentence,
+        recordings=recordings,
     )
+
+
+def _by_source(
+    segments: Sequence[Regression], sources: Sequence[int]
+) -> list[Regression]:
+    """Return the regression of each recording."""
+    return [
+        merged([s for s, k in zip(segments, sources, strict=True) if k == source])
+        for source in dict.fromkeys(sources)
+    ]
+
+
+def _long_enough(
+    segments: Sequence[Regression], sources: Sequence[int], least: Vector
+) -> tuple[Sequence[Regression], Sequence[int]]:
+    """Join segments until they are long, if two or more are left."""
+    joined = lengthened(segments, sources, least)
+    return joined if len(joined[0]) > 1 else (segments, sources)
 
 
 class _Scores(NamedTuple):
@@ -208,29 +266,32 @@ class _Scores(NamedTuple):
 def _scores(
     fitted: ConstrainedFit,
     segments: Sequence[Regression],
+    sources: Sequence[int],
     whole: Regression,
     base: BaseParameters,
     noise: ResidualNoise,
 ) -> _Scores:
     """Take the scatter between segments where they are long, else effective samples."""
-    rows = segment_scores(fitted, segments, base)
     shortest = np.min([segment.counts for segment in segments], axis=0)
     count = len(segments)
-    if (shortest >= LONG * noise.length).all():
+    alone = min(Counter(sources).values()) < 2
+    if (shortest >= LONG * noise.length).all() and not alone:
         from scipy import stats
 
-        t = float(stats.t.ppf(0.975, count - 1))
+        freedom = count - len(set(sources))
+        t = float(stats.t.ppf(0.975, freedom))
+        few = "; they are few, so that errors are rough" if freedom < FEW else ""
         return _Scores(
-            rows,
+            segment_scores(fitted, segments, base, sources),
             f"scatter is that between {count} segments, each {LONG:.0f} correlation "
-            f"lengths long or longer: 95 % are {t:.2f} standard errors either way",
+            f"lengths long or longer: 95 % are {t:.2f} standard errors either way{few}",
         )
     longest = float(noise.length.max())
     return _Scores(
         white_scores(fitted, whole, base, noise.level),
-        f"segments are shorter than {LONG:.0f} correlation lengths, {longest:.0f} "
-        f"samples each; scatter is that of noise with as much correlation: "
-        f"{noise.sentence}. The bootstrap's intervals are too narrow",
+        f"recordings are shorter than two segments of {LONG:.0f} correlation lengths, "
+        f"{longest:.0f} samples each; scatter is that of noise with as much "
+        f"correlation: {noise.sentence}. The bootstrap's intervals are too narrow",
     )
 
 

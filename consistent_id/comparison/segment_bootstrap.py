@@ -50,6 +50,8 @@ class Bootstrap:
         Wall time, [s].
     interrupted : bool
         Whether the user, or a time limit, ended it before all replicates.
+    segments : int
+        How many segments were drawn from; 0 if that is not known.
     """
 
     layout: ParameterLayout
@@ -58,6 +60,7 @@ class Bootstrap:
     failed: int
     seconds: float
     interrupted: bool = False
+    segments: int = 0
 
     def __post_init__(self) -> None:
         freeze_arrays(self, {"estimates": (None, len(self.layout))})
@@ -70,14 +73,29 @@ class Bootstrap:
     def interval(self, level: float = 0.95) -> Array:
         """Return the central share of each parameter's estimates.
 
+        Of few segments percentiles lie too close together.  They are taken farther out,
+        by the quantile of Student's distribution for so many segments over that of the
+        normal one: the expanded percentile interval [Hesterberg2015]_.
+
         Returns
         -------
         ndarray, shape (parameters, 2)
         """
         if not 0.0 < level < 1.0:
             raise ProblemError(f"level is {level}, expected between 0 and 1")
-        tail = (1.0 - level) / 2
+        tail = _expanded((1.0 - level) / 2, self.segments)
         return np.quantile(self.estimates, [tail, 1.0 - tail], axis=0).T
+
+
+def _expanded(tail: float, segments: int) -> float:
+    """Return the share to cut off at each end, so that intervals are wide enough."""
+    if segments < 2:
+        return tail
+    from scipy import stats
+
+    n = segments
+    t = float(stats.t.isf(tail, n - 1)) * np.sqrt(n / (n - 1))
+    return float(stats.norm.sf(t))
 
 
 @single_threaded
@@ -152,6 +170,7 @@ def bootstrap(
         failed=len(found) - len(good),
         seconds=perf_counter() - started,
         interrupted=len(found) < replicates,
+        segments=len(segments),
     )
 
 

@@ -80,14 +80,47 @@ def white_scores(
     return np.asarray(np.vstack(rows) @ scaled.projection)
 
 
+def shift_scores(
+    fitted: ConstrainedFit,
+    parts: Sequence[Regression],
+    base: BaseParameters,
+    deviations: Vector,
+) -> Matrix:
+    """Return a factor of the scores' covariance for shifts of the base parameters.
+
+    Parameters
+    ----------
+    fitted : ConstrainedFit
+    parts : sequence of Regression
+        Data whose parameters are shifted by amounts of their own.
+    base : BaseParameters
+    deviations : ndarray, shape (base,)
+        Standard deviation of the shifts.
+
+    Returns
+    -------
+    ndarray, shape (rows, parameters)
+    """
+    scaled = fitted.best.scaled
+    rows = []
+    for part in parts:
+        A = base_factor(part, base)[:, :-1] / scaled.size
+        rows.append(deviations[:, None] * (A.T @ A))
+    return np.asarray(np.vstack(rows) @ scaled.projection)
+
+
 def segment_scores(
-    fitted: ConstrainedFit, segments: Sequence[Regression], base: BaseParameters
+    fitted: ConstrainedFit,
+    segments: Sequence[Regression],
+    base: BaseParameters,
+    sources: Sequence[int] | None = None,
 ) -> Matrix:
     """Return a factor of the scores' covariance, from their scatter between segments.
 
     The covariance is ``k / (k - 1) sum_s g_s g_s^T`` with ``g_s`` the gradient of
     segment ``s`` of ``k``, less their mean: robust to correlation within segments and
-    to noise that is not alike.
+    to noise that is not alike.  If they are from several recordings (`sources`), it is
+    the sum over these, each with its own mean.
 
     Returns
     -------
@@ -106,7 +139,11 @@ def segment_scores(
         part = scaled.with_factor(base_factor(segment, base))
         gradients.append(part.M.T @ (part.M @ u - part.z))
     g = np.array(gradients)
-    return np.asarray((g - g.mean(axis=0)) * np.sqrt(len(g) / (len(g) - 1)))
+    owners = np.zeros(len(g)) if sources is None else np.asarray(sources)
+    for owner in np.unique(owners):
+        own, k = owners == owner, int(np.sum(owners == owner))
+        g[own] = (g[own] - g[own].mean(axis=0)) * np.sqrt(k / max(k - 1, 1))
+    return g
 
 
 def _response_root(fitted: ConstrainedFit) -> Matrix:

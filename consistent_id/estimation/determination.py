@@ -121,7 +121,7 @@ def linear_errors(base: BaseParameters, noise: ResidualNoise, known: Matrix) -> 
     if not norms.any():
         return np.zeros(M.shape[1])
     inverse = solve_linear(A, np.zeros(len(A))).pseudo_inverse
-    values, axes = np.linalg.eigh(noise.inflation)
+    values, axes = np.linalg.eigh(noise.scatter)
     root = axes * np.sqrt(np.maximum(values, 0.0))
     return np.asarray(np.linalg.norm(T @ inverse @ root, axis=1))
 

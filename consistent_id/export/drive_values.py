@@ -51,6 +51,28 @@ def joint_drives(estimate: Estimate) -> tuple[JointDrive, ...]:
     )
 
 
+def follower_drives(estimate: Estimate) -> tuple[JointDrive, ...]:
+    """Return drives, without anything, of joints that follow one whose drive is known.
+
+    What such a joint resists is felt by its leader, whose coefficients contain it.
+    Stated again at the follower, a simulator would count it twice.
+    """
+    known = {drive.joint for drive in joint_drives(estimate) if drive.terms.names}
+    return tuple(
+        JointDrive(joint.name, DriveTerms(), {})
+        for joint in estimate.model.robot.joints
+        if joint.mimic is not None and joint.mimic.joint in known
+    )
+
+
+def in_leader(follower: str) -> str:
+    """Return the note on a follower whose stated friction is taken away."""
+    return (
+        f"friction of {follower} is zero now: it follows another joint, whose "
+        "coefficients contain it"
+    )
+
+
 def coupling_values(
     estimate: Estimate,
 ) -> tuple[tuple[GearCoupling, Mapping[str, float]], ...]:

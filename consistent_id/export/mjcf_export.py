@@ -7,7 +7,13 @@ import numpy as np
 
 from consistent_id.errors import ModelError
 from consistent_id.estimation.estimate import Estimate
-from consistent_id.export.drive_values import JointDrive, joint_drives, not_expressed
+from consistent_id.export.drive_values import (
+    JointDrive,
+    follower_drives,
+    in_leader,
+    joint_drives,
+    not_expressed,
+)
 from consistent_id.export.exported_file import Export
 from consistent_id.export.mjcf_body import quaternion, require_mujoco, set_body
 from consistent_id.export.mjcf_gears import add_gears, set_number
@@ -22,6 +28,7 @@ from consistent_id.robot.model import Joint
 
 WEAK = 1e-4  # stiffness over offset, [1/rad] or [1/m], of a spring that is a preload
 _EXPRESSED = ("damping", "friction", "armature", "stiffness")
+_DRIVE = ("damping", "frictionloss", "armature", "stiffness")
 
 
 class Specified(NamedTuple):
@@ -99,6 +106,10 @@ def mujoco_spec(
     for drive in joint_drives(estimate):
         if drive.terms.names:
             _set_drive(spec, tree.joints[drive.joint], drive)
+    for drive in follower_drives(estimate):
+        joint = tree.joints[drive.joint]
+        more += [in_leader(drive.joint)] if _resists(joint) else []
+        _set_drive(spec, joint, drive)
     exempt = _preloads(estimate) | add_gears(spec, tree.joints, estimate)
     notes = not_expressed(estimate, "MuJoCo", _EXPRESSED, exempt)
     return Specified(spec, (*notes, *_weak_springs(estimate), *more))
@@ -169,6 +180,11 @@ def _add_joint(body: Any, joint: Joint, mujoco: Any) -> None:
         made.range = [limits.lower, limits.upper]
     if np.isfinite(limits.effort) and limits.effort > 0.0:
         made.actfrcrange = [-limits.effort, limits.effort]
+
+
+def _resists(joint: Any) -> bool:
+    """Return whether a joint states friction, armature or a spring."""
+    return any(np.any(getattr(joint, name)) for name in _DRIVE)
 
 
 def _set_drive(spec: Any, joint: Any, drive: JointDrive) -> None:

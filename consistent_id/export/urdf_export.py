@@ -8,7 +8,13 @@ import numpy as np
 
 from consistent_id.errors import ModelError, ProblemError
 from consistent_id.estimation.estimate import Estimate
-from consistent_id.export.drive_values import JointDrive, joint_drives, not_expressed
+from consistent_id.export.drive_values import (
+    JointDrive,
+    follower_drives,
+    in_leader,
+    joint_drives,
+    not_expressed,
+)
 from consistent_id.export.exported_file import Export, SideFile
 from consistent_id.export.inertia_split import Part, split_inertia
 from consistent_id.export.json_record import drive_record, json_text
@@ -46,8 +52,8 @@ def to_urdf(
     """Return the URDF that a model was loaded from, with what was identified.
 
     Masses, centres of mass and inertias of the model's links; ``<dynamics>`` of joints
-    that have drive terms.  All else keeps its bytes: comments, CDATA, white space,
-    encoding, elements of other programs.
+    that have drive terms, and zeros in that of joints that follow them.  All else keeps
+    its bytes: comments, CDATA, white space, encoding, elements of other programs.
 
     A moving link and the links fixed to it are identified as one body.  The fixed ones
     keep their inertials, and the moving one gets what remains, if that is physically
@@ -100,7 +106,12 @@ def to_urdf(
         edits += of_link
         notes += [note] if note else []
     for drive in joint_drives(estimate):
-        edits += _dynamics_edits(file, drive)
+        if drive.terms.names:  # else it keeps its own
+            edits += _dynamics_edits(file, drive)
+    for drive in follower_drives(estimate):
+        of_follower = _dynamics_edits(file, drive)
+        edits += of_follower
+        notes += [in_leader(drive.joint)] if of_follower else []
     for name, limit in (limits or {}).items():
         edits += _limit_edits(file, name, limit)
     notes += _left_out(file, estimate.model.robot)
@@ -184,10 +195,8 @@ def _link_edits(
 
 
 def _dynamics_edits(file: _File, drive: JointDrive) -> list[Edit]:
-    """Return edits of a joint's friction; a joint without drive terms keeps its own."""
+    """Return edits of a joint's friction: what it has, and zero for what it has not."""
     joint = file.joint(drive.joint)
-    if not drive.terms.names:
-        return []
     stated = joint.child("dynamics")
     has = {} if stated is None else stated.attributes
     found = {name: drive.simulated(name) for name in _EXPRESSED}

@@ -42,7 +42,11 @@ from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.data_rank import Excitation, excitation_of
 from consistent_id.regression.noise import joint_noise
 from consistent_id.regression.regression import Regression, build_regression
-from consistent_id.regression.segments import merged, segment_regressions
+from consistent_id.regression.segments import (
+    merged,
+    segment_regressions,
+    segment_sources,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,6 +226,7 @@ class Study:
             base=self.base,
             seed=self.seed,
             progress=self.progress,
+            sources=segment_sources(self.training),
         )
 
     @cached_property

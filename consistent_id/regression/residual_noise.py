@@ -37,6 +37,11 @@ class ResidualNoise:
         Whether `length` comes from residuals; else noise is taken to be white.
     steps : ndarray, shape (base, rank)
     inflation : ndarray, shape (rank, rank)
+    between : ndarray, shape (rank, rank), optional
+        What scatter between recordings adds to the covariance of ``y``; see
+        `RecordingScatter`.
+    between_freedom : float
+        Degrees of freedom of that.
     """
 
     sigma: Vector
@@ -45,6 +50,8 @@ class ResidualNoise:
     measured: bool
     steps: Matrix
     inflation: Matrix
+    between: Matrix | None = None
+    between_freedom: float = np.inf
 
     @property
     def rank(self) -> int:
@@ -70,13 +77,36 @@ class ResidualNoise:
         """
         return float(np.linalg.eigvalsh(self.inflation)[0])
 
+    @property
+    def scatter(self) -> Matrix:
+        """Covariance of ``y`` by noise and between recordings, shape (rank, rank)."""
+        return self.inflation if self.between is None else self.inflation + self.between
+
+    def freedoms(self, functionals: Matrix) -> Vector:
+        """Return the degrees of freedom of each functional's standard error.
+
+        Those of noise and of scatter between recordings, combined [Satterthwaite1946]_.
+        """
+        own = max(self.freedom, 1.0)
+        if self.between is None:
+            return np.full(len(functionals), own)
+        G = functionals @ self.steps
+        noise, between = (
+            np.einsum("ij,jk,ik->i", G, part, G)
+            for part in (self.inflation, self.between)
+        )
+        squares = noise**2 / own + between**2 / self.between_freedom
+        touched = squares > np.finfo(np.float64).tiny
+        combined = (noise + between) ** 2 / np.where(touched, squares, 1.0)
+        return np.asarray(np.where(touched, np.maximum(combined, 1.0), own))
+
     def squared_misfit(self, functionals: Matrix) -> Vector:
         """Return the squared misfit of one standard error of each functional.
 
         Moving ``f @ base`` by one standard error with all others free raises the
         squared misfit of least squares by one under right weights and white noise, and
         by ``(f S K S^T f) / (f S S^T f)`` in general, ``S`` the steps and ``K`` the
-        inflation.  For a functional that the data do not touch, the mean is returned.
+        `scatter`.  For a functional that the data do not touch, the mean is returned.
 
         Parameters
         ----------
@@ -84,8 +114,8 @@ class ResidualNoise:
         """
         G = functionals @ self.steps
         norms = np.sum(G**2, axis=1)
-        raised = np.einsum("ij,jk,ik->i", G, self.inflation, G)
-        mean = np.trace(self.inflation) / self.rank
+        raised = np.einsum("ij,jk,ik->i", G, self.scatter, G)
+        mean = np.trace(self.scatter) / self.rank
         touched = norms > np.finfo(np.float64).tiny
         ratios = raised / np.where(touched, norms, 1.0)
         return np.asarray(np.where(touched, ratios, mean))

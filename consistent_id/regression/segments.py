@@ -5,11 +5,13 @@ alike.  Segments are what cross-validation leaves out and the bootstrap draws.
 """
 
 from collections.abc import Sequence
-from itertools import pairwise
+from itertools import groupby, pairwise
+from operator import itemgetter
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from consistent_id._support.arrays import Vector
 from consistent_id.errors import NotExcitedError, ProblemError
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.regression import Regression, compressed_pieces
@@ -67,6 +69,71 @@ def segment_regressions(
         )
     segments = compressed_pieces(model, pieces, recordings)
     return segments if sigma is None else tuple(s.weighted(sigma) for s in segments)
+
+
+def segment_sources(
+    recordings: Sequence[Recording], *, count: int = SEGMENTS
+) -> tuple[int, ...]:
+    """Return the recording, counted from 0, that each segment is cut from.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+    count : int
+        See `segment_regressions`.
+
+    Examples
+    --------
+    >>> from consistent_id import Recording
+    >>> logs = [Recording(["a"], [0, 1, 2, 3][:n], [[0]] * n) for n in (4, 2)]
+    >>> segment_sources(logs, count=3)
+    (0, 0, 1)
+    """
+    length = max(sum(len(r) for r in recordings) / count, 2.0)
+    return tuple(
+        k
+        for k, recording in enumerate(recordings)
+        for _ in _cuts(len(recording), length)
+    )
+
+
+def lengthened(
+    segments: Sequence[Regression], sources: Sequence[int], least: Vector
+) -> tuple[tuple[Regression, ...], tuple[int, ...]]:
+    """Join neighbours of one recording until each joint has its least samples.
+
+    What is left over at a recording's end joins the last segment.
+
+    Parameters
+    ----------
+    segments : sequence of Regression
+        In the order of time.
+    sources : sequence of int
+        The recording of each; those of one stand together.
+    least : ndarray, shape (joints,), [samples]
+
+    Returns
+    -------
+    tuple of Regression, tuple of int
+        The longer segments, and their recordings.
+    """
+    found: list[tuple[Regression, int]] = []
+    for source, members in groupby(
+        zip(segments, sources, strict=True), key=itemgetter(1)
+    ):
+        whole: list[list[Regression]] = []
+        rest: list[Regression] = []
+        for segment, _ in members:
+            rest.append(segment)
+            if (np.sum([s.counts for s in rest], axis=0) >= least).all():
+                whole.append(rest)
+                rest = []
+        if rest and whole:
+            whole[-1] += rest
+        elif rest:
+            whole.append(rest)
+        found += [(merged(group), source) for group in whole]
+    return tuple(s for s, _ in found), tuple(k for _, k in found)
 
 
 def merged(segments: Sequence[Regression]) -> Regression:

@@ -21,7 +21,7 @@ from consistent_id.report.markup import (
     tag,
 )
 from consistent_id.report.report_content import ReportContent, Section
-from consistent_id.report.summary import error_text, uncertainty_table
+from consistent_id.report.summary import between_text, error_text, uncertainty_table
 
 _MEANING = {
     "data": "the data determine it",
@@ -35,6 +35,7 @@ _HEADER = (
     "parameter",
     "value",
     "standard error",
+    "between recordings",
     "bootstrap 95 %",
     "any consistent robot",
     "",
@@ -107,6 +108,7 @@ def _row(p: ParameterUncertainty) -> list[object]:
         p.name.rpartition(".")[2],
         f"{p.value:.4g}",
         error_text(p),
+        between_text(p),
         _ends(p.resampled),
         _ends(p.consistent),
         _drawn(p),

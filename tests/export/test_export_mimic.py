@@ -1,6 +1,7 @@
 """Robots with followers, exported: URDF by Pinocchio's own rules, NumPy, MJCF, JSON."""
 
 import json
+from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
@@ -68,6 +69,53 @@ def test_a_urdf_of_ones_own_keeps_its_mimics(tmp_path):
     again = load_urdf(path)
     assert again.joints[2].mimic == Mimic("turn", -2.0)
     assert np.allclose(again.nominal, np.concatenate([b.vector for b in bodies]))
+
+
+def test_a_follower_resists_through_its_leader_alone(tmp_path):
+    own = '<dynamics damping="0.2" friction="0.4"/>'
+    rule = f'<mimic joint="turn" multiplier="-2"/> {own}'
+    path = tmp_path / "robot.urdf"
+    path.write_text(URDF.replace('<axis xyz="0 1 0"/>', rule))
+    model = TorqueModel(load_urdf(path), DriveTerms(viscous=True))
+    bodies = [random_body(np.random.default_rng(0)) for _ in range(3)]
+    export = to_urdf(estimate_of(model, bodies, 0.7), path, allow_refused=True)
+    assert any("spin" in note and "follows" in note for note in export.notes)
+    # A damper at the leader's rate, one at the follower's twice as large and reversed.
+    joints = ElementTree.fromstring(export.content).iter("joint")
+    stated = {j.get("name"): j.find("dynamics") for j in joints}
+    damping = {n: float(d.get("damping")) for n, d in stated.items() if d is not None}
+    felt = damping["turn"] + (-2.0) ** 2 * damping["spin"]
+    assert felt == pytest.approx(0.7, abs=1e-12)
+    assert float(stated["spin"].get("friction")) == 0.0
+    # Without drive terms nothing is known, and it keeps its own.
+    bare = estimate_of(TorqueModel(load_urdf(path)), bodies, 0.7)
+    assert own.encode() in to_urdf(bare, path, allow_refused=True).content
+
+
+def test_energy_lost_in_mujoco_is_that_of_the_leader(tmp_path):
+    mujoco = pytest.importorskip("mujoco")
+    text = """<mujoco><compiler angle="radian"/><worldbody>
+      <body name="a"><joint name="lead" axis="0 0 1" damping="5" frictionloss="1"/>
+        <inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
+        <body name="b" pos="1 0 0">
+          <joint name="follow" axis="0 0 1" damping="0.3" armature="0.2"
+                 frictionloss="0.1" stiffness="2"/>
+          <inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/></body></body>
+      </worldbody><equality><joint joint1="follow" joint2="lead"
+        polycoef="0 -2 0 0 0"/></equality></mujoco>"""
+    path = tmp_path / "robot.xml"
+    path.write_text(text)
+    model = TorqueModel(load_mjcf(path), DriveTerms(viscous=True))
+    bodies = [random_body(np.random.default_rng(k)) for k in range(2)]
+    export = to_mjcf(estimate_of(model, bodies, 0.7), path, allow_refused=True)
+    assert any("follow" in note and "contain" in note for note in export.notes)
+    found = mujoco.MjModel.from_xml_string(export.content.decode())
+    data = mujoco.MjData(found)
+    data.qvel[:] = 1.0, -2.0
+    mujoco.mj_forward(found, data)
+    assert data.qfrc_passive @ data.qvel == pytest.approx(-0.7, abs=1e-9)
+    assert np.array_equal(found.dof_armature, [0.0, 0.0])
+    assert np.array_equal(found.dof_frictionloss, [0.0, 0.0])
 
 
 def test_functions_are_of_the_coordinates(estimate):

@@ -192,3 +192,45 @@ def test_published_robots_have_the_findings_that_are_known():
     assert lint_robot(folder / "ur10e" / "ur10e.urdf") == ()
     found = lint_robot(folder / "kuka_kr300" / "kr300.urdf")
     assert [(f.line, f.rule) for f in found] == [(16, "point-mass")]
+
+
+# Solid shapes, and their principal moments over the mass.
+SOLIDS = {
+    'type="box" size="0.1 0.06 0.03"': (0.0015, 0.0036333, 0.0045333),
+    'type="ellipsoid" size="0.1 0.06 0.03"': (0.0009, 0.00218, 0.00272),
+    'type="cylinder" size="0.06 0.1"': (0.0042333, 0.0042333, 0.0018),
+    'type="capsule" size="0.05 0.1"': (0.0055, 0.0055, 0.00118),
+}
+
+
+@pytest.mark.parametrize("shape", SOLIDS)
+@pytest.mark.parametrize("unit", [1.0, 1e4])
+def test_a_wrong_unit_in_mjcf_is_seen_by_the_shape(tmp_path, shape, unit):
+    """Bodies of three kilograms, whose inertia is in kg m^2, or in kg cm^2."""
+    pytest.importorskip("mujoco")
+    stated = " ".join(f"{unit * 3.0 * moment:.6g}" for moment in SOLIDS[shape])
+    path = tmp_path / "arm.xml"
+    path.write_text(
+        f"""<mujoco><worldbody>
+        <body name="arm"><joint axis="0 0 1"/>
+        <inertial pos="0 0 0" mass="3" diaginertia="{stated}"/>
+        <geom {shape}/></body></worldbody></mujoco>"""
+    )
+    found = [f for f in lint_robot(path) if f.rule == "probable-mistake"]
+    assert [f.line for f in found] == ([2] if unit > 1.0 else [])
+    assert all("10000 times too large" in f.sentence for f in found)
+
+
+def test_an_mjcf_leg_with_another_sign_than_its_twins_is_a_probable_mistake(tmp_path):
+    pytest.importorskip("mujoco")
+    legs = [(1, 1, 1), (-1, 1, 1), (1, -1, 1), (-1, -1, -1)]  # the last has a wrong ixy
+    bodies = "".join(
+        f"""<body name="leg{k}" pos="{k} 0 0"><joint axis="0 0 1"/>
+        <inertial pos="{0.02 * x} {0.01 * y} 0.03" mass="0.7" fullinertia="0.001 0.0011
+        0.0009 {x * y * z * 1e-4} {x * 2e-4} {y * 3e-4}"/></body>"""
+        for k, (x, y, z) in enumerate(legs)
+    )
+    path = tmp_path / "legs.xml"
+    path.write_text(f"<mujoco><worldbody>{bodies}</worldbody></mujoco>")
+    found = [f for f in lint_robot(path) if f.rule == "probable-mistake"]
+    assert ["'leg3'" in f.sentence and "sign" in f.sentence for f in found] == [True]

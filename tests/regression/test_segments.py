@@ -7,7 +7,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from consistent_id import NotExcitedError, ProblemError, build_regression
-from consistent_id.regression.segments import _cuts, merged, segment_regressions
+from consistent_id.regression.segments import (
+    _cuts,
+    lengthened,
+    merged,
+    segment_regressions,
+    segment_sources,
+)
 
 
 def test_segments_add_up_to_the_whole_regression():
@@ -47,3 +53,17 @@ def test_what_cannot_be_cut_is_refused():
         segment_regressions(model, log, count=1)
     with pytest.raises(ProblemError, match="no segments"):
         merged([])
+
+
+def test_segments_know_their_recording_and_are_joined_within_it():
+    model, truth, log = experiment(1, joints=2, samples=300)
+    parts = [log.samples(slice(0, 250)), log.samples(slice(250, None))]
+    segments = segment_regressions(model, parts, count=6)
+    sources = segment_sources(parts, count=6)
+    assert sources == (0, 0, 0, 0, 0, 1)
+    longer, owners = lengthened(segments, sources, np.array([80.0, 90.0]))
+    # The second recording is short, but there is no more of it.
+    assert [s.counts[0] for s in longer] == [100, 150, 50]
+    assert owners == (0, 0, 1)
+    whole, together = merged(segments), merged(longer)
+    assert together.residual_rms(truth) == pytest.approx(whole.residual_rms(truth))

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from consistent_id.errors import ModelError
 from consistent_id.export.lint.described import LintFinding
+from consistent_id.export.lint.mistakes import probable_mistakes
 from consistent_id.export.lint.mjcf_description import described_mjcf
 from consistent_id.export.lint.rules import all_findings
 from consistent_id.export.lint.urdf_description import described_urdf, urdf_only
@@ -43,7 +44,7 @@ def lint_robot(path: str | Path) -> tuple[LintFinding, ...]:
         return (LintFinding(fault.line, "structure", "error", fault.sentence),)
     if root.tag == "mujoco":
         try:
-            return tuple(sorted(all_findings(described_mjcf(file, root))))
+            described, known = described_mjcf(file, root)
         except ModelError as refused:
             if "MuJoCo refuses it" not in str(refused):
                 raise
@@ -51,6 +52,10 @@ def lint_robot(path: str | Path) -> tuple[LintFinding, ...]:
             line = int(place[1]) if place else root.line
             sentence = " ".join(str(refused).partition(": ")[2].split())
             return (LintFinding(line, "structure", "error", sentence),)
+        lines = {link.name: link.line for link in described.links}
+        return tuple(
+            sorted((*probable_mistakes(known, lines), *all_findings(described)))
+        )
     if root.tag != "robot":
         sentence = f"root element is <{root.tag}>, expected <robot> or <mujoco>"
         return (LintFinding(root.line, "structure", "error", sentence),)

@@ -8,14 +8,16 @@ import numpy as np
 from consistent_id._support.extras import needed
 from consistent_id.errors import ModelError
 from consistent_id.export.lint.described import DescribedLink, DescribedRobot
+from consistent_id.export.lint.mjcf_evidence import mjcf_evidence
 from consistent_id.export.mjcf_body import compiled_body
+from consistent_id.export.repair.file_evidence import FileEvidence
 from consistent_id.robot.loaders.mjcf import load_mjcf
 from consistent_id.robot.loaders.mjcf_assets import stand_in
 from consistent_id.robot.loaders.xml import Element
 
 
-def described_mjcf(path: Path, root: Element) -> DescribedRobot:
-    """Return what an MJCF file describes.
+def described_mjcf(path: Path, root: Element) -> tuple[DescribedRobot, FileEvidence]:
+    """Return what an MJCF file describes, and what it says of mistakes.
 
     Raises
     ------
@@ -44,7 +46,8 @@ def described_mjcf(path: Path, root: Element) -> DescribedRobot:
         robot = load_mjcf(path)
     except ModelError:
         robot = None  # a free base, or joints that are coupled
-    return DescribedRobot(tuple(links), robot, _lines(root, "joint"))
+    described = DescribedRobot(tuple(links), robot, _lines(root, "joint"))
+    return described, mjcf_evidence(spec, model, blind)
 
 
 def _link(model: Any, b: int, line: int, blind: set[str]) -> DescribedLink:

@@ -12,7 +12,7 @@ from consistent_id.export.lint.described import (
     DescribedRobot,
     LintFinding,
 )
-from consistent_id.export.repair.cause_search import NEAREST
+from consistent_id.export.lint.mistakes import probable_mistakes
 from consistent_id.export.repair.file_evidence import FileEvidence
 from consistent_id.robot.loaders.urdf import load_urdf
 from consistent_id.robot.loaders.urdf_inertial import numbers
@@ -57,18 +57,8 @@ def urdf_only(root: Element, known: FileEvidence) -> Iterator[LintFinding]:
             rule, severity = "inconsistent-inertia", "error"
         sentence = finding.sentence.partition("; this inertia is not")[0]
         yield LintFinding(finding.line, rule, severity, sentence)
-    for link in root.all("link"):
-        statement = known.statements.get(link.name)
-        if statement is None:
-            continue
-        found = known.explained(link.name, statement.mass, fixed=False)
-        cause = found.suggestions[0].cause if found.suggestions else ""
-        sentence = found.doubt
-        if not statement.consistent and cause not in ("", NEAREST):
-            sentence = f"probably {cause}"
-        if sentence:
-            where = f"link {link.name!r}: {sentence}; see consistent-id repair"
-            yield LintFinding(_line(link), "probable-mistake", "warning", where)
+    lines = {link.name: _line(link) for link in root.all("link")}
+    yield from probable_mistakes(known, lines, "; see consistent-id repair")
 
 
 def _line(link: Element) -> int:

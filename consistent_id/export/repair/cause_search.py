@@ -26,7 +26,7 @@ SMALL = 0.02  # change of the nearest inertia that printed digits or CAD explain
 TWIN = 12.0  # for the very digits of twins, where they cannot be a twin's mistake
 ONE_TWIN = 4.0  # for those of one twin, which may be the one that is wrong
 COPIED = 6.0  # against the digits of another link of another mass
-CLEAR = 1.0  # ahead of all others; see benchmarks/repair.py for what that gets wrong
+CLEAR = 1.0  # ahead of all others; `benchmarks/repair_causes.py --thresholds`
 CLOSE = 0.02  # of the largest moment; candidates so close are one to a simulator
 LISTED = 5  # candidates that a user is shown
 _ISOTROPIC = 1e-9
@@ -103,6 +103,11 @@ def ranked_causes(
 
 def clear(ranked: Sequence[Ranked]) -> bool:
     """Return whether the first of ranked candidates is far ahead of all others."""
+    return lead(ranked) >= CLEAR
+
+
+def lead(ranked: Sequence[Ranked]) -> float:
+    """Return how far the first candidate is ahead of all that differ from it."""
     first = ranked[0].candidate
     size = CLOSE * float(abs(first.inertia).max())
     rivals = (
@@ -111,7 +116,7 @@ def clear(ranked: Sequence[Ranked]) -> bool:
         if one.candidate.mass != first.mass
         or abs(one.candidate.inertia - first.inertia).max() > size
     )
-    return next(rivals, np.inf) - ranked[0].cost >= CLEAR
+    return next(rivals, np.inf) - ranked[0].cost
 
 
 def worth_a_search(

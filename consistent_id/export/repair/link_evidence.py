@@ -1,9 +1,9 @@
 """How well an inertial fits what else is known of a link: shapes, and other links.
 
-Costs are minus logarithms of probabilities.  Their widths are the quartiles of what
-published robots state (``python benchmarks/repair.py --evidence`` prints them); tails
-are those of Student's t with three degrees of freedom, because some of what is
-published is made up.
+Costs are minus logarithms of probabilities.  Their widths are those of what half of the
+published robots at hand state (``python benchmarks/repair_causes.py --evidence`` prints
+them); tails are those of Student's t with three degrees of freedom, because some of
+what is published is made up.
 """
 
 from collections.abc import Sequence
@@ -16,10 +16,10 @@ from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.export.repair.consistent_inertia import second_moments
 from consistent_id.export.repair.link_solid import LinkSolid
 
-SCALE = 0.35  # of ln(second moments over those of the solid), mean of three
-FORM = 0.25  # of the same, entries of what differs from the mean
-DENSITY = 0.7  # of ln(density over the usual one) of the hull
-USUAL_DENSITY = 850.0  # [kg/m^3]; median of mass over volume of the hull
+SCALE = 0.43  # of ln(second moments over those of the solid), mean of three
+FORM = 0.34  # of the same, entries of what differs from the mean
+DENSITY = 0.67  # of ln(density over the usual one) of the hull
+USUAL_DENSITY = 990.0  # [kg/m^3]; median of mass over volume of the hull
 LOOSE_DENSITY = 1.0  # of the same, of the ellipsoid with the same second moments
 RATIO = 1.2  # of ln(largest second moment over smallest), per axis, without shapes
 PRODUCT = 0.06  # of a product of inertia over its diagonal entries

@@ -86,15 +86,18 @@ def _points(path: Path, link: Element) -> Iterator[Array]:
         bodies = link_bodies(path, link, elements="visual")
     except (ModelError, ProblemError):
         return
-    directions = _directions()
+    around = directions()
     for body in bodies:
-        farthest = body.shape.farthest(directions)
+        farthest = body.shape.farthest(around)
         corners = np.unique(farthest, axis=0)
         yield corners @ np.asarray(body.rotation).T + np.asarray(body.translation)
 
 
-def _directions() -> Array:
-    """Return unit vectors spread evenly over the sphere, on a Fibonacci spiral."""
+def directions() -> Array:
+    """Return unit vectors spread evenly over the sphere, on a Fibonacci spiral.
+
+    The last eight point to the corners of a cube.
+    """
     k = np.arange(_DIRECTIONS) + 0.5
     height = 1.0 - 2.0 * k / _DIRECTIONS
     angle = np.pi * (1.0 + 5.0**0.5) * k
