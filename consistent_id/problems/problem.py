@@ -24,7 +24,8 @@ from consistent_id.problems.file import (
     read_problem_table,
 )
 from consistent_id.problems.folder import problem_files
-from consistent_id.problems.model import expanded, torque_model
+from consistent_id.problems.model import torque_model
+from consistent_id.problems.named_files import expanded, require_there
 from consistent_id.problems.paths import names_outside
 from consistent_id.problems.preparation import (
     Log,
@@ -106,7 +107,7 @@ class Problem:
 
     def file(self, path: str) -> Path:
         """Return a path of the file: from its folder, with ``${NAME}`` replaced."""
-        return self.folder / expanded(path, self.name)
+        return self.folder / expanded(path, self.table)
 
     @cached_property
     def training(self) -> tuple[Recording, ...]:
@@ -185,7 +186,7 @@ class Problem:
         data, path = self._data(), self._path(file)
         if (path, *omit) not in self._read:
             self._read[path, *omit] = read_recording(
-                path,
+                require_there(path, self.table),
                 self.model.robot.joint_names,
                 _columns(data),
                 torque_gain=data.torque_gain,
@@ -210,7 +211,7 @@ class Problem:
         )
 
     def _path(self, file: str | Path) -> Path:
-        return self.folder / expanded(self._data().folder, self.name) / file
+        return self.folder / expanded(self._data().folder, self.table) / file
 
     def _data(self) -> DataTable:
         data = self.table.data
