@@ -238,6 +238,7 @@ class DataTable(Table, frozen=True, kw_only=True):
     recordings: Annotated[list[RecordingTable], Meta(min_length=1)]
     folder: str = "."
     columns: ColumnsTable | None = None
+    units: dict[str, str | list[str]] = {}
     topic: str | None = None
     torque_gain: float | list[float] = 1.0
     torque_joints: list[str] = []

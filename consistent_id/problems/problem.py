@@ -33,7 +33,13 @@ from consistent_id.problems.preparation import (
     check_tracks,
     joined,
 )
-from consistent_id.recordings.readers import Columns, read_recording, read_track
+from consistent_id.recordings.log_formats import log_format
+from consistent_id.recordings.readers import (
+    JOINT_STATE,
+    Columns,
+    read_recording,
+    read_track,
+)
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import Track
 from consistent_id.recordings.sinusoids import Sinusoid, SinusoidalMotion
@@ -188,7 +194,7 @@ class Problem:
             self._read[path, *omit] = read_recording(
                 require_there(path, self.table),
                 self.model.robot.joint_names,
-                _columns(data),
+                _columns(data, path),
                 torque_gain=data.torque_gain,
                 topic=data.topic,
                 omit=omit,
@@ -371,11 +377,11 @@ def _prior(table: PriorTable, file: Path) -> Prior:
     return Penalty(table.weight, table.distance)
 
 
-def _columns(data: DataTable) -> Columns | None:
-    if data.columns is None:
-        return None
-    named = msgspec.structs.asdict(data.columns)
-    return Columns(**named, torque_joints=data.torque_joints)
+def _columns(data: DataTable, file: Path) -> Columns:
+    """Return how a recording names its columns; by default as its format does."""
+    usual = JOINT_STATE if log_format(file).holds == "joint states" else Columns()
+    named = {} if data.columns is None else msgspec.structs.asdict(data.columns)
+    return replace(usual, **named, torque_joints=data.torque_joints, units=data.units)
 
 
 def _span(raw: Recording, entry: RecordingTable) -> tuple[float, float]:
