@@ -84,7 +84,12 @@ def robot_logs(
     selection = Selection() if selection is None else selection
     robot = load_robot(model, **asdict(selection))
     guess = guess_columns(
-        log, robot.joint_names, columns, torque_joints=torque_joints, units=units
+        log,
+        robot.joint_names,
+        columns,
+        torque_joints=torque_joints,
+        units=units,
+        currents=len(torque_gain) > 0,
     )
     require_torque(guess.columns.torque, torque_gain)
     absent = [name for name in robot.joint_names if name not in guess.joints]

@@ -14,6 +14,7 @@ from typing import Any, cast
 from consistent_id.errors import ProblemError, RecordingError
 from consistent_id.recordings.column_patterns import (
     NumberedColumns,
+    by_joint,
     numbered_columns,
     shown,
 )
@@ -64,6 +65,7 @@ def guess_columns(
     *,
     torque_joints: Sequence[str] = (),
     units: Units | None = None,
+    currents: bool = False,
 ) -> ColumnGuess:
     """Find a log's columns and their units.
 
@@ -78,6 +80,8 @@ def guess_columns(
         Joints whose torque the log has, if that is known.
     units : mapping of str to str or sequence of str, optional
         Units by channel, as in `Columns`; the others are found in the columns' names.
+    currents : bool
+        Whether motor currents stand for torque where there is none: if there is a gain.
 
     Raises
     ------
@@ -105,6 +109,8 @@ def guess_columns(
         if channel in known:
             continue
         patterns = _patterns(channel, names, moved)
+        if channel == "torque" and not patterns and currents:
+            patterns = _patterns("current", names, moved)
         if channel == "velocity":
             patterns = [p for p in patterns if p.joints == moved]
             if not patterns:
@@ -117,7 +123,9 @@ def guess_columns(
             moved = best.joints
         elif channel == "torque" and best.joints != moved and not torque_joints:
             found = replace(found, torque_joints=best.joints)
-        if also := [p.text for p in others if len(p.joints) == len(best.joints)]:
+        mine = _expanded(best)
+        rivals = [p for p in others if len(p.joints) == len(best.joints)]
+        if also := [p.text for p in rivals if _expanded(p) != mine]:
             notes.append(
                 f"{channel} is taken from {best.text}, not from {', '.join(also)}"
             )
@@ -193,6 +201,12 @@ def _patterns(
     channel: str, names: Sequence[str], joints: Sequence[str]
 ) -> list[_Pattern]:
     """Return all patterns of a channel's columns, the most fitting first."""
+
+    def fits(text: str) -> bool:
+        if channel == "current":
+            return is_current(text) and not channel_of(text)
+        return channel_of(text) == channel
+
     found: dict[str, _Pattern] = {}
     for name in names:
         for pattern in _by_name(name, names, joints):
@@ -200,12 +214,12 @@ def _patterns(
     for run in numbered_columns(names):
         if len(run) == len(joints):
             found.setdefault(_by_number(run, joints).text, _by_number(run, joints))
-    fitting = [p for p in found.values() if channel_of(p.text) == channel]
+    fitting = [p for p in found.values() if fits(p.text)]
     if not fitting:
         fitting = [
             _Pattern(name, tuple(joints), is_array=True)
             for name in names
-            if channel_of(name) == channel and not any(c.isdigit() for c in name)
+            if fits(name) and not any(c.isdigit() for c in name)
         ]
     return sorted(
         fitting,
@@ -213,12 +227,19 @@ def _patterns(
     )
 
 
+def _expanded(pattern: _Pattern) -> list[str]:
+    """Return the log's names that a pattern makes."""
+    own = {joint: name for name, joint in pattern.names}
+    return [
+        pattern.text.format(joint=own.get(joint, joint), number=number)
+        for number, joint in enumerate(pattern.joints, 1)
+    ]
+
+
 def _by_name(name: str, names: Sequence[str], joints: Sequence[str]) -> list[_Pattern]:
-    # Of joint_1 and joint_10, the longer name is the one that is meant.
-    inside = max((j for j in joints if j in name), key=len, default=None)
-    if inside is None or "{" in name:
+    text = by_joint(name, joints)
+    if text == name:
         return []
-    text = name.replace(inside, "{joint}")
     present = tuple(j for j in joints if text.replace("{joint}", j) in names)
     return [_Pattern(text, present)] if present else []
 
@@ -235,30 +256,20 @@ def _not_found(
     log: Path, channel: str, names: Sequence[str], joints: Sequence[str]
 ) -> RecordingError:
     example = {"position": "q_{joint}", "torque": "tau_{joint}"}[channel]
-    more = ""
-    if channel == "torque":
-        more = _of_currents(names, len(joints))
     runs = numbered_columns(names)
     others = [run for run in runs if channel_of(run.pattern) == channel]
+    more = ""
     if others:
         more = _of_another_number(others[0], joints)
+    elif channel == "torque" and (currents := _patterns("current", names, joints)):
+        more = (
+            f" {currents[0].text} are motor currents: the N m per ampere of each "
+            "joint, gear ratio included, make torque of them: --torque-gain NUMBER ..."
+        )
     return RecordingError(
         f"{log}: found no column that is the {channel} of {shown(joints)}; the "
-        f"log has {shown(names)}. Say which: --{channel} {example}, or with "
-        f"{{number}} for the joint's place from 1.{more}"
-    )
-
-
-def _of_currents(names: Sequence[str], joints: int) -> str:
-    """Return what to type where a log has currents in place of torques."""
-    patterns = [run.pattern for run in numbered_columns(names) if len(run) == joints]
-    currents = [p for p in patterns if is_current(p) and not channel_of(p)]
-    if not currents and not any(is_current(name) for name in names):
-        return ""
-    named = min(currents, key=len, default="NAME")
-    return (
-        " Motor currents become torque by a factor, the N m per ampere of each joint: "
-        f"--torque '{named}' --torque-gain NUMBER ..."
+        f"log has {shown(names, joints)}. Say which: --{channel} {example}, or with "
+        f"{{number}} for the joint's place from 1, {{index}} from 0.{more}"
     )
 
 

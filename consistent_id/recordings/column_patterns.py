@@ -62,14 +62,26 @@ def _runs(name: str, names: Sequence[str]) -> Iterator[NumberedColumns]:
             yield NumberedColumns(before, after, first, last)
 
 
-def shown(names: Sequence[str], most: int = 12) -> str:
-    """Return names for a message: by pattern where they are numbered.
+def by_joint(name: str, joints: Sequence[str]) -> str:
+    """Return a name with ``{joint}`` in the place of a joint's, if it has one.
+
+    Of joint_1 and joint_10, the longer name is the one that is meant.
+    """
+    inside = max((j for j in joints if j in name), key=len, default=None)
+    return name if inside is None or "{" in name else name.replace(inside, "{joint}")
+
+
+def shown(names: Sequence[str], joints: Sequence[str] = (), most: int = 12) -> str:
+    """Return names for a message: by pattern where they have numbers or joints' names.
 
     Examples
     --------
     >>> shown(["time", "q1", "q2", "current1", "current2"])
     'time, q{1..2}, current{1..2}'
+    >>> shown(["time", "q_hip", "q_knee"], ["hip", "knee"])
+    'time, q_{joint}'
     """
+    names = list(dict.fromkeys(by_joint(name, joints) for name in names))
     lines: list[str] = []
     gone: set[str] = set()
     runs = numbered_columns(names)

@@ -129,7 +129,7 @@ def is_time(name: str) -> bool:
     >>> is_time("Time [ms]"), is_time("state.time"), is_time("time_left")
     (True, True, False)
     """
-    last = re.split(r"[./]", name.strip().lower())[-1]
+    last = re.split(r"[./]", name.strip().lower())[-1].lstrip("_")
     unit = re.compile(r"[\s_]*[\[(]?\b(ms|us|ns|s|sec|seconds)[\])]?$")
     bare = unit.sub("", last.replace("_", " ")).replace(" ", "_")
     return last in _TIMES or bare in _TIMES

@@ -20,8 +20,9 @@ CHANNELS = ("position", "velocity", "acceleration", "torque")
 class Columns:
     """How a log names its columns, arrays or fields.
 
-    ``{joint}`` stands for a joint's name in the log and ``{number}`` for its place
-    among the joints asked for, counted from 1.  None: the log has no such channel.
+    ``{joint}`` stands for a joint's name in the log, ``{number}`` for its place among
+    the joints asked for, counted from 1, and ``{index}`` for it from 0.  None: the log
+    has no such channel.
 
     Parameters
     ----------
@@ -145,7 +146,7 @@ def wanted(columns: Columns, joints: Sequence[str], where: str) -> Wanted:
         If a pattern is faulty, gives two joints one name, or names a unit.
     """
     joints = at_least_one(joints, where)
-    for channel in ("time", "position", "velocity", "acceleration"):
+    for channel in ("time", *CHANNELS):
         pattern = getattr(columns, channel)
         if pattern is not None and channel not in columns.units:
             refuse_units_of_a_name(where, channel, pattern)
@@ -217,11 +218,14 @@ def _placeholders(pattern: str) -> set[str]:
 
 def _expanded(pattern: str, joints: Sequence[str]) -> tuple[str, ...]:
     refusal = (
-        f"column pattern {pattern!r}: only {{joint}} and {{number}} can stand in it"
+        f"column pattern {pattern!r}: only {{joint}}, {{number}} and {{index}} can "
+        "stand in it"
     )
-    if not _placeholders(pattern) <= {"joint", "number"}:
+    if not _placeholders(pattern) <= {"joint", "number", "index"}:
         raise RecordingError(refusal)
     try:
-        return tuple(pattern.format(joint=j, number=i) for i, j in enumerate(joints, 1))
+        return tuple(
+            pattern.format(joint=j, number=i + 1, index=i) for i, j in enumerate(joints)
+        )
     except ValueError as cause:
         raise RecordingError(f"{refusal} ({cause})") from None

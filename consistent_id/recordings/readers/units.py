@@ -77,6 +77,7 @@ _SPELT = {
     "nanosecond": "ns",
     "nanoseconds": "ns",
     "percent": "%",
+    "pct": "%",
     "‰": "permille",
     "amp": "A",
     "ampere": "A",
@@ -96,6 +97,9 @@ _NOT_MOTION = "°|degs?|degrees?|rpm|revs?|revolutions?|turns?|mm|cm|millimet(?:
 _EACH = r"(?:\s*(?:/|per|_per_)\s*s(?:ec)?(?:\^?2|²|\^?3)?)?"
 _UNIT = re.compile(f"(?:{_NOT_TIME}|(?:{_NOT_MOTION}){_EACH})", re.IGNORECASE)
 _LAST = re.compile(rf"[\[(_ ]\s*({_UNIT.pattern})\s*[\])]?$", re.IGNORECASE)
+_LAST_TORQUE = re.compile(
+    r"[\[(_ ]\s*(%|pct|percent|permille|‰|m ?Nm|k ?Nm|Ncm|Nmm|mA)\s*[\])]?$"
+)
 
 
 def standard_unit(channel: str, unit: str) -> str:
@@ -183,7 +187,7 @@ def unit_of_a_name(channel: str, pattern: str) -> str:
     ('deg', 'ms')
     """
     name = re.sub(r"\{[^}]*\}", "", pattern).rstrip(" _")
-    found = _LAST.search(name)
+    found = (_LAST_TORQUE if channel == "torque" else _LAST).search(name)
     if found is None:
         return ""
     said = found[1]
