@@ -205,7 +205,6 @@ class Draft:
     @property
     def _comments(self) -> dict[str, str]:
         held = f"{self._locked[0].capitalize()}: {self._locked[1]}.\n"
-        stated = ", ".join(sorted(self.columns.units))
         rest = "units are rad, m, N m and N, as no name contradicts this"
         masses = {
             "datasheet": '"free" if they are made up',
@@ -227,7 +226,7 @@ class Draft:
                 f"GUESS: {note}."
                 for note in (
                     *self.notes,
-                    f"but for {stated}, {rest}" if stated else rest,
+                    f"other {rest}" if self.columns.units else rest,
                 )
             ),
             "data.columns.time": "",
