@@ -115,6 +115,7 @@ from consistent_id.motion.proofs.margins import MotionMargins, motion_margins
 from consistent_id.motion.transfers import transfer
 from consistent_id.problems.draft import Draft
 from consistent_id.problems.drafting import draft_problem
+from consistent_id.problems.log_identification import identify_log
 from consistent_id.problems.problem import Problem, load_problem, load_problems
 from consistent_id.problems.study import Study, identify, run_study
 from consistent_id.recordings.readers import (
@@ -365,6 +366,7 @@ __all__ = [
     "huber",
     "identify",
     "identify_gains",
+    "identify_log",
     "identify_payload",
     "instrumental_variables",
     "joint_noise",

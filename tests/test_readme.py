@@ -35,12 +35,13 @@ def test_the_python_of_the_readme_runs_and_finds_consistent_links(capsys):
     assert lines[2].endswith("column scaling: none) True")
 
 
-def test_there_is_one_command_to_run_and_one_to_test():
+def test_there_are_two_commands_to_run_and_one_to_test():
     commands = re.findall(r"```sh\n(.*?)\n```", README, re.DOTALL)
-    assert len(commands) == 2
+    assert len(commands) == 3
     assert all("\n" not in command for command in commands)
     assert commands[0].endswith("consistent-id compare problems/rx60")
-    assert commands[1].endswith("pytest")
+    assert commands[1].endswith("consistent-id compare problems/kuka_kr300")
+    assert commands[2].endswith("pytest")
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""Three more real robots, where their recordings are present."""
+"""Three more real robots: the KUKA from the box, others where they are present."""
 
 import os
 from functools import cache
@@ -8,13 +8,11 @@ import pytest
 
 from consistent_id import load_problem, load_problems, run_study
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(
-        "CONSISTENT_ID_DATASETS" not in os.environ,
-        reason="CONSISTENT_ID_DATASETS does not name the folder of recordings",
-    ),
-]
+pytestmark = pytest.mark.slow
+NEEDS_DATA = pytest.mark.skipif(
+    "CONSISTENT_ID_DATASETS" not in os.environ,
+    reason="CONSISTENT_ID_DATASETS does not name the folder of recordings",
+)
 
 # Held-out errors known for plain least squares.  Of the TX40 only training errors of 5
 # to 12 % per joint are known: 10 % is what two joints of its wrist allow.
@@ -23,7 +21,12 @@ TWINS = {
     "constrained": "least squares",
     "weighted constrained": "weighted least squares",
 }
-CASES = [(robot, method) for robot in KNOWN for method in TWINS]
+ROBOTS = [
+    name if name == "kuka_kr300" else pytest.param(name, marks=NEEDS_DATA)
+    for name in KNOWN
+]
+each_robot = pytest.mark.parametrize("robot", ROBOTS)
+each_twin = pytest.mark.parametrize("method", TWINS)
 
 
 @cache
@@ -36,17 +39,19 @@ def _stacked(robot, method):
     return error.stacked
 
 
-@pytest.mark.parametrize("robot", KNOWN)
+@each_robot
 def test_least_squares_predicts_held_out_torque_as_well_as_known(robot):
     assert _stacked(robot, "least squares") < KNOWN[robot]
 
 
-@pytest.mark.parametrize(("robot", "method"), CASES)
+@each_twin
+@each_robot
 def test_bodies_predict_held_out_torque_better_than_least_squares(robot, method):
     assert _stacked(robot, method) < _stacked(robot, TWINS[method])
 
 
-@pytest.mark.parametrize(("robot", "method"), CASES)
+@each_twin
+@each_robot
 def test_every_link_is_a_body_and_the_optimum_is_certified(robot, method):
     report = _study(robot).comparison[method]
     assert report.verdict.usable
@@ -56,7 +61,7 @@ def test_every_link_is_a_body_and_the_optimum_is_certified(robot, method):
     assert report.least_mass_eigenvalue > 0.0
 
 
-@pytest.mark.parametrize("robot", KNOWN)
+@each_robot
 def test_least_squares_is_proven_to_belong_to_no_robot(robot):
     report = _study(robot).comparison["least squares"]
     assert report.verdict.word == "do not use"
@@ -64,12 +69,13 @@ def test_least_squares_is_proven_to_belong_to_no_robot(robot):
     assert report.base_feasibility.proof.bound < 0.0
 
 
-@pytest.mark.parametrize("robot", KNOWN)
+@each_robot
 def test_the_data_determine_every_base_parameter(robot):
     excitation = _study(robot).excitation
     assert excitation.data_rank == excitation.structural_rank
 
 
+@NEEDS_DATA
 def test_every_robot_of_the_folder_is_there_with_its_recordings():
     problems = load_problems("problems")
     robots = [problem.model.robot.name for problem in problems]
@@ -89,6 +95,7 @@ def test_the_kukas_counterbalance_is_a_spring_that_bodies_make_use_of():
     assert report.validation[0].stacked < 0.75 * plain.validation[0].stacked
 
 
+@NEEDS_DATA
 def test_the_tx40s_wrist_needs_its_coupled_gears():
     training = _study("staubli_tx40").comparison["least squares"].training[0]
     # Without the coupling joints 5 and 6 are known to keep 36 % and 27 %.
@@ -99,6 +106,7 @@ def test_the_tx40s_wrist_needs_its_coupled_gears():
     assert shared == pytest.approx(x["joint_6.viscous"], rel=0.1)
 
 
+@NEEDS_DATA
 def test_tiagos_last_joints_move_without_a_torque():
     study = _study("tiago")
     model = study.problem.model

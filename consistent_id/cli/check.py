@@ -1,11 +1,12 @@
 """``consistent-id check``: what is wrong with a problem's recordings, or with a log."""
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from consistent_id.cli.answers import Answer, answered, show
-from consistent_id.cli.log_options import add_columns, add_torque_gain
+from consistent_id.cli.log_options import add_columns, add_torque_gain, known_of
 from consistent_id.cli.options import (
     add_accept,
     add_command,
@@ -16,7 +17,8 @@ from consistent_id.cli.options import (
 
 _MORE = """Clocks, units, signs, exchanged channels, joint zero offsets, delays,
 saturation, data leakage between training and validation.
-With a URDF or MJCF file in place of PROBLEM, and a log, no problem file is needed.
+With a URDF or MJCF file in place of PROBLEM, and a log, no problem file is needed:
+columns and units are found by their names, as identify finds them.
 Exit code 1: something is wrong."""
 _EXAMPLES = """
 consistent-id check problems/ur10e
@@ -41,7 +43,7 @@ def add_check(commands: Any) -> None:
     command.add_argument(
         "log", type=Path, nargs="?", help="a log, if PROBLEM is a URDF or MJCF file"
     )
-    add_columns(command, "q_{joint}", "tau_{joint}")
+    add_columns(command)
     add_torque_gain(command)
     command.add_argument(
         "--cutoff", type=positive, default=10.0, help="low-pass in Hz (default: 10)"
@@ -64,27 +66,18 @@ def _check(options: argparse.Namespace) -> Answer:
     from consistent_id.estimation.verdict import BAD_RESULT, HELP
     from consistent_id.problems.log_check import check_problem
     from consistent_id.problems.problem import load_problem
-    from consistent_id.recordings.readers import Columns
+    from consistent_id.problems.robot_logs import robot_logs
 
+    notes: tuple[str, ...] = ()
     if options.log is None:
         found = check_problem(load_problem(options.problem))
     else:
-        columns = Columns(
-            options.time,
-            options.position,
-            options.velocity,
-            torque=options.torque,
-            torque_joints=options.torque_joints,
-        )
-        found = check_log(
-            options.problem,
-            options.log,
-            columns,
-            torque_gain=options.torque_gain,
-            cutoff=options.cutoff,
-        )
+        logs = robot_logs(options.problem, options.log, **known_of(options))
+        found = check_log(logs, options.log, cutoff=options.cutoff)
+        notes = logs.notes
     faults = [fault for fault in found.faults if fault.kind not in options.accept]
-    text = diagnosis_table(found).text()
+    table = diagnosis_table(found)
+    text = replace(table, notes=(*table.notes, *notes)).text()
     if faults:
         text += f"\n{BAD_RESULT} {HELP}"
     record = diagnosis_record(found) | {"accepted": options.accept}

@@ -69,8 +69,10 @@ def run_to_its_end(
 def _note_inputs(options: argparse.Namespace) -> None:
     """Note the files that were named to be read, before any of them is."""
     for name, value in vars(options).items():
-        if isinstance(value, Path) and name not in _OUTPUTS and value.is_file():
-            note_input(value.stat())
+        if name not in _OUTPUTS:
+            for file in value if isinstance(value, list) else [value]:
+                if isinstance(file, Path) and file.is_file():
+                    note_input(file.stat())
 
 
 def _said(code: int, sentence: str) -> int:

@@ -20,13 +20,16 @@ if TYPE_CHECKING:
     from consistent_id._support.tables import Table
     from consistent_id.problems.study import Study
 
-_MORE = """With a URDF or MJCF file in place of PROBLEM, and a log, no problem file is
-needed: columns are found by their names, the last 30 % of the motion are kept for
-validation, and --output FOLDER also gets this problem.toml (see init).
+_MORE = """With a URDF or MJCF file in place of PROBLEM, and logs, no problem file is
+needed: columns and units are found by their names, --validate names logs to judge by
+(else the last 30 % of each motion are kept for that), and --output FOLDER also gets
+this problem.toml (see init). When it has been judged, the recommended estimate is
+fitted again, to all data: this is what is delivered (delivered.json).
 Exit code 1: do not use the estimate."""
 _EXAMPLES = """
 consistent-id identify robot.urdf log.csv
 consistent-id identify robot.urdf log.csv --output results/robot --report robot.html
+consistent-id identify robot.urdf a.csv b.csv --validate c.csv --units deg ms
 consistent-id identify problems/rx60
 consistent-id identify problems/ur10e --uncertainty --output results/ur10e
 """
@@ -44,7 +47,10 @@ def add_identify(commands: Any) -> None:
     )
     add_problem(command)
     command.add_argument(
-        "log", type=Path, nargs="?", help="a log, if PROBLEM is a URDF or MJCF file"
+        "log",
+        type=Path,
+        nargs="*",
+        help="logs to learn from, if PROBLEM is a URDF or MJCF file",
     )
     add_output(command, None)
     command.add_argument(
@@ -65,7 +71,7 @@ def add_identify(commands: Any) -> None:
 
 def run_identify(options: argparse.Namespace) -> int:
     """Identify; return the exit code."""
-    if options.log is not None:
+    if options.log:
         return show(options, _identify_log(options))
     return answered(options, _identify)
 
@@ -92,13 +98,14 @@ def _identify(options: argparse.Namespace) -> Answer:
     record: dict[str, Any] = {
         **study.verdict.to_dict(),
         "estimates": [report.judged.to_dict() for report in reports],
+        "delivered": study.delivered.to_dict(),
     }
 
     def write() -> list[Path]:
         from consistent_id.cli.results import write_estimates
 
         output = options.output
-        return [] if output is None else write_estimates(study.comparison, output)
+        return [] if output is None else write_estimates(study, output)
 
     return _answer(options, study, tables, record, write)
 
@@ -126,7 +133,7 @@ def _identify_log(options: argparse.Namespace) -> Answer:
     if study.diagnosis is not None:
         tables.append(diagnosis_table(study.diagnosis))
         record |= {"findings": diagnosis_record(study.diagnosis)["findings"]}
-    tables.append(study.recommended.judged.table())
+    tables.append(study.delivered.table())
 
     def write() -> list[Path]:
         from consistent_id._support.files import write_atomically
@@ -138,7 +145,7 @@ def _identify_log(options: argparse.Namespace) -> Answer:
         text = draft.text(output, accepted=options.accept)
         return [
             write_atomically(output / "problem.toml", text),
-            *write_estimates(study.comparison, output),
+            *write_estimates(study, output),
             *write_comparison(study, study_tables(study), output),
         ]
 
@@ -191,8 +198,9 @@ def _answer(
 
 def _refuse_drafting(options: argparse.Namespace) -> None:
     """Refuse options that would go unused, as the problem file states these things."""
-    names = ("time", "position", "velocity", "torque", "torque_joints", "torque_gain")
-    given = [name for name in (*names, "base", "tip") if getattr(options, name)]
+    columns = ("time", "position", "velocity", "torque", "torque_joints", "units")
+    names = (*columns, "torque_gain", "base", "tip", "lock", "validate")
+    given = [name for name in names if getattr(options, name)]
     if options.masses != "model":
         given.append("masses")
     if given:

@@ -16,6 +16,7 @@ _EXAMPLES = """
 consistent-id init robot.urdf log.csv
 consistent-id init robot.urdf log.csv --output study/problem.toml --masses free
 consistent-id init robot.urdf log.parquet --torque current{number} --torque-gain 10.5
+consistent-id init robot.urdf a.csv b.csv --validate c.csv --units deg ms
 consistent-id init robot.urdf log.csv --dry-run
 """
 
@@ -32,7 +33,10 @@ def add_init(commands: Any) -> None:
     )
     command.add_argument("model", type=Path, help="URDF or MJCF file")
     command.add_argument(
-        "log", type=Path, help=", ".join(known.name for known in LOG_FORMATS)
+        "log",
+        type=Path,
+        nargs="+",
+        help=", ".join(known.name for known in LOG_FORMATS),
     )
     command.add_argument(
         "--output",

@@ -1,38 +1,51 @@
 """Options that describe a log without a problem file."""
 
 import argparse
+from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from consistent_id.problems.draft import Draft
 
 
-def add_columns(
-    command: argparse.ArgumentParser,
-    position: str | None = None,
-    torque: str | None = None,
-) -> None:
-    """Take the names of a log's columns; None: guessed from the log's names."""
-    guessed = "guessed from the log"
-    for channel, pattern, default in (
-        ("time", "time" if position else None, "time" if position else guessed),
-        ("position", position, position or guessed),
-        ("velocity", None, "none" if position else guessed),
-        ("torque", torque, torque or guessed),
-    ):
+def add_columns(command: argparse.ArgumentParser) -> None:
+    """Take what is known of a log's columns, units and joints; the rest is guessed."""
+    for channel in ("time", "position", "velocity", "torque"):
         command.add_argument(
             f"--{channel}",
-            default=pattern,
             metavar="NAME",
-            help=f"the log's column, with {{joint}} or {{number}} (default: {default})",
+            help="the log's column, with {joint} or {number} (default: guessed from "
+            "the log)",
         )
+    command.add_argument(
+        "--units",
+        nargs="+",
+        default=(),
+        metavar="UNIT",
+        help="units that are not s, rad, m, N m or N: deg, mm, rpm, ms, %% of rated "
+        "torque; or CHANNEL=UNIT, such as velocity=deg/s (default: as names say)",
+    )
     command.add_argument(
         "--torque-joints",
         nargs="+",
         default=(),
         metavar="JOINT",
         help="joints whose torque the log has (default: all)",
+    )
+    command.add_argument(
+        "--base", metavar="LINK", help="link that stands still (default: the root)"
+    )
+    command.add_argument(
+        "--tip", metavar="LINK", help="last link that counts, such as the flange"
+    )
+    command.add_argument(
+        "--lock",
+        nargs="+",
+        default=(),
+        metavar="JOINT",
+        help="joints that stand still, at zero or where JOINT=POSITION says",
     )
 
 
@@ -50,13 +63,15 @@ def add_torque_gain(command: argparse.ArgumentParser) -> None:
 
 def add_draft_options(command: argparse.ArgumentParser) -> None:
     """Take what a draft of a problem file is made from."""
+    command.add_argument(
+        "--validate",
+        nargs="+",
+        type=Path,
+        default=(),
+        metavar="LOG",
+        help="logs to judge by (default: the last 30 %% of each log's motion)",
+    )
     add_columns(command)
-    command.add_argument(
-        "--base", metavar="LINK", help="link that stands still (default: the root)"
-    )
-    command.add_argument(
-        "--tip", metavar="LINK", help="last link that counts, such as the flange"
-    )
     add_torque_gain(command)
     command.add_argument(
         "--masses",
@@ -66,19 +81,82 @@ def add_draft_options(command: argparse.ArgumentParser) -> None:
     )
 
 
-def draft_of(options: argparse.Namespace, model: Path, log: Path) -> "Draft":
-    """Draft the problem that a robot and a log make."""
-    from consistent_id.problems.drafting import draft_problem
+def known_of(options: argparse.Namespace) -> dict[str, Any]:
+    """Return what the options say of a log, as `robot_logs` takes it."""
     from consistent_id.robot.chains import Selection
 
     channels = ("time", "position", "velocity", "torque")
     named = {name: getattr(options, name) for name in channels}
+    return {
+        "columns": {name: column for name, column in named.items() if column},
+        "units": units_of(options.units),
+        "torque_joints": options.torque_joints,
+        "selection": Selection(
+            options.base, options.tip, locked=dict(map(_held, options.lock)) or None
+        ),
+        "torque_gain": options.torque_gain,
+    }
+
+
+def draft_of(options: argparse.Namespace, model: Path, logs: Sequence[Path]) -> "Draft":
+    """Draft the problem that a robot and its logs make."""
+    from consistent_id.problems.drafting import draft_problem
+
     return draft_problem(
         model,
-        log,
-        columns={name: column for name, column in named.items() if column is not None},
-        torque_joints=options.torque_joints,
-        selection=Selection(options.base, options.tip),
-        torque_gain=options.torque_gain,
+        logs,
+        validation=options.validate,
         masses="free" if options.masses == "free" else "datasheet",
+        **known_of(options),
     )
+
+
+def units_of(words: Sequence[str]) -> dict[str, str]:
+    """Return units by channel.
+
+    A unit without a channel is of the channel that has it; an angle or a length is of
+    the position and, per second, of its derivatives.
+
+    Raises
+    ------
+    RecordingError
+        If a channel or a unit is unknown.
+
+    Examples
+    --------
+    >>> units_of(["deg", "%"])["velocity"], units_of(["velocity=rpm"])
+    ('deg/s', {'velocity': 'rpm'})
+    """
+    bare = [word for word in words if "=" not in word]
+    named = (word.partition("=") for word in words if "=" in word)
+    found = {channel: unit for word in bare for channel, unit in _fitting(word).items()}
+    return found | {channel: unit for channel, _, unit in named}
+
+
+def _fitting(unit: str) -> dict[str, str]:
+    """Return the channels that have a unit."""
+    from consistent_id.errors import RecordingError
+    from consistent_id.recordings.readers.units import KNOWN, standard_unit
+
+    fits = {}
+    for channel in KNOWN:
+        with suppress(RecordingError):
+            fits[channel] = standard_unit(channel, unit)
+    if not fits:
+        known = ", ".join(dict.fromkeys(u for each in KNOWN.values() for u in each))
+        raise RecordingError(f"--units: no unit {unit!r}; known: {known}")
+    if moved := fits.get("position"):
+        fits |= {"velocity": f"{moved}/s", "acceleration": f"{moved}/s^2"}
+    return fits
+
+
+def _held(word: str) -> tuple[str, float]:
+    from consistent_id.errors import ProblemError
+
+    joint, equals, position = word.partition("=")
+    try:
+        return joint, float(position) if equals else 0.0
+    except ValueError:
+        raise ProblemError(
+            f"--lock {word}: {position!r} is no number, expected a position in rad or m"
+        ) from None

@@ -6,7 +6,6 @@ from pathlib import Path
 
 from consistent_id._support.files import write_atomically
 from consistent_id._support.tables import Table
-from consistent_id.comparison.comparison import Comparison
 from consistent_id.estimation.method import Method
 from consistent_id.problems.study import Study
 from consistent_id.report.figures import motion_figure, save_figure, torque_figures
@@ -35,13 +34,14 @@ def write_comparison(study: Study, tables: Sequence[Table], folder: Path) -> lis
     ]
 
 
-def write_estimates(comparison: Comparison, folder: Path) -> list[Path]:
+def write_estimates(study: Study, folder: Path) -> list[Path]:
     """Write each estimate to a JSON file that is named after its method.
 
-    The verdicts in the files are those of the comparison.
+    The verdicts in the files are those of the comparison.  ``delivered.json`` is the
+    recommended estimate, fitted again to all data.
     """
-    paths = []
-    for report in comparison.reports:
+    paths = [study.delivered.save(folder / "delivered.json")]
+    for report in study.comparison.reports:
         name = report.estimate.method.replace(" ", "_")
         paths.append(report.judged.save(folder / f"{name}.json"))
     return paths

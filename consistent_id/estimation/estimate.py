@@ -23,6 +23,8 @@ from consistent_id.regression.regressor import TorqueModel
 if TYPE_CHECKING:
     from pandas import DataFrame
 
+    from consistent_id.estimation.torque_error import TorqueError
+
 
 @dataclass(frozen=True, slots=True)
 class Certificate:
@@ -171,6 +173,27 @@ class Estimate:
             recording.velocity,
             recording.acceleration,
         )
+
+    def score(self, recording: Recording) -> "TorqueError":
+        """Return how well the estimate predicts the torque of a recording.
+
+        Its `stacked` is the relative error of all joints, ``||tau - prediction|| /
+        ||tau||``; `relative` and `rms` are joint by joint.
+
+        Raises
+        ------
+        ProblemError
+            If the recording has no torque, no velocity or no acceleration.
+        """
+        from consistent_id.estimation.torque_error import torque_errors
+
+        if recording.velocity is None or recording.acceleration is None:
+            raise ProblemError(
+                f"{recording.name}: torques need velocity and acceleration; call "
+                "signals.differentiated(recording) first"
+            )
+        (error,) = torque_errors([self], recording)
+        return error
 
     def table(self) -> Table:
         """Return the verdict and the parameters, for people.

@@ -1,7 +1,7 @@
-"""A problem file for a robot and a log that have none; guesses are marked as such."""
+"""A problem file for a robot and logs that have none; guesses are marked as such."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -25,6 +25,25 @@ from consistent_id.recordings.readers.columns import Columns
 from consistent_id.recordings.recording import Recording
 from consistent_id.robot.loaders.robot_file import is_mjcf
 
+Role = Literal["training", "validation"]
+
+
+@dataclass(frozen=True, slots=True)
+class DraftRecording:
+    """Rows of a log, and what they are for.
+
+    Parameters
+    ----------
+    log : Path
+    role : {"training", "validation"}
+    rows : tuple of int
+        First and last, from 1.
+    """
+
+    log: Path
+    role: Role
+    rows: tuple[int, int]
+
 
 @dataclass(frozen=True, slots=True)
 class Draft:
@@ -32,11 +51,13 @@ class Draft:
 
     Parameters
     ----------
-    model, log : Path
+    model : Path
+    recordings : tuple of DraftRecording
+        Those for training first.
     joints : tuple of str
         Joints that move.
-    locked : tuple of str
-        Other joints between base and tip; held at zero.
+    held : dict of str to float
+        Other joints between base and tip, and where they are held [rad or m].
     base, tip : str, optional
         Links between which the robot moves.
     columns : Columns
@@ -48,19 +69,17 @@ class Draft:
     cutoff : float, [Hz]
         Of motion and torque.
     cutoff_reason : str
-    training, validation : tuple of int
-        First and last row, from 1.
     masses : {"datasheet", "free"}
-    raw : Recording
-        The log, as it was read.
+    raw : mapping of Path to Recording
+        The logs, as they were read.
     notes : tuple of str
         What else was guessed.
     """
 
     model: Path
-    log: Path
+    recordings: tuple[DraftRecording, ...]
     joints: tuple[str, ...]
-    locked: tuple[str, ...]
+    held: Mapping[str, float]
     base: str | None
     tip: str | None
     columns: Columns
@@ -70,15 +89,33 @@ class Draft:
     max_gap: float | None
     cutoff: float
     cutoff_reason: str
-    training: tuple[int, int]
-    validation: tuple[int, int]
     masses: Literal["datasheet", "free"]
-    raw: Recording
+    raw: Mapping[Path, Recording]
     notes: tuple[str, ...] = ()
 
     @property
+    def locked(self) -> tuple[str, ...]:
+        """Joints between base and tip that are held."""
+        return tuple(self.held)
+
+    @property
+    def log(self) -> Path:
+        """The first log to learn from."""
+        return self.recordings[0].log
+
+    @property
+    def training(self) -> tuple[int, int]:
+        """The first log's rows to learn from: first and last, from 1."""
+        return self.recordings[0].rows
+
+    @property
+    def validation(self) -> tuple[int, int]:
+        """The rows to judge by, of the first log that has some."""
+        return next(r.rows for r in self.recordings if r.role == "validation")
+
+    @property
     def name(self) -> str:
-        """The problem's name: the log's, in letters that a name may have."""
+        """The problem's name: the first log's, in letters that a name may have."""
         kept = "".join(c if c.isascii() and c.isalnum() else "-" for c in self.log.stem)
         return kept.strip("-") or "problem"
 
@@ -97,18 +134,24 @@ class Draft:
                 mjcf=model if mjcf else None,
                 base=self.base,
                 tip=self.tip,
-                joints=list(self.joints) if self.locked else None,
+                locked=dict(self.held),
             ),
             drive=DEFAULT_DRIVE,
             constraints=ConstraintsTable(masses=self.masses),
             data=DataTable(
                 recordings=[
                     RecordingTable(
-                        file=_relative(self.log, folder), role=role, rows=list(rows)
+                        file=_relative(entry.log, folder),
+                        role=entry.role,
+                        rows=list(entry.rows),
                     )
-                    for role, rows in self._rows.items()
+                    for entry in self.recordings
                 ],
                 columns=ColumnsTable(**columns),
+                units={
+                    channel: unit if isinstance(unit, str) else list(unit)
+                    for channel, unit in self.columns.units.items()
+                },
                 torque_gain=gain if len(gain) > 1 else gain[0],
                 torque_joints=list(self.columns.torque_joints),
                 preparation=PreparationTable(
@@ -123,7 +166,7 @@ class Draft:
     def problem(self, folder: Path | None = None) -> Problem:
         """Return the problem itself, without a file of its own."""
         folder = Path.cwd() if folder is None else folder
-        read = {_relative(self.log, folder): self.raw}
+        read = {_relative(file, folder): raw for file, raw in self.raw.items()}
         return problem_of(self.table(folder), folder / "problem.toml", read=read)
 
     def text(self, folder: Path, *, accepted: Sequence[str] = ()) -> str:
@@ -136,7 +179,7 @@ class Draft:
             Kinds of findings that its user overlooked; a comment says so.
         """
         head = (
-            f"# Drafted from {self.model.name} and {self.log.name}. A comment that\n"
+            f"# Drafted from {self.model.name} and {self._names}. A comment that\n"
             "# begins with GUESS marks what neither of them states: check it.\n\n"
         )
         if accepted:
@@ -144,31 +187,46 @@ class Draft:
         return head + toml_text(self.table(folder), self._comments)
 
     @property
-    def _rows(self) -> dict[Literal["training", "validation"], tuple[int, int]]:
-        return {"training": self.training, "validation": self.validation}
+    def _names(self) -> str:
+        return ", ".join(dict.fromkeys(entry.log.name for entry in self.recordings))
+
+    @property
+    def _locked(self) -> tuple[str, str]:
+        """Say which joints are held, and where if not at zero."""
+        if not any(self.held.values()):
+            return "locked at zero", ", ".join(self.held)
+        return "locked", ", ".join(f"{k} at {v:g}" for k, v in self.held.items())
+
+    @property
+    def _is_split(self) -> bool:
+        """Whether one log is for both, training and validation."""
+        return len({entry.log for entry in self.recordings}) < len(self.recordings)
 
     @property
     def _comments(self) -> dict[str, str]:
-        held = f"Locked at zero: {', '.join(self.locked)}.\n" if self.locked else ""
+        held = f"{self._locked[0].capitalize()}: {self._locked[1]}.\n"
+        rest = "units are rad, m, N m and N, as no name contradicts this"
         masses = {
             "datasheet": '"free" if they are made up',
             "free": "known ones make estimates better",
         }
         known = f"GUESS: the masses of {self.model.name} are those of the robot."
         return {
-            "model": f"{held}Joints: {', '.join(self.joints)}.",
+            "model": f"{held if self.held else ''}Joints: {', '.join(self.joints)}.",
             "drive": "GUESS: viscous friction, Coulomb friction, a constant offset.\n"
             "rotor_inertia = true adds the rotors of geared motors.",
             "drive.velocity_scale": "GUESS [rad/s or m/s]: width of the sign change",
             "constraints": known if self.masses == "datasheet" else "",
             "constraints.masses": masses[self.masses],
             "data": "The first 70 % of the motion are for training, the rest for "
-            "validation.",
+            "validation."
+            if self._is_split
+            else "",
             "data.columns": "\n".join(
                 f"GUESS: {note}."
                 for note in (
                     *self.notes,
-                    "units are rad, m, N m and N, as no name contradicts this",
+                    f"other {rest}" if self.columns.units else rest,
                 )
             ),
             "data.columns.time": "",
@@ -187,20 +245,25 @@ def draft_table(draft: Draft) -> Table:
     columns = draft.columns
     channels = ("time", "position", "velocity", "torque")
     named = ((c, getattr(columns, c)) for c in channels)
-    (a, b), (c, d) = draft.training, draft.validation
+    units = ", ".join(f"{channel}: {u}" for channel, u in columns.units.items())
     rows = [
         ("joints", ", ".join(draft.joints)),
         ("columns", ", ".join(f"{c}: {name}" for c, name in named if name is not None)),
         ("rate", f"{draft.rate:.6g} Hz" + ("; resampled" if draft.resample else "")),
-        ("rows", f"{a} to {b} for training, {c} to {d} for validation"),
+        ("units", units or "s, rad, m, N m, N"),
+        *(
+            (f"rows of {entry.log.name}", f"{a} to {b} for {entry.role}")
+            for entry in draft.recordings
+            for a, b in (entry.rows,)
+        ),
         ("cut-off", f"{draft.cutoff:g} Hz: {draft.cutoff_reason}"),
         ("masses", "the model's" if draft.masses == "datasheet" else "free"),
         ("friction", "viscous, Coulomb (tanh), offset"),
     ]
-    if draft.locked:
-        rows.insert(1, ("locked at zero", ", ".join(draft.locked)))
+    if draft.held:
+        rows.insert(1, draft._locked)
     return Table(
-        f"How {draft.model.name} and {draft.log.name} were read",
+        f"How {draft.model.name} and {draft._names} were read",
         ("what", "which"),
         tuple(rows),
         (*draft.notes, "consistent-id init writes this down, to be corrected"),

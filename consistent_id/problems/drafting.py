@@ -1,7 +1,6 @@
-"""From a robot and a log to the draft of a problem: what is guessed, and how."""
+"""From a robot and logs to the draft of a problem: what is guessed, and how."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -9,12 +8,12 @@ import numpy as np
 
 from consistent_id.errors import ConsistentIdError, ProblemError, RecordingError
 from consistent_id.estimation.cutoff import CutoffChoice, best_cutoff
-from consistent_id.problems.draft import Draft
+from consistent_id.problems.draft import Draft, DraftRecording
 from consistent_id.problems.file import PreparationTable
 from consistent_id.problems.model import DEFAULT_DRIVE
 from consistent_id.problems.preparation import prepared
-from consistent_id.recordings.column_guess import guess_columns, require_torque
-from consistent_id.recordings.readers import read_recording
+from consistent_id.problems.robot_logs import robot_logs
+from consistent_id.recordings.readers.units import Units
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import (
     estimated_period,
@@ -26,11 +25,11 @@ from consistent_id.recordings.signals import (
 from consistent_id.recordings.signals.clocks import is_uniform, own_rate
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.chains import Selection
-from consistent_id.robot.loaders import load_robot
 
 _TRAINING = 0.7  # of the motion; the rest is for validation
 _PERIOD = 0.02  # of the motion: shorter periods need no whole ones
 _GAP = 10.0  # steps without a sample
+_ALIKE = 1.25  # ratio of rates up to which one resampled rate does for both
 _CUTOFFS = (2.0, 3.0, 5.0, 7.5, 10.0, 15.0, 20.0, 30.0, 50.0)  # Hz
 _SHARE = 0.2  # of the rate, up to which a cut-off is tried
 _FOLDS = 6
@@ -39,30 +38,36 @@ _LOW = 5.0  # Hz; a choice among higher ones alone would be none
 
 def draft_problem(
     model: str | Path,
-    log: str | Path,
+    log: str | Path | Sequence[str | Path],
     *,
+    validation: Sequence[str | Path] = (),
     columns: Mapping[str, str] | None = None,
+    units: Units | None = None,
     torque_joints: Sequence[str] = (),
     selection: Selection | None = None,
     torque_gain: Sequence[float] = (),
     masses: Literal["datasheet", "free"] = "datasheet",
 ) -> Draft:
-    """Draft the problem of identifying a robot from one log.
+    """Draft the problem of identifying a robot from one log or several.
 
     Joints and columns are matched by name, the clock is made uniform, what stands still
-    at either end is left out, the last 30 % of the motion are kept for validation, and
-    the cut-off is chosen by `best_cutoff` on the rest.
+    at either end is left out, and the cut-off is chosen by `best_cutoff` on what is for
+    training.  Without logs for validation, the last 30 % of each log's motion are.
 
     Parameters
     ----------
     model : str or Path
         URDF or MJCF.
-    log : str or Path
-        See `read_recording`.
+    log : str or Path, or a sequence of them
+        To learn from; see `read_recording`.  All have the columns of the first.
+    validation : sequence of str or Path
+        Logs to judge by.  They are read when all else has been chosen.
     columns : mapping of str to str, optional
         Columns by channel, as in `Columns`, as far as they are known, such as
         ``{"torque": "current{number}"}``; the others are guessed from the
         log's names.
+    units : mapping of str to str or sequence of str, optional
+        Units by channel, as in `Columns`; the others are guessed from columns' names.
     torque_joints : sequence of str
         Joints whose torque the log has, if that is known.
     selection : Selection, optional
@@ -77,45 +82,89 @@ def draft_problem(
     ------
     ModelError, RecordingError
         If a file cannot be read, or columns cannot be guessed.
+    ProblemError
+        If no log is given, or one is given twice.
     """
-    model, log = Path(model), Path(log)
-    selection = Selection() if selection is None else selection
-    robot = load_robot(model, **asdict(selection))
-    guess = guess_columns(log, robot.joint_names, columns, torque_joints=torque_joints)
-    require_torque(guess.columns.torque, torque_gain)
-    locked = tuple(name for name in robot.joint_names if name not in guess.joints)
-    if locked:
-        robot = load_robot(model, **asdict(replace(selection, joints=guess.joints)))
-    gain = gains_of(torque_gain, len(guess.joints))
-    raw = read_recording(log, guess.joints, guess.columns, torque_gain=gain)
-    known = any(link.datasheet.mass is not None for link in robot.links)
-    clock = _clock(raw)
-    start, stop = _moving(raw, clock)
-    middle = start + _training(raw, stop - start)
-    measured = tuple(guess.columns.torque_joints)
-    torque_model = TorqueModel(robot, DEFAULT_DRIVE.terms, torque_joints=measured)
-    cutoff, reason = _cutoff(torque_model, trimmed(raw, start, middle), clock)
-    first, last, end = np.searchsorted(raw.time, [start, middle, stop]).tolist()
+    model = Path(model)
+    given = [log] if isinstance(log, str | Path) else log
+    training, held_out = [Path(file) for file in given], [Path(f) for f in validation]
+    _require_distinct(training, held_out)
+    logs = robot_logs(
+        model,
+        training[0],
+        columns=columns,
+        units=units,
+        torque_joints=torque_joints,
+        selection=selection,
+        torque_gain=torque_gain,
+    )
+    raws = {file: logs.read(file) for file in training}
+    clock = _clock(list(raws.values()))
+    entries, parts = list[DraftRecording](), list[Recording]()
+    for file, raw in raws.items():
+        start, stop = _moving(raw, clock)
+        middle = stop if held_out else start + _training(raw, stop - start)
+        entries += _entries(file, raw, start, middle, stop)
+        parts.append(trimmed(raw, start, middle))
+    torque_model = TorqueModel(
+        logs.robot, DEFAULT_DRIVE.terms, torque_joints=tuple(logs.columns.torque_joints)
+    )
+    cutoff, reason = _cutoff(torque_model, parts, clock)
+    for file in held_out:
+        raw = raws[file] = logs.read(file)
+        start, stop = _moving(raw, clock)
+        entries.append(DraftRecording(file, "validation", _rows(raw, start, stop)))
+    known = any(link.datasheet.mass is not None for link in logs.robot.links)
     return Draft(
         model=model,
-        log=log,
-        joints=guess.joints,
-        locked=locked,
-        base=selection.base,
-        tip=selection.tip,
-        columns=guess.columns,
+        recordings=tuple(sorted(entries, key=lambda entry: entry.role)),
+        joints=logs.robot.joint_names,
+        held=logs.locked,
+        base=None if selection is None else selection.base,
+        tip=None if selection is None else selection.tip,
+        columns=logs.columns,
         torque_gain=tuple(torque_gain),
-        rate=own_rate(raw),
+        rate=own_rate(raws[training[0]]),
         resample=clock.resample,
         max_gap=clock.max_gap,
         cutoff=cutoff,
         cutoff_reason=reason,
-        training=(first + 1, last),
-        validation=(last + 1, end + 1),
         masses=masses if known else "free",
-        raw=raw,
-        notes=guess.notes,
+        raw=raws,
+        notes=logs.notes,
     )
+
+
+def _require_distinct(training: Sequence[Path], held_out: Sequence[Path]) -> None:
+    every = [*training, *held_out]
+    if not training:
+        raise ProblemError("no log to learn from, expected at least one")
+    for file in every:
+        if every.count(file) > 1:
+            raise ProblemError(
+                f"{file} is given twice; a log is for training or for validation"
+            )
+
+
+def _entries(
+    file: Path, raw: Recording, start: float, middle: float, stop: float
+) -> list[DraftRecording]:
+    """Return the rows that are for training and, after the middle, for validation."""
+    first, last = _rows(raw, start, middle)
+    if middle >= stop:
+        return [DraftRecording(file, "training", (first, last))]
+    last -= 1
+    end = _rows(raw, start, stop)[1]
+    return [
+        DraftRecording(file, "training", (first, last)),
+        DraftRecording(file, "validation", (last + 1, end)),
+    ]
+
+
+def _rows(raw: Recording, start: float, stop: float) -> tuple[int, int]:
+    """Return the first and the last row between two times, counted from 1."""
+    first, last = np.searchsorted(raw.time, [start, stop]).tolist()
+    return first + 1, min(last + 1, len(raw))
 
 
 def _training(raw: Recording, duration: float) -> float:
@@ -136,27 +185,31 @@ class _Clock(NamedTuple):
     max_gap: float | None  # s
 
 
-def gains_of(given: Sequence[float], joints: int) -> list[float] | float:
-    """Return gains as `read_recording` takes them: one for all joints, or one each.
+def _clock(raws: Sequence[Recording]) -> _Clock:
+    """Return what makes the logs' clocks uniform.
 
     Raises
     ------
-    ProblemError
-        If their number is neither.
+    RecordingError
+        If one uniform rate does not do for all.
     """
-    if len(given) not in (0, 1, joints):
-        raise ProblemError(
-            f"{len(given)} torque gains for {joints} joints, expected one or {joints}"
+    rates = [own_rate(raw) for raw in raws]
+    steps = [
+        float(np.diff(raw.time).max()) * rate
+        for raw, rate in zip(raws, rates, strict=True)
+    ]
+    max_gap = float(f"{_GAP / min(rates):.3g}") if max(steps) > _GAP else None
+    if all(is_uniform(raw) for raw in raws):
+        return _Clock(None, max_gap)
+    if max(rates) > _ALIKE * min(rates):
+        seen = ", ".join(
+            f"{raw.name} {rate:.4g} Hz" for raw, rate in zip(raws, rates, strict=True)
         )
-    return list(given) if len(given) == joints else (*given, 1.0)[0]
-
-
-def _clock(raw: Recording) -> _Clock:
-    """Return what makes the log's clock uniform."""
-    rate = own_rate(raw)
-    gap = bool(np.diff(raw.time).max() > _GAP / rate)
-    resample = None if is_uniform(raw) else float(f"{rate:.4g}")
-    return _Clock(resample, float(f"{_GAP / rate:.3g}") if gap else None)
+        raise RecordingError(
+            f"clocks jitter, and the logs' rates differ too much to be resampled to "
+            f"one: {seen}. Resample the faster ones first"
+        )
+    return _Clock(float(f"{min(rates):.4g}"), max_gap)
 
 
 def _moving(raw: Recording, clock: _Clock) -> tuple[float, float]:
@@ -177,10 +230,10 @@ def _moving(raw: Recording, clock: _Clock) -> tuple[float, float]:
 
 
 def _cutoff(
-    model: TorqueModel, training: Recording, clock: _Clock
+    model: TorqueModel, training: Sequence[Recording], clock: _Clock
 ) -> tuple[float, str]:
     """Return the cut-off [Hz], and why it is that."""
-    top = _SHARE * own_rate(training)
+    top = _SHARE * min(own_rate(part) for part in training)
     fallback = float(f"{min(10.0, top):.2g}")
     try:
         chosen = _chosen(model, training, clock, top)
@@ -193,12 +246,16 @@ def _cutoff(
 
 
 def _chosen(
-    model: TorqueModel, training: Recording, clock: _Clock, top: float
+    model: TorqueModel, training: Sequence[Recording], clock: _Clock, top: float
 ) -> CutoffChoice:
-    parts = [training]
+    parts = list(training)
     if clock.max_gap is not None:
-        shortest = training.duration / _FOLDS
-        parts = list(split_at_gaps(training, clock.max_gap, shortest=shortest))
+        shortest = sum(part.duration for part in parts) / _FOLDS
+        parts = [
+            piece
+            for part in parts
+            for piece in split_at_gaps(part, clock.max_gap, shortest=shortest)
+        ]
     if clock.resample is not None:
         parts = [
             resampled(part, clock.resample, max_gap=clock.max_gap) for part in parts

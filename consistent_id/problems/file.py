@@ -20,6 +20,7 @@ from consistent_id.errors import ProblemError
 from consistent_id.problems.excitation_tables import ExcitationTable
 from consistent_id.problems.laboratory_tables import LaboratoryTable, TaskTable
 from consistent_id.problems.table_types import NonNegative, Pair, Positive, Table, Three
+from consistent_id.recordings.log_formats import LOG_FORMATS
 from consistent_id.regression.drive.drive_terms import (
     DEFAULTS,
     DriveOptions,
@@ -238,6 +239,7 @@ class DataTable(Table, frozen=True, kw_only=True):
     recordings: Annotated[list[RecordingTable], Meta(min_length=1)]
     folder: str = "."
     columns: ColumnsTable | None = None
+    units: dict[str, str | list[str]] = {}
     topic: str | None = None
     torque_gain: float | list[float] = 1.0
     torque_joints: list[str] = []
@@ -330,8 +332,13 @@ def read_problem_table(path: Path) -> ProblemTable:
     if path.suffix.lower() in _ROBOTS:
         raise ProblemError(
             f"{path} is a robot's file, expected a problem's. Name it in the [model] "
-            "of a problem.toml; consistent-id init writes one, and identify and check "
-            "need none, for a robot and a log"
+            "of a problem.toml, or give a log beside it: "
+            f"consistent-id identify {path} LOG (check and init likewise)"
+        )
+    if any(path.suffix.lower() in known.suffixes for known in LOG_FORMATS):
+        raise ProblemError(
+            f"{path} is a log, expected a problem file. Give a robot before it: "
+            f"consistent-id identify ROBOT.urdf {path} (check and init likewise)"
         )
     text = read_input(path, ProblemError, LARGEST_PROBLEM)
     require_count(path, text.count(b"="), MOST_KEYS, "keys", ProblemError)
@@ -357,7 +364,11 @@ def problem_table(text: str | bytes, path: Path) -> ProblemTable:
     try:
         return msgspec.toml.decode(text, type=ProblemTable)
     except msgspec.ValidationError as cause:
-        raise ProblemError(f"{path}: {cause} ($ is the file)") from None
+        from consistent_id.problems.file_faults import fault_of
+
+        written = text if isinstance(text, str) else text.decode()
+        fault = fault_of(str(cause), written, ProblemTable)
+        raise ProblemError(f"{path}, {fault}") from None
     except (msgspec.DecodeError, UnicodeDecodeError) as cause:
         raise ProblemError(f"{path}: not TOML: {cause}") from None
     except RecursionError:

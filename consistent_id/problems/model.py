@@ -1,7 +1,5 @@
 """The robot and its torque model, as a problem file describes them."""
 
-import os
-import string
 from dataclasses import asdict
 from pathlib import Path
 
@@ -15,6 +13,7 @@ from consistent_id.problems.file import (
     LinkTable,
     ProblemTable,
 )
+from consistent_id.problems.named_files import expanded, require_there
 from consistent_id.regression.drive.gear_coupling import GearCoupling
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.chains import Selection, selected
@@ -77,10 +76,10 @@ def _robot(table: ProblemTable, folder: Path) -> RobotModel:
     selection = Selection(model.base, model.tip, model.joints, model.locked)
     gravity = STANDARD_GRAVITY if model.gravity is None else model.gravity
     if model.urdf is not None:
-        file = folder / expanded(model.urdf, table.name)
+        file = require_there(folder / expanded(model.urdf, table), table)
         return load_urdf(file, gravity=gravity, **asdict(selection))
     if model.mjcf is not None:
-        file = folder / expanded(model.mjcf, table.name)
+        file = require_there(folder / expanded(model.mjcf, table), table)
         return load_mjcf(file, gravity=model.gravity, **asdict(selection))
     rows = [_dh_row(row) for row in model.modified_dh or model.classical_dh]
     build = from_modified_dh if model.modified_dh else from_classical_dh
@@ -119,17 +118,3 @@ def _coupling(table: CouplingTable) -> GearCoupling:
         table.velocity_scale,
         table.rotor_inertia,
     )
-
-
-def expanded(path: str, problem: str) -> str:
-    """Replace ``${NAME}`` by environment variables; a missing one is an error."""
-    try:
-        return string.Template(path).substitute(os.environ)
-    except KeyError as missing:
-        name = missing.args[0]
-        raise ProblemError(
-            f"problem {problem!r}: {path} needs the environment variable {name}, which "
-            "is not set. Set it to the folder that holds the data"
-        ) from None
-    except ValueError as cause:
-        raise ProblemError(f"problem {problem!r}: {path}: {cause}") from None

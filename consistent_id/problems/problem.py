@@ -24,7 +24,8 @@ from consistent_id.problems.file import (
     read_problem_table,
 )
 from consistent_id.problems.folder import problem_files
-from consistent_id.problems.model import expanded, torque_model
+from consistent_id.problems.model import torque_model
+from consistent_id.problems.named_files import expanded, require_there
 from consistent_id.problems.paths import names_outside
 from consistent_id.problems.preparation import (
     Log,
@@ -32,7 +33,13 @@ from consistent_id.problems.preparation import (
     check_tracks,
     joined,
 )
-from consistent_id.recordings.readers import Columns, read_recording, read_track
+from consistent_id.recordings.log_formats import log_format
+from consistent_id.recordings.readers import (
+    JOINT_STATE,
+    Columns,
+    read_recording,
+    read_track,
+)
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import Track
 from consistent_id.recordings.sinusoids import Sinusoid, SinusoidalMotion
@@ -106,7 +113,7 @@ class Problem:
 
     def file(self, path: str) -> Path:
         """Return a path of the file: from its folder, with ``${NAME}`` replaced."""
-        return self.folder / expanded(path, self.name)
+        return self.folder / expanded(path, self.table)
 
     @cached_property
     def training(self) -> tuple[Recording, ...]:
@@ -185,9 +192,9 @@ class Problem:
         data, path = self._data(), self._path(file)
         if (path, *omit) not in self._read:
             self._read[path, *omit] = read_recording(
-                path,
+                require_there(path, self.table),
                 self.model.robot.joint_names,
-                _columns(data),
+                _columns(data, path),
                 torque_gain=data.torque_gain,
                 topic=data.topic,
                 omit=omit,
@@ -210,7 +217,7 @@ class Problem:
         )
 
     def _path(self, file: str | Path) -> Path:
-        return self.folder / expanded(self._data().folder, self.name) / file
+        return self.folder / expanded(self._data().folder, self.table) / file
 
     def _data(self) -> DataTable:
         data = self.table.data
@@ -370,11 +377,11 @@ def _prior(table: PriorTable, file: Path) -> Prior:
     return Penalty(table.weight, table.distance)
 
 
-def _columns(data: DataTable) -> Columns | None:
-    if data.columns is None:
-        return None
-    named = msgspec.structs.asdict(data.columns)
-    return Columns(**named, torque_joints=data.torque_joints)
+def _columns(data: DataTable, file: Path) -> Columns:
+    """Return how a recording names its columns; by default as its format does."""
+    usual = JOINT_STATE if log_format(file).holds == "joint states" else Columns()
+    named = {} if data.columns is None else msgspec.structs.asdict(data.columns)
+    return replace(usual, **named, torque_joints=data.torque_joints, units=data.units)
 
 
 def _span(raw: Recording, entry: RecordingTable) -> tuple[float, float]:

@@ -28,6 +28,7 @@ from consistent_id.estimation.recommendation import (
 )
 from consistent_id.estimation.robust import huber
 from consistent_id.estimation.verdict import Verdict
+from consistent_id.problems.delivery import refitted
 from consistent_id.problems.experiment_data import recordings_of
 from consistent_id.problems.log_check import check_problem
 from consistent_id.problems.problem import Problem
@@ -162,6 +163,21 @@ class Study:
     def recommended(self) -> EstimateReport:
         """The recommended estimate."""
         return self.comparison[self.recommendation.method]
+
+    @cached_property
+    def delivered(self) -> Estimate:
+        """The recommended estimate, fitted again to training and validation data.
+
+        Its verdict and its held-out error are those of `recommended`, which had seen
+        the training data alone.  Without validation data it is the same estimate.
+        """
+        judged = self.recommended.judged
+        if not self.validation:
+            return judged
+        crossed = judged.method == Method.CROSS_VALIDATED
+        prior = self.path.penalty if crossed else self.problem.prior
+        every = (*self.training, *self.validation)
+        return refitted(self.problem, judged, every, prior)
 
     @property
     def verdict(self) -> Verdict:

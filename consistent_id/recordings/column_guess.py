@@ -1,31 +1,35 @@
 """Which columns of a log are a robot's positions, velocities and torques: a guess.
 
 A name is taken for a joint's channel if it holds the joint's name or number and a word
-for the channel, such as ``q``, ``pos`` or ``effort``.  Commands are never taken, motor
-currents neither: how much torque an ampere is, no log says.
+for the channel, such as ``q``, ``pos`` or ``effort``; an array of all joints has the
+word alone.  Commands are never taken, motor currents neither: how much torque an ampere
+is, no log says.
 """
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast
 
 from consistent_id.errors import ProblemError, RecordingError
+from consistent_id.recordings.column_patterns import (
+    NumberedColumns,
+    by_joint,
+    numbered_columns,
+    shown,
+)
+from consistent_id.recordings.column_words import (
+    CHANNELS,
+    channel_of,
+    is_current,
+    is_time,
+    unit_of,
+)
 from consistent_id.recordings.log_formats import log_format
 from consistent_id.recordings.readers.columns import JOINT_STATE, Columns
 from consistent_id.recordings.readers.recording_file import column_names
+from consistent_id.recordings.readers.units import KNOWN, Units
 from consistent_id.robot.parameters import did_you_mean
-
-_WORDS = {
-    "position": {"q", "pos", "position", "positions", "angle", "angles"},
-    "velocity": {"dq", "qd", "qdot", "vel", "velocity", "velocities"},
-    "torque": {"tau", "trq", "torque", "torques", "effort", "efforts"},
-}
-_CURRENT = {"current", "currents", "amp", "amps", "ampere", "amperes", "i", "iq"}
-_TIME = ("time", "t", "timestamp", "stamp", "time_s", "t_s", "seconds", "sec")
-_NOT_MEASURED = {"target", "desired", "des", "cmd", "command", "commanded", "ref"}
-_NOT_MEASURED |= {"reference", "setpoint", "goal", "error", "limit"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +55,7 @@ class _Pattern:
     text: str
     joints: tuple[str, ...]  # of the robot, that the log has such a column of
     names: tuple[tuple[str, str], ...] = ()  # the log's name of a joint, the robot's
+    is_array: bool = False  # of all joints
 
 
 def guess_columns(
@@ -59,8 +64,10 @@ def guess_columns(
     known: Mapping[str, str] | None = None,
     *,
     torque_joints: Sequence[str] = (),
+    units: Units | None = None,
+    currents: bool = False,
 ) -> ColumnGuess:
-    """Find a log's columns.
+    """Find a log's columns and their units.
 
     Parameters
     ----------
@@ -71,6 +78,10 @@ def guess_columns(
         Columns by channel, as in `Columns`; the others are found in the log.
     torque_joints : sequence of str
         Joints whose torque the log has, if that is known.
+    units : mapping of str to str or sequence of str, optional
+        Units by channel, as in `Columns`; the others are found in the columns' names.
+    currents : bool
+        Whether motor currents stand for torque where there is none: if there is a gain.
 
     Raises
     ------
@@ -80,18 +91,26 @@ def guess_columns(
     joints, known = tuple(joints), dict(known or {})
     _require_channels(known)
     bag = log_format(log).holds == "joint states"
-    usual = replace(JOINT_STATE if bag else Columns(), torque_joints=torque_joints)
+    usual = replace(
+        JOINT_STATE if bag else Columns(),
+        torque_joints=torque_joints,
+        units=units or {},
+    )
     found, notes = replace(usual, **cast(dict[str, Any], known)), list[str]()
-    if bag or {"time", "position", "torque"} <= set(known):
+    if bag:
         return ColumnGuess(found, joints)
+    if {"time", "position", "torque"} <= set(known):
+        return _in_units(ColumnGuess(found, joints))
     names = column_names(log)
     if "time" not in known:
         found = replace(found, time=_time(log, names))
     moved = joints
-    for channel in ("position", "velocity", "torque"):
+    for channel in CHANNELS:
         if channel in known:
             continue
         patterns = _patterns(channel, names, moved)
+        if channel == "torque" and not patterns and currents:
+            patterns = _patterns("current", names, moved)
         if channel == "velocity":
             patterns = [p for p in patterns if p.joints == moved]
             if not patterns:
@@ -104,11 +123,27 @@ def guess_columns(
             moved = best.joints
         elif channel == "torque" and best.joints != moved and not torque_joints:
             found = replace(found, torque_joints=best.joints)
-        if also := [p.text for p in others if len(p.joints) == len(best.joints)]:
+        mine = _expanded(best)
+        rivals = [p for p in others if len(p.joints) == len(best.joints)]
+        if also := [p.text for p in rivals if _expanded(p) != mine]:
             notes.append(
                 f"{channel} is taken from {best.text}, not from {', '.join(also)}"
             )
-    return ColumnGuess(found, moved, tuple(notes))
+    return _in_units(ColumnGuess(found, moved, tuple(notes)))
+
+
+def _in_units(guess: ColumnGuess) -> ColumnGuess:
+    """Add the units that the columns' names state, where none was given."""
+    columns, notes = guess.columns, list(guess.notes)
+    for channel in ("time", *CHANNELS):
+        name = getattr(columns, channel)
+        if name is None or channel in columns.units:
+            continue
+        unit = unit_of(channel, name)
+        if unit in KNOWN[channel]:
+            columns = replace(columns, units={**columns.units, channel: unit})
+            notes.append(f"{channel} is in {unit}, as {name} says")
+    return replace(guess, columns=columns, notes=tuple(notes))
 
 
 def require_torque(pattern: str | None, torque_gain: Sequence[float]) -> None:
@@ -126,8 +161,7 @@ def require_torque(pattern: str | None, torque_gain: Sequence[float]) -> None:
     RecordingError
         If the name says current and not torque, and there is no gain.
     """
-    words = _words(pattern or "")
-    if words & _CURRENT and not words & _WORDS["torque"] and not len(torque_gain):
+    if is_current(pattern or "") and not len(torque_gain):
         raise RecordingError(
             f"torque is taken from {pattern}, which is named as a current, without a "
             "gain. Give the N m per ampere of each joint, gear ratio included: "
@@ -148,17 +182,18 @@ def _with(columns: Columns, channel: str, pattern: _Pattern) -> Columns:
     given: dict[str, Any] = {channel: pattern.text}
     if pattern.names:
         given["names"] = dict(pattern.names)
+    if pattern.is_array:
+        given["array_joints"] = pattern.joints
     return replace(columns, **given)
 
 
 def _time(log: Path, names: Sequence[str]) -> str:
-    for word in _TIME:
-        for name in names:
-            if name.lower() == word:
-                return name
+    found = [name for name in names if is_time(name)]
+    if found:
+        return min(found, key=len)
     raise RecordingError(
-        f"{log}: no column is named {' or '.join(_TIME[:3])}; the log has "
-        f"{_shown(names)}. Say which it is: --time"
+        f"{log}: no column is named time, t or timestamp; the log has {shown(names)}. "
+        "Say which it is: --time NAME"
     )
 
 
@@ -166,77 +201,84 @@ def _patterns(
     channel: str, names: Sequence[str], joints: Sequence[str]
 ) -> list[_Pattern]:
     """Return all patterns of a channel's columns, the most fitting first."""
+
+    def fits(text: str) -> bool:
+        if channel == "current":
+            return is_current(text) and not channel_of(text)
+        return channel_of(text) == channel
+
     found: dict[str, _Pattern] = {}
     for name in names:
-        for pattern in _by_name(name, names, joints) + _by_number(name, names, joints):
-            if _means(pattern.text, channel):
-                found.setdefault(pattern.text, pattern)
+        for pattern in _by_name(name, names, joints):
+            found.setdefault(pattern.text, pattern)
+    for run in numbered_columns(names):
+        if len(run) == len(joints):
+            found.setdefault(_by_number(run, joints).text, _by_number(run, joints))
+    fitting = [p for p in found.values() if fits(p.text)]
+    if not fitting:
+        fitting = [
+            _Pattern(name, tuple(joints), is_array=True)
+            for name in names
+            if fits(name) and not any(c.isdigit() for c in name)
+        ]
     return sorted(
-        found.values(),
+        fitting,
         key=lambda p: (-len(p.joints), "{joint}" not in p.text, len(p.text)),
     )
 
 
+def _expanded(pattern: _Pattern) -> list[str]:
+    """Return the log's names that a pattern makes."""
+    own = {joint: name for name, joint in pattern.names}
+    return [
+        pattern.text.format(joint=own.get(joint, joint), number=number)
+        for number, joint in enumerate(pattern.joints, 1)
+    ]
+
+
 def _by_name(name: str, names: Sequence[str], joints: Sequence[str]) -> list[_Pattern]:
-    # Of joint_1 and joint_10, the longer name is the one that is meant.
-    inside = max((j for j in joints if j in name), key=len, default=None)
-    if inside is None or "{" in name:
+    text = by_joint(name, joints)
+    if text == name:
         return []
-    text = name.replace(inside, "{joint}")
     present = tuple(j for j in joints if text.replace("{joint}", j) in names)
     return [_Pattern(text, present)] if present else []
 
 
-def _by_number(
-    name: str, names: Sequence[str], joints: Sequence[str]
-) -> list[_Pattern]:
-    patterns = []
-    for found in re.finditer(r"\d+", name):
-        before, after = name[: found.start()], name[found.end() :]
-        if found[0] not in ("0", "1") or "{" in name:
-            continue
-        numbers = [str(i + int(found[0])) for i in range(len(joints))]
-        if not all(before + number + after in names for number in numbers):
-            continue
-        if found[0] == "1":
-            if before + "0" + after not in names:
-                patterns.append(_Pattern(f"{before}{{number}}{after}", tuple(joints)))
-        elif before + str(len(joints)) + after not in names:
-            text = f"{before}{{joint}}{after}"
-            pairs = tuple(zip(numbers, joints, strict=True))
-            patterns.append(_Pattern(text, tuple(joints), pairs))
-    return patterns
-
-
-def _means(pattern: str, channel: str) -> bool:
-    """Return whether a pattern has a word for the channel beside the joint."""
-    words = _words(pattern)
-    return bool(words & _WORDS[channel]) and not words & _NOT_MEASURED
-
-
-def _words(pattern: str) -> set[str]:
-    """Return the words of a pattern beside the joint, in lower case."""
-    rest = re.sub(r"\{\w+\}", " ", pattern)
-    return set(re.findall(r"[a-z]+", rest.lower()))
+def _by_number(run: NumberedColumns, joints: Sequence[str]) -> _Pattern:
+    if run.first == 1:
+        return _Pattern(f"{run.before}{{number}}{run.after}", tuple(joints))
+    numbers = (str(run.first + place) for place in range(len(joints)))
+    pairs = tuple(zip(numbers, joints, strict=True))
+    return _Pattern(f"{run.before}{{joint}}{run.after}", tuple(joints), pairs)
 
 
 def _not_found(
     log: Path, channel: str, names: Sequence[str], joints: Sequence[str]
 ) -> RecordingError:
     example = {"position": "q_{joint}", "torque": "tau_{joint}"}[channel]
+    runs = numbered_columns(names)
+    others = [run for run in runs if channel_of(run.pattern) == channel]
     more = ""
-    if channel == "torque" and any("current" in n.lower() for n in names):
+    if others:
+        more = _of_another_number(others[0], joints)
+    elif channel == "torque" and (currents := _patterns("current", names, joints)):
         more = (
-            " Motor currents become torque by a factor: name them with --torque, and "
-            "give the N m per ampere with --torque-gain."
+            f" {currents[0].text} are motor currents: the N m per ampere of each "
+            "joint, gear ratio included, make torque of them: --torque-gain NUMBER ..."
         )
     return RecordingError(
-        f"{log}: found no column that is the {channel} of {_shown(joints)}; the "
-        f"log has {_shown(names)}. Say which: --{channel} {example}, or with "
-        f"{{number}} for the joint's place from 1.{more}"
+        f"{log}: found no column that is the {channel} of {shown(joints)}; the "
+        f"log has {shown(names, joints)}. Say which: --{channel} {example}, or with "
+        f"{{number}} for the joint's place from 1, {{index}} from 0.{more}"
     )
 
 
-def _shown(names: Sequence[str], most: int = 12) -> str:
-    more = len(names) - most
-    return ", ".join(names[:most]) + (f" and {more} more" if more > 0 else "")
+def _of_another_number(run: NumberedColumns, joints: Sequence[str]) -> str:
+    """Return what to type where a log has columns of another number of joints."""
+    said = (
+        f" {run} are {len(run)} columns, the robot has {len(joints)} joints that move"
+    )
+    if len(run) > len(joints):
+        return f"{said}."
+    rest = " ".join(joints[len(run) :])
+    return f"{said}: if the log has the first {len(run)}, hold the rest: --lock {rest}"

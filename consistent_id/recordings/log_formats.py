@@ -65,8 +65,8 @@ HDF5 = LogFormat(
 
 LOG_FORMATS = (
     LogFormat("CSV", (".csv", ".tsv"), "csv"),
-    LogFormat("Parquet", (".parquet",), "parquet", "pyarrow", extra="parquet"),
-    LogFormat("Feather", (".feather", ".arrow"), "feather", "pyarrow", extra="parquet"),
+    LogFormat("Parquet", (".parquet",), "parquet"),
+    LogFormat("Feather", (".feather", ".arrow"), "feather"),
     LogFormat("NPZ", (".npz",), "npz"),
     HDF5,
     LogFormat("MATLAB", (".mat",), "mat", lists_names=False),

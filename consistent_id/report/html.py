@@ -60,6 +60,7 @@ def report_html(
             prices=study.prices,
             path=study.path,
             published=study.published,
+            delivered=study.delivered,
             seed=seed,
             command=command,
         )

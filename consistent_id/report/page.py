@@ -5,6 +5,7 @@ from functools import lru_cache
 
 from consistent_id.report.certificate_section import certificate_section
 from consistent_id.report.costs_section import costs_section
+from consistent_id.report.delivery_section import delivery_section
 from consistent_id.report.excitation_section import excitation_section
 from consistent_id.report.friction_section import friction_section
 from consistent_id.report.health_section import health_section
@@ -26,6 +27,7 @@ SECTIONS: tuple[Callable[[ReportContent], Section | None], ...] = (
     links_section,
     torque_section,
     residuals_section,
+    delivery_section,
     friction_section,
     costs_section,
     published_section,

@@ -8,6 +8,7 @@ from consistent_id.comparison.fit_costs import ConstraintCost
 from consistent_id.comparison.parameter_uncertainty import Uncertainty
 from consistent_id.diagnosis import Diagnosis
 from consistent_id.estimation.cross_validation import RegularisationPath
+from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.method import Method
 from consistent_id.problems.problem import Problem
 from consistent_id.problems.published import PublishedReport
@@ -38,6 +39,8 @@ class ReportContent:
     prices : tuple of ShadowPrice
     path : RegularisationPath, optional
     published : PublishedReport, optional
+    delivered : Estimate, optional
+        The recommended estimate, fitted again to all data.
     seed : int, optional
         Of the bootstrap.
     command : str
@@ -57,6 +60,7 @@ class ReportContent:
     prices: tuple[ShadowPrice, ...] = ()
     path: RegularisationPath | None = None
     published: PublishedReport | None = None
+    delivered: Estimate | None = None
     seed: int | None = None
     command: str = ""
 

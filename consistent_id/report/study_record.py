@@ -70,6 +70,7 @@ def study_record(study: Study) -> dict[str, Any]:
             for price in study.prices
         ],
         "estimates": [_report_record(r) for r in study.comparison.reports],
+        "delivered": study.delivered.to_dict(),
         "published": (
             None if study.published is None else _published_record(study.published)
         ),

@@ -34,9 +34,19 @@ def headline_tables(study: Study) -> list[Table]:
     advice = advise(study.comparison, recommendation=study.recommendation)
     table = verdict_table(study.comparison)
     return [
-        Table(advice.headline, (), (), advice.verdict.brief),
+        Table(advice.headline, (), (), (*advice.verdict.brief, *delivery_line(study))),
         replace(table, notes=(*table.notes, *advice.reasons, *advice.also)),
     ]
+
+
+def delivery_line(study: Study) -> tuple[str, ...]:
+    """Return what is delivered, in a line; nothing without validation data."""
+    if not study.validation:
+        return ()
+    return (
+        f"delivered: {study.delivered.method}, fitted again to training and validation "
+        "data; verdict and errors are those from the training data alone",
+    )
 
 
 def study_tables(study: Study) -> list[Table]:

@@ -93,7 +93,7 @@ def test_wrong_input_ends_with_2_and_says_what_to_do(tmp_path, capsys):
     assert main(["info", str(tmp_path)]) == 2
     message = capsys.readouterr().err
     assert "urfd" in message
-    assert "$.model" in message
+    assert "line 3: model has no key" in message
     assert main(["info", str(tmp_path / "nowhere")]) == 2
 
 

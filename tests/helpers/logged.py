@@ -47,13 +47,13 @@ def write_arm(folder):
     return urdf, log
 
 
-def moved(model, seconds=24.0, rate=100.0):
+def moved(model, seconds=24.0, rate=100.0, tempo=1.0):
     """Return a recording that begins and ends with a second of rest."""
     time = np.arange(int(seconds * rate)) / rate
     fade = np.clip(np.minimum(time - 1.0, seconds - 1.0 - time), 0.0, 1.0)
     fade = fade**3 * (10 - 15 * fade + 6 * fade**2)
     waves = [
-        sum(a * np.sin(2 * np.pi * f * time + p) for a, f, p in terms)
+        sum(a * np.sin(2 * np.pi * f * tempo * time + p) for a, f, p in terms)
         for terms in (
             ((0.6, 0.23, 0), (0.3, 0.61, 1), (0.1, 1.3, 2)),
             ((0.7, 0.31, 2), (0.3, 0.73, 0), (0.1, 1.1, 1)),

@@ -3,7 +3,6 @@
 import io
 import json
 import re
-import sys
 import zipfile
 
 import numpy as np
@@ -20,7 +19,6 @@ from consistent_id import (
     MotionLimits,
     PolynomialPath,
     ProblemError,
-    RecordingError,
     move_along,
     read_recording,
     read_trajectory,
@@ -238,12 +236,6 @@ def test_what_cannot_be_written_is_refused_and_the_old_file_stays(
     with pytest.raises(ProblemError, match=says.replace("at_along", "move_along")):
         write_trajectory(path, file, **given)
     assert file.read_text() == "old" and len(list(tmp_path.iterdir())) == 1
-
-
-def test_without_its_library_parquet_says_what_to_install(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "pyarrow", None)
-    with pytest.raises(RecordingError, match=r"writing Parquet.*consistent-id\[parq"):
-        write_trajectory(swing(), tmp_path / "x.parquet", rate=10.0)
 
 
 def fourier(**change):

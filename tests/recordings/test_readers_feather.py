@@ -1,7 +1,5 @@
 """Feather and Arrow IPC: what pyarrow wrote is read, and what it did not is refused."""
 
-import sys
-
 import numpy as np
 import pyarrow as pa
 import pytest
@@ -112,11 +110,3 @@ def test_damaged_files_are_refused_or_read(tmp_path, write):
             read_recording(path, ["elbow", "wrist"], COLUMNS)
         except RecordingError as refusal:
             assert "log.feather" in str(refusal)
-
-
-def test_without_pyarrow_the_message_says_how_to_install_it(tmp_path, monkeypatch):
-    path = tmp_path / "log.feather"
-    as_feather(path, TABLE)
-    monkeypatch.setitem(sys.modules, "pyarrow", None)
-    with pytest.raises(RecordingError, match=r"pip install 'consistent-id\[parquet\]'"):
-        read_recording(path, ["wrist"])

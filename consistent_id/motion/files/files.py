@@ -118,7 +118,7 @@ def _content(path: ExactPath, file: Path, rate: float, chosen: Format) -> str | 
         return npz_of(path, columns_of(samples))
     if chosen == "csv":
         return csv_of(samples)
-    return parquet_of(samples, file) if chosen == "parquet" else message_of(samples)
+    return parquet_of(samples) if chosen == "parquet" else message_of(samples)
 
 
 def read_trajectory(file: str | Path) -> ExactPath | Recording:

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 
 from consistent_id._support.arrays import Vector
-from consistent_id._support.extras import needed
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers import Columns, read_recording
 from consistent_id.recordings.readers.recording_file import column_names
@@ -38,9 +37,9 @@ def csv_of(samples: Recording) -> str:
     return text.getvalue()
 
 
-def parquet_of(samples: Recording, where: Path) -> bytes:
+def parquet_of(samples: Recording) -> bytes:
     """Return samples as the content of a Parquet file."""
-    pa = needed("pyarrow", "parquet", f"{where}: writing Parquet", RecordingError)
+    import pyarrow as pa
     import pyarrow.parquet as pq
 
     file = io.BytesIO()

@@ -6,7 +6,11 @@ from string import Formatter
 
 from consistent_id._support.arrays import freeze
 from consistent_id.errors import RecordingError
-from consistent_id.recordings.readers.units import refuse_units_of_a_name
+from consistent_id.recordings.readers.units import (
+    Units,
+    checked_units,
+    refuse_units_of_a_name,
+)
 from consistent_id.robot.parameters import did_you_mean
 
 CHANNELS = ("position", "velocity", "acceleration", "torque")
@@ -16,14 +20,15 @@ CHANNELS = ("position", "velocity", "acceleration", "torque")
 class Columns:
     """How a log names its columns, arrays or fields.
 
-    ``{joint}`` stands for a joint's name in the log and ``{number}`` for its place
-    among the joints asked for, counted from 1.  None: the log has no such channel.
+    ``{joint}`` stands for a joint's name in the log, ``{number}`` for its place among
+    the joints asked for, counted from 1, and ``{index}`` for it from 0.  None: the log
+    has no such channel.
 
     Parameters
     ----------
     time, position, velocity, acceleration, torque : str, optional
-        Names in SI units.  In files of arrays a name is a path: ``run/q_{joint}`` in
-        HDF5, ``log.q`` in MATLAB.
+        Names, in SI units unless `units` states others.  In files of arrays a name is
+        a path: ``run/q_{joint}`` in HDF5, ``log.q`` in MATLAB.
     names : mapping of str to str
         The log's name of a joint -> the joint's name, where the two differ.
     array_joints : sequence of str
@@ -33,6 +38,11 @@ class Columns:
         Joints whose torque the log has; by default all.  Of the others nothing is read,
         and their torque is zero: a `TorqueModel` of the same `torque_joints` has no row
         for them.
+    units : mapping of str to str or sequence of str
+        Units that are not s, rad, m, N m or N, by channel: one for all joints or one
+        each, such as ``{"time": "ms", "position": "deg", "velocity": "rpm"}``.  Torque
+        in ``"%"`` or ``"permille"`` is of the rated torque and in ``"A"`` or ``"mA"``
+        of a current, which a `torque_gain` in N m, or N m per ampere, makes torque.
 
     Examples
     --------
@@ -50,8 +60,10 @@ class Columns:
     names: Mapping[str, str] = field(default_factory=dict, hash=False)
     array_joints: Sequence[str] = ()
     torque_joints: Sequence[str] = ()
+    units: Units = field(default_factory=dict, hash=False)
 
     def __post_init__(self) -> None:
+        freeze(self, units=checked_units(self.units))
         freeze(self, torque_joints=tuple(self.torque_joints), names=dict(self.names))
         order = self.array_joints
         if isinstance(order, str) or len(set(order)) != len(order):
@@ -105,6 +117,7 @@ class Wanted:
         Columns of the joints in such an array.
     without_torque : tuple of int
         Places of the joints whose torque the log does not have.
+    units : mapping of str to str or sequence of str
     """
 
     joints: tuple[str, ...]
@@ -114,6 +127,7 @@ class Wanted:
     width: int
     places: tuple[int, ...]
     without_torque: tuple[int, ...] = ()
+    units: Units = field(default_factory=dict, hash=False)
 
     @property
     def names(self) -> list[str]:
@@ -132,9 +146,10 @@ def wanted(columns: Columns, joints: Sequence[str], where: str) -> Wanted:
         If a pattern is faulty, gives two joints one name, or names a unit.
     """
     joints = at_least_one(joints, where)
-    for channel in ("time", "position", "velocity", "acceleration"):
-        if (pattern := getattr(columns, channel)) is not None:
-            refuse_units_of_a_name(where, pattern)
+    for channel in ("time", *CHANNELS):
+        pattern = getattr(columns, channel)
+        if pattern is not None and channel not in columns.units:
+            refuse_units_of_a_name(where, channel, pattern)
     patterns = {
         channel: pattern
         for channel in CHANNELS
@@ -161,7 +176,9 @@ def wanted(columns: Columns, joints: Sequence[str], where: str) -> Wanted:
     if "torque" in single:
         named = enumerate(single["torque"])
         single["torque"] = tuple("" if i in silent else name for i, name in named)
-    return Wanted(joints, columns.time, single, arrays, width, places, silent)
+    return Wanted(
+        joints, columns.time, single, arrays, width, places, silent, columns.units
+    )
 
 
 def at_least_one(joints: Sequence[str], where: str) -> tuple[str, ...]:
@@ -201,11 +218,14 @@ def _placeholders(pattern: str) -> set[str]:
 
 def _expanded(pattern: str, joints: Sequence[str]) -> tuple[str, ...]:
     refusal = (
-        f"column pattern {pattern!r}: only {{joint}} and {{number}} can stand in it"
+        f"column pattern {pattern!r}: only {{joint}}, {{number}} and {{index}} can "
+        "stand in it"
     )
-    if not _placeholders(pattern) <= {"joint", "number"}:
+    if not _placeholders(pattern) <= {"joint", "number", "index"}:
         raise RecordingError(refusal)
     try:
-        return tuple(pattern.format(joint=j, number=i) for i, j in enumerate(joints, 1))
+        return tuple(
+            pattern.format(joint=j, number=i + 1, index=i) for i, j in enumerate(joints)
+        )
     except ValueError as cause:
         raise RecordingError(f"{refusal} ({cause})") from None

@@ -100,6 +100,7 @@ def recording_of_messages(
         torque_gain=torque_gain,
         name=name,
         without_torque=columns.without_torque(joints),
+        units={channel: u for channel, u in columns.units.items() if channel != "time"},
     )
 
 

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from consistent_id._support.arrays import Array, BoolArray, Matrix, Vector, frozen
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers.columns import Wanted
+from consistent_id.recordings.readers.units import Units, factors, needs_gain
 from consistent_id.recordings.recording import Recording
 
 Arrays = Mapping[str, NDArray[Any]]
@@ -67,6 +68,7 @@ def recording_of(
         torque_gain=torque_gain,
         name=name,
         without_torque=want.without_torque,
+        units=want.units,
     )
 
 
@@ -78,11 +80,23 @@ def gained(
     torque_gain: ArrayLike,
     name: str,
     without_torque: Sequence[int] = (),
+    units: Units,
 ) -> Recording:
-    """Return a recording whose torque is multiplied by a gain, joint by joint.
+    """Return a recording in SI units, its torque multiplied by a gain, joint by joint.
 
     Torque of joints at the places `without_torque` becomes zero, whatever it is.
     """
+    if (unit := needs_gain(units)) and np.ndim(torque_gain) == 0 and torque_gain == 1.0:
+        raise RecordingError(
+            f"{name}: torque is in {unit}, without a gain. Give what makes torque of "
+            "it at each joint, gear ratio included, the rated torque in N m or N m per "
+            "ampere: --torque-gain NUMBER ... (torque_gain)"
+        )
+    time = time * factors(units, "time", joints[:1])
+    channels = {
+        channel: values * factors(units, channel, joints)
+        for channel, values in channels.items()
+    }
     if "torque" in channels:
         torque = channels["torque"].copy()
         torque[:, list(without_torque)] = 0.0

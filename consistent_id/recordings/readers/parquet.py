@@ -48,14 +48,18 @@ def array_names(path: Path) -> tuple[str, ...]:
 def numbers_of(column: Any, where: str) -> np.ndarray:
     """Return an Arrow column as float64; what is missing becomes NaN.
 
+    A column of lists of one length becomes an array, a row for each list.
+
     Raises
     ------
     RecordingError
-        If it holds no numbers.
+        If it holds no numbers, or lists of different lengths.
     """
     import pyarrow as pa
 
     kind = column.type
+    if pa.types.is_list(kind) or pa.types.is_fixed_size_list(kind):
+        return _rows_of(column, where)
     if not (pa.types.is_floating(kind) or pa.types.is_integer(kind)):
         raise RecordingError(f"{where} holds {kind}, expected numbers in SI units")
     column = column.combine_chunks()
@@ -63,3 +67,23 @@ def numbers_of(column: Any, where: str) -> np.ndarray:
         column = column.cast(pa.float64(), safe=False).fill_null(np.nan)
     # Casts import pyarrow.compute, and to_numpy() pandas, which take their time.
     return np.asarray(np.from_dlpack(column), dtype=np.float64)
+
+
+def _rows_of(column: Any, where: str) -> np.ndarray:
+    """Return a column of lists as an array, shape (samples, length of each)."""
+    import pyarrow as pa
+
+    lists = column.combine_chunks()
+    if isinstance(lists, pa.ChunkedArray):
+        lists = lists.chunk(0)
+    if pa.types.is_fixed_size_list(lists.type):
+        lengths = {lists.type.list_size}
+    else:
+        lengths = set(np.diff(np.from_dlpack(lists.offsets)).tolist())
+    if lists.null_count or len(lengths) != 1:
+        raise RecordingError(
+            f"{where} holds lists of different lengths, or none in some rows; expected "
+            "one value for each joint in every row"
+        )
+    flat = numbers_of(pa.chunked_array([lists.flatten()]), where)
+    return flat.reshape(len(lists), *lengths)

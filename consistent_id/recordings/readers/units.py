@@ -1,29 +1,219 @@
-"""Units that a name gives away: what is not SI is refused, not read as if it were."""
+"""Units of a log: what a name gives away, and the factors to s, rad, m, N m and N."""
 
+import math
 import re
+from collections.abc import Mapping, Sequence
 
+import numpy as np
+
+from consistent_id._support.arrays import Vector
 from consistent_id.errors import RecordingError
+from consistent_id.robot.parameters import did_you_mean
 
-_TIME = "ms|msecs?|milliseconds?|us|µs|μs|usecs?|microseconds?|ns|nsecs?|nanoseconds?"
-_MOTION = "°|degs?|degrees?|rpm|revs?|revolutions?|turns?|mm|cm|millimet(?:er|re)s?"
-_PER = r"(?:\s*(?:/|per|_per_)\s*s(?:ec)?(?:\^?2|²|\^?3)?)?"
-_UNIT = re.compile(f"(?:{_TIME}|(?:{_MOTION}){_PER})", re.IGNORECASE)
+Units = Mapping[str, str | Sequence[str]]
+"""Unit by channel: one for all joints, or one each."""
+
+_TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0}
+_ANGLES = {
+    "rad": 1.0,
+    "mrad": 1e-3,
+    "deg": math.pi / 180.0,
+    "rev": 2.0 * math.pi,
+}
+_LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
+_MOTIONS = _ANGLES | _LENGTHS
+_TORQUES = {"N m": 1.0, "mN m": 1e-3, "kN m": 1e3, "N cm": 1e-2, "N mm": 1e-3}
+_TORQUES |= {"N": 1.0, "mN": 1e-3, "kN": 1e3}
+# Become torque by the gain alone: shares of the rated torque, and motor currents.
+_BY_GAIN = {"%": 1e-2, "permille": 1e-3, "A": 1.0, "mA": 1e-3}
+_VELOCITIES = {f"{unit}/s": factor for unit, factor in _MOTIONS.items()}
+_VELOCITIES |= {f"{unit}/min": factor / 60.0 for unit, factor in _MOTIONS.items()}
+
+KNOWN: dict[str, dict[str, float]] = {
+    "time": _TIMES,
+    "position": _MOTIONS,
+    "velocity": _VELOCITIES,
+    "acceleration": {f"{unit}/s^2": factor for unit, factor in _MOTIONS.items()},
+    "torque": _TORQUES | _BY_GAIN,
+}
+"""Factors to SI by channel and unit."""
+
+_SPELT = {
+    "°": "deg",
+    "degs": "deg",
+    "degree": "deg",
+    "degrees": "deg",
+    "radian": "rad",
+    "radians": "rad",
+    "revs": "rev",
+    "revolution": "rev",
+    "revolutions": "rev",
+    "turn": "rev",
+    "turns": "rev",
+    "meter": "m",
+    "meters": "m",
+    "metre": "m",
+    "metres": "m",
+    "millimeter": "mm",
+    "millimeters": "mm",
+    "millimetre": "mm",
+    "millimetres": "mm",
+    "sec": "s",
+    "secs": "s",
+    "second": "s",
+    "seconds": "s",
+    "msec": "ms",
+    "msecs": "ms",
+    "millisecond": "ms",
+    "milliseconds": "ms",
+    "µs": "us",
+    "μs": "us",
+    "usec": "us",
+    "usecs": "us",
+    "microsecond": "us",
+    "microseconds": "us",
+    "nsec": "ns",
+    "nsecs": "ns",
+    "nanosecond": "ns",
+    "nanoseconds": "ns",
+    "percent": "%",
+    "pct": "%",
+    "‰": "permille",
+    "amp": "A",
+    "ampere": "A",
+    "nm": "N m",
+    "mnm": "mN m",
+    "knm": "kN m",
+    "ncm": "N cm",
+    "nmm": "N mm",
+}
+_PER = re.compile(r"\s*(?:/|per|_per_)\s*(s|sec|second|min|minute)(\^?2|²)?$")
+
+# What a name may end in, where it is no SI unit.
+_NOT_TIME = (
+    "ms|msecs?|milliseconds?|us|µs|μs|usecs?|microseconds?|ns|nsecs?|nanoseconds?"
+)
+_NOT_MOTION = "°|degs?|degrees?|rpm|revs?|revolutions?|turns?|mm|cm|millimet(?:er|re)s?"
+_EACH = r"(?:\s*(?:/|per|_per_)\s*s(?:ec)?(?:\^?2|²|\^?3)?)?"
+_UNIT = re.compile(f"(?:{_NOT_TIME}|(?:{_NOT_MOTION}){_EACH})", re.IGNORECASE)
 _LAST = re.compile(rf"[\[(_ ]\s*({_UNIT.pattern})\s*[\])]?$", re.IGNORECASE)
+_LAST_TORQUE = re.compile(
+    r"[\[(_ ]\s*(%|pct|percent|permille|‰|m ?Nm|k ?Nm|Ncm|Nmm|mA)\s*[\])]?$"
+)
 
 
-def refuse_units_of_a_name(where: str, pattern: str) -> None:
-    """Refuse ``q_{joint}_deg``, ``time [ms]`` and the like.
+def standard_unit(channel: str, unit: str) -> str:
+    """Return a unit as `KNOWN` spells it.
 
     Raises
     ------
     RecordingError
-        If the name ends in a unit that is not SI.
+        If the channel has no such unit; with those that it has.
+
+    Examples
+    --------
+    >>> standard_unit("velocity", "rpm"), standard_unit("position", "degrees")
+    ('rev/min', 'deg')
+    """
+    known = KNOWN[channel]
+    text = unit.strip()
+    if text.lower() == "rpm":
+        text = "rev/min"
+    per = ""
+    if found := _PER.search(text):
+        text, each = text[: found.start()], "min" if found[1].startswith("m") else "s"
+        per = f"/{each}^2" if found[2] else f"/{each}"
+    compact = text.replace(" ", "").replace("*", "").replace("·", "")
+    for spelt in (text, _SPELT.get(text.lower(), ""), _SPELT.get(compact.lower(), "")):
+        if spelt + per in known:
+            return spelt + per
+    near = did_you_mean(unit, known)
+    raise RecordingError(
+        f"no unit {unit!r} of {channel}; {near} (units: {', '.join(known)})"
+    )
+
+
+def checked_units(units: Units) -> dict[str, str | tuple[str, ...]]:
+    """Return units as `KNOWN` spells them, by channel.
+
+    Raises
+    ------
+    RecordingError
+        If a channel or a unit is unknown.
+    """
+    found: dict[str, str | tuple[str, ...]] = {}
+    for channel, unit in units.items():
+        if channel not in KNOWN:
+            near = did_you_mean(channel, KNOWN)
+            raise RecordingError(f"units: no channel {channel!r}; {near}")
+        if isinstance(unit, str):
+            found[channel] = standard_unit(channel, unit)
+        else:
+            found[channel] = tuple(standard_unit(channel, u) for u in unit)
+    return found
+
+
+def factors(units: Units, channel: str, joints: Sequence[str]) -> Vector:
+    """Return the factors to SI units, shape (joints,); ones where no unit is stated.
+
+    Raises
+    ------
+    RecordingError
+        If there are units for another number of joints.
+    """
+    stated = units.get(channel, "")
+    each = [stated] * len(joints) if isinstance(stated, str) else list(stated)
+    if len(each) != len(joints):
+        raise RecordingError(
+            f"units: {len(each)} units of {channel} for {len(joints)} joints "
+            f"({', '.join(joints)}), expected one, or one for each joint"
+        )
+    return np.array([KNOWN[channel][unit] if unit else 1.0 for unit in each])
+
+
+def needs_gain(units: Units) -> str:
+    """Return the unit of torque that only a gain makes a torque; empty for none."""
+    stated = units.get("torque", "")
+    each = [stated] if isinstance(stated, str) else stated
+    return next((unit for unit in each if unit in _BY_GAIN), "")
+
+
+def unit_of_a_name(channel: str, pattern: str) -> str:
+    """Return the unit that ends a column's name, as `KNOWN` spells it; empty for none.
+
+    Examples
+    --------
+    >>> unit_of_a_name("position", "q_{joint}_deg"), unit_of_a_name("time", "time [ms]")
+    ('deg', 'ms')
     """
     name = re.sub(r"\{[^}]*\}", "", pattern).rstrip(" _")
-    if found := _LAST.search(name):
+    found = (_LAST_TORQUE if channel == "torque" else _LAST).search(name)
+    if found is None:
+        return ""
+    said = found[1]
+    if channel in ("velocity", "acceleration") and not _PER.search(said):
+        said += "" if said.lower() == "rpm" else {"v": "/s", "a": "/s^2"}[channel[0]]
+    try:
+        return standard_unit(channel, said)
+    except RecordingError:
+        return said
+
+
+def refuse_units_of_a_name(where: str, channel: str, pattern: str) -> None:
+    """Refuse ``q_{joint}_deg``, ``time [ms]`` and the like where no unit is stated.
+
+    Raises
+    ------
+    RecordingError
+        If the name ends in a unit that is not SI; with what states it.
+    """
+    if said := unit_of_a_name(channel, pattern):
         raise RecordingError(
-            f"{where}: column {pattern!r} says {found[1]!r}; values are read in s, "
-            "rad and m, not converted. Convert them first: recording_from takes arrays"
+            f"{where}: column {pattern!r} says {said!r}; values are read in s, rad and "
+            "m, not converted, unless a unit is stated: "
+            f"--units {channel}={said}; in a problem file "
+            f'units = {{ {channel} = "{said}" }} in [data]; in Python '
+            f"Columns(units={{{channel!r}: {said!r}}})"
         )
 
 

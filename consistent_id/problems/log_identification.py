@@ -1,0 +1,79 @@
+"""From a robot and its logs to a study, in one call: the shell's ``identify``."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Literal
+
+from consistent_id.problems.drafting import draft_problem
+from consistent_id.problems.study import Study, run_study
+from consistent_id.recordings.readers.units import Units
+from consistent_id.robot.chains import Selection
+
+
+def identify_log(
+    robot: str | Path,
+    log: str | Path | Sequence[str | Path],
+    *,
+    validation: str | Path | Sequence[str | Path] = (),
+    columns: Mapping[str, str] | None = None,
+    units: Units | None = None,
+    torque_joints: Sequence[str] = (),
+    base: str | None = None,
+    tip: str | None = None,
+    locked: Mapping[str, float] | None = None,
+    torque_gain: float | Sequence[float] = (),
+    masses: Literal["datasheet", "free"] = "datasheet",
+    accepted: Sequence[str] = (),
+    seed: int = 0,
+    progress: bool = False,
+) -> Study:
+    """Identify a robot from one log or several, without a problem file.
+
+    Parameters
+    ----------
+    robot : str or Path
+        URDF or MJCF.
+    log : str or Path, or a sequence of them
+        To learn from.
+    validation : str or Path, or a sequence of them
+        To judge by; by default the last 30 % of each log's motion.
+    columns, units, torque_joints, masses
+        See `draft_problem`.
+    base, tip : str, optional
+        Links between which the robot moves.
+    locked : mapping of str to float, optional
+        Joints that stand still, and where [rad or m].
+    torque_gain : float or sequence of float
+        From the torque columns to torque: one for all joints, or one each.
+    accepted, seed, progress
+        See `run_study`.
+
+    Returns
+    -------
+    Study
+        `Study.delivered` is the estimate to take away, `Study.verdict` says whether to
+        use it.
+
+    Raises
+    ------
+    ModelError, RecordingError, ProblemError
+        As `draft_problem`.
+    NotExcitedError, InfeasibleError, SolverError
+        As `run_study`.
+    """
+    held_out = [validation] if isinstance(validation, str | Path) else validation
+    gain = [torque_gain] if isinstance(torque_gain, int | float) else torque_gain
+    draft = draft_problem(
+        robot,
+        log,
+        validation=held_out,
+        columns=columns,
+        units=units,
+        torque_joints=torque_joints,
+        selection=Selection(base, tip, locked=locked),
+        torque_gain=gain,
+        masses=masses,
+    )
+    return run_study(
+        draft.problem(), seed=seed, progress=progress, accepted=tuple(accepted)
+    )

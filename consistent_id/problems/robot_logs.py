@@ -1,0 +1,136 @@
+"""Logs of a robot that has no problem file: its joints, their columns and units."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+from consistent_id.errors import ModelError, ProblemError
+from consistent_id.recordings.column_guess import guess_columns, require_torque
+from consistent_id.recordings.log_formats import LOG_FORMATS
+from consistent_id.recordings.readers import Columns, read_recording
+from consistent_id.recordings.readers.units import Units
+from consistent_id.recordings.recording import Recording
+from consistent_id.robot.chains import Selection
+from consistent_id.robot.loaders import load_robot
+from consistent_id.robot.model import RobotModel
+
+_ROBOTS = (".urdf", ".xml", ".mjcf", ".xacro")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RobotLogs:
+    """A robot, and how its logs are read.
+
+    Parameters
+    ----------
+    robot : RobotModel
+        With the joints that the logs have.
+    columns : Columns
+    locked : dict of str to float
+        Joints that do not move, and where they are held [rad or m].
+    gain : float or list of float
+        From the torque columns to torque.
+    notes : tuple of str
+        What was guessed.
+    """
+
+    robot: RobotModel
+    columns: Columns
+    locked: dict[str, float]
+    gain: float | list[float]
+    notes: tuple[str, ...]
+
+    def read(self, log: Path) -> Recording:
+        """Read a log."""
+        return read_recording(
+            log, self.robot.joint_names, self.columns, torque_gain=self.gain
+        )
+
+
+def robot_logs(
+    model: Path,
+    log: Path,
+    *,
+    columns: Mapping[str, str] | None = None,
+    units: Units | None = None,
+    torque_joints: Sequence[str] = (),
+    selection: Selection | None = None,
+    torque_gain: Sequence[float] = (),
+) -> RobotLogs:
+    """Find out how a robot's logs are to be read.
+
+    Parameters
+    ----------
+    model : Path
+        URDF or MJCF.
+    log : Path
+        One of the logs; the others have the same columns.
+    columns, units, torque_joints
+        As far as they are known; see `guess_columns`.
+    selection : Selection, optional
+        The part of the robot that moves; of its joints, those that the log does not
+        have are locked.
+    torque_gain : sequence of float
+        From the torque columns to torque: one for all joints, or one each.
+
+    Raises
+    ------
+    ModelError, RecordingError
+        If a file cannot be read, or columns cannot be guessed.
+    ProblemError
+        If the two files seem to be exchanged, or the gains are too many or too few.
+    """
+    _require_order(model, log)
+    selection = Selection() if selection is None else selection
+    robot = load_robot(model, **asdict(selection))
+    guess = guess_columns(
+        log,
+        robot.joint_names,
+        columns,
+        torque_joints=torque_joints,
+        units=units,
+        currents=len(torque_gain) > 0,
+    )
+    require_torque(guess.columns.torque, torque_gain)
+    absent = [name for name in robot.joint_names if name not in guess.joints]
+    locked = dict(selection.locked or {}) | dict.fromkeys(absent, 0.0)
+    if absent:
+        robot = load_robot(model, **asdict(replace(selection, locked=locked)))
+    gain = gains_of(torque_gain, len(robot.joint_names))
+    return RobotLogs(robot, guess.columns, locked, gain, guess.notes)
+
+
+def gains_of(given: Sequence[float], joints: int) -> list[float] | float:
+    """Return gains as `read_recording` takes them: one for all joints, or one each.
+
+    Raises
+    ------
+    ProblemError
+        If their number is neither.
+    """
+    if len(given) not in (0, 1, joints):
+        raise ProblemError(
+            f"{len(given)} torque gains for {joints} joints, expected one or {joints}"
+        )
+    return list(given) if len(given) == joints else (*given, 1.0)[0]
+
+
+def _require_order(model: Path, log: Path) -> None:
+    """Refuse a log in the place of the robot, and the robot in that of a log."""
+    suffixes = {suffix for known in LOG_FORMATS for suffix in known.suffixes}
+    first, second = model.suffix.lower(), log.suffix.lower()
+    if first in suffixes and second in _ROBOTS:
+        raise ProblemError(
+            f"{model} is a log and {log} a robot: the robot comes first: {log} {model}"
+        )
+    if first in suffixes:
+        raise ModelError(
+            f"{model} is a log, expected a robot (URDF or MJCF) before {log}"
+        )
+    if first == ".toml":
+        raise ProblemError(
+            f"{model} is a problem file, which names its own recordings: leave {log} "
+            "out, or put the robot's URDF or MJCF file in its place"
+        )
+    if second in _ROBOTS:
+        raise ProblemError(f"{log} is a robot, expected a log after {model}")

@@ -1,0 +1,135 @@
+"""What the words of a column's name say: which channel, measured or not, which unit.
+
+The words are those of logs of MuJoCo, Drake, Isaac, LeRobot, ROS, KUKA, ABB, Universal
+Robots and Franka, and of people who write their own.
+"""
+
+import re
+
+from consistent_id.recordings.readers.units import unit_of_a_name
+
+CHANNELS = ("position", "velocity", "torque")
+
+# A name is of a channel if it has all words of one of these.
+_WORDS: dict[str, tuple[frozenset[str], ...]] = {
+    "position": tuple(
+        frozenset(words.split())
+        for words in (
+            "q",
+            "pos",
+            "position",
+            "positions",
+            "angle",
+            "angles",
+            "qpos",  # MuJoCo
+            "observation state",  # LeRobot
+            "axis act",  # KUKA
+            "feedback joints",  # ABB EGM
+        )
+    ),
+    "velocity": tuple(
+        frozenset(words.split())
+        for words in (
+            "dq",
+            "qd",
+            "qdot",
+            "vel",
+            "velocity",
+            "velocities",
+            "qvel",  # MuJoCo
+        )
+    ),
+    "torque": tuple(
+        frozenset(words.split())
+        for words in (
+            "tau",
+            "trq",
+            "torque",
+            "torques",
+            "effort",
+            "efforts",
+            "qfrc actuator",  # MuJoCo
+            "actuator force",
+        )
+    ),
+}
+_CURRENT = {"current", "currents", "cur", "amp", "amps", "ampere", "amperes", "i", "iq"}
+_NOT_MEASURED = {"target", "desired", "des", "d", "cmd", "command", "commanded", "ref"}
+_NOT_MEASURED |= {"reference", "setpoint", "goal", "error", "limit", "aspos", "action"}
+_NOT_MEASURED |= {"ext", "external", "computed"}
+_DEGREES = ({"ai", "pos"}, {"axis", "act"}, {"feedback", "joints"})  # KUKA, ABB
+_TIMES: tuple[str, ...] = (
+    "time",
+    "t",
+    "timestamp",
+    "stamp",
+    "seconds",
+    "sec",
+    "time_s",
+    "t_s",
+)
+_TIMES += ("sim_time", "zeitinsec", "elapsed", "elapsed_time")
+
+
+def words(pattern: str) -> set[str]:
+    """Return the words of a pattern beside the joint, in lower case.
+
+    Examples
+    --------
+    >>> sorted(words("axisQMsr_{joint}"))
+    ['axis', 'axisqmsr', 'msr', 'q']
+    """
+    rest = re.sub(r"\{\w+\}", " ", pattern)
+    whole = set(re.findall(r"[a-z]+", rest.lower()))
+    parts = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", " ", rest)
+    return whole | set(re.findall(r"[a-z]+", parts.lower()))
+
+
+def channel_of(pattern: str) -> str:
+    """Return the channel that a pattern is a measurement of; empty for none.
+
+    Examples
+    --------
+    >>> channel_of("actual_qd_{number}"), channel_of("q_des_{joint}")
+    ('velocity', '')
+    """
+    said = words(pattern)
+    if said & _NOT_MEASURED:
+        return ""
+    fits = [c for c in CHANNELS if any(phrase <= said for phrase in _WORDS[c])]
+    # Of torque_axis_act the torque is meant, of vel_axis_act a share of the limit.
+    if "torque" in fits:
+        return "torque"
+    if not fits and pattern.endswith("{joint}_w"):  # Drake
+        return "velocity"
+    if {"vel", "axis", "act"} <= said or len(fits) != 1:
+        return ""
+    return fits[0]
+
+
+def is_current(pattern: str) -> bool:
+    """Return whether a pattern says motor current, and not torque."""
+    said = words(pattern)
+    torque = any(phrase <= said for phrase in _WORDS["torque"])
+    return bool(said & _CURRENT) and not torque
+
+
+def unit_of(channel: str, pattern: str) -> str:
+    """Return the unit that a name states, or that its maker writes; empty for SI."""
+    if channel == "position" and any(words(pattern) >= some for some in _DEGREES):
+        return "deg"
+    return unit_of_a_name(channel, pattern)
+
+
+def is_time(name: str) -> bool:
+    """Return whether a name is that of the clock, its unit aside.
+
+    Examples
+    --------
+    >>> is_time("Time [ms]"), is_time("state.time"), is_time("time_left")
+    (True, True, False)
+    """
+    last = re.split(r"[./]", name.strip().lower())[-1].lstrip("_")
+    unit = re.compile(r"[\s_]*[\[(]?\b(ms|us|ns|s|sec|seconds)[\])]?$")
+    bare = unit.sub("", last.replace("_", " ")).replace(" ", "_")
+    return last in _TIMES or bare in _TIMES

@@ -1,0 +1,167 @@
+"""Several logs of one robot: who learns, who judges, and what is delivered."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from logged import DRIVE, FRICTION, moved, write_arm
+
+from consistent_id import (
+    Estimate,
+    ProblemError,
+    RecordingError,
+    TorqueModel,
+    build_regression,
+    constrained_least_squares,
+    draft_problem,
+    identify_log,
+    load_robot,
+)
+from consistent_id.cli import main
+
+HEADER = "time,q_shoulder,q_elbow,tau_shoulder,tau_elbow"
+
+
+def write_log(path, recording, *, scale=1.0):
+    table = [recording.time, recording.position, scale * recording.torque]
+    np.savetxt(path, np.column_stack(table), "%.9g", ",", header=HEADER, comments="")
+    return path
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("arms")
+    urdf, first = write_arm(folder)
+    model = TorqueModel(load_robot(urdf), DRIVE)
+    second = write_log(folder / "second.csv", moved(model, 16.0, tempo=1.13))
+    third = write_log(folder / "third.csv", moved(model, 12.0, tempo=0.89))
+    return urdf, first, second, third
+
+
+def test_logs_that_are_named_judge_and_all_others_are_learnt_from(arm):
+    urdf, first, second, third = arm
+    draft = draft_problem(urdf, [first, second], validation=[third])
+    roles = [(entry.log, entry.role) for entry in draft.recordings]
+    assert roles == [(first, "training"), (second, "training"), (third, "validation")]
+    problem = draft.problem()
+    seconds = [log.duration for log in (*problem.training, *problem.validation)]
+    # Each moves but for a second at either end.
+    assert seconds == pytest.approx([22.0, 14.0, 10.0], abs=0.5)
+
+
+def test_without_logs_to_judge_by_each_keeps_its_last_part_for_that(arm):
+    urdf, first, second, _ = arm
+    draft = draft_problem(urdf, [first, second])
+    assert [e.role for e in draft.recordings] == ["training"] * 2 + ["validation"] * 2
+    for learnt, held in zip(draft.recordings[:2], draft.recordings[2:], strict=True):
+        assert learnt.log == held.log
+        assert held.rows[0] == learnt.rows[1] + 1
+        length = held.rows[1] - learnt.rows[0]
+        assert (learnt.rows[1] - learnt.rows[0]) / length == pytest.approx(
+            0.7, abs=0.01
+        )
+
+
+def test_what_judges_changes_nothing_that_is_chosen(arm, tmp_path):
+    urdf, first, _, third = arm
+    model = TorqueModel(load_robot(urdf), DRIVE)
+    other = write_log(tmp_path / "third.csv", moved(model, 12.0), scale=-50.0)
+    one, two = (draft_problem(urdf, first, validation=[log]) for log in (third, other))
+    for name in (
+        "cutoff",
+        "cutoff_reason",
+        "resample",
+        "max_gap",
+        "masses",
+        "training",
+    ):
+        assert getattr(one, name) == getattr(two, name)
+
+
+@pytest.mark.parametrize("twice", ["training", "validation"])
+def test_a_log_has_one_role(arm, twice):
+    urdf, first, second, _ = arm
+    logs = [first, first] if twice == "training" else [first, second]
+    held_out = [second] if twice == "validation" else []
+    with pytest.raises(ProblemError, match="given twice"):
+        draft_problem(urdf, logs, validation=held_out)
+
+
+def test_a_log_without_the_firsts_columns_is_refused_by_name(arm, tmp_path):
+    urdf, first, _, _ = arm
+    other = tmp_path / "other.csv"
+    other.write_text(first.read_text().replace("tau_elbow", "torque_elbow"))
+    with pytest.raises(RecordingError, match=r"other\.csv: no column 'tau_elbow'"):
+        draft_problem(urdf, [first, other])
+
+
+@cache
+def studied(urdf, first, third):
+    return identify_log(urdf, first, validation=third)
+
+
+@pytest.mark.slow
+def test_what_is_delivered_is_fitted_to_all_data_and_judged_before(arm):
+    urdf, first, _, third = arm
+    study = studied(urdf, first, third)
+    delivered, judged = study.delivered, study.recommended.judged
+    assert delivered.method == judged.method
+    assert delivered.verdict == judged.verdict
+    assert delivered.notes[0].startswith("fitted again")
+    # By the public functions alone, on all recordings.
+    problem = study.problem
+    every = build_regression(problem.model, (*study.training, *study.validation))
+    assert sum(every.counts) > sum(study.regression.counts)
+    if judged.method == "constrained":
+        again = constrained_least_squares(
+            problem.model, every, constraints=problem.constraints, prior=problem.prior
+        )
+        np.testing.assert_allclose(delivered.parameters, again.parameters, rtol=1e-6)
+    # The truth is better known from more data, and was close before.
+    truth = delivered.base.projection @ [
+        *problem.model.robot.nominal.ravel(),
+        *FRICTION,
+    ]
+    size = np.linalg.norm(truth)
+    assert np.linalg.norm(delivered.base_values - truth) < 0.05 * size
+    assert delivered.certificate.verdict == "certified"
+
+
+@pytest.mark.slow
+def test_a_score_is_the_error_that_the_comparison_has(arm):
+    urdf, first, _, third = arm
+    study = studied(urdf, first, third)
+    score = study.recommended.estimate.score(study.validation[0])
+    assert score.stacked == study.recommended.validation[0].stacked
+    measured = study.validation[0].torque
+    left = measured - study.recommended.estimate.predict(study.validation[0])
+    stacked = np.linalg.norm(left) / np.linalg.norm(measured)
+    assert score.stacked == pytest.approx(stacked, rel=1e-6)
+
+
+def test_a_raw_log_has_no_score(arm):
+    urdf, first, _, _ = arm
+    draft = draft_problem(urdf, first)
+    model = draft.problem().model
+    regression = build_regression(model, draft.problem().training)
+    estimate = constrained_least_squares(model, regression)
+    with pytest.raises(ProblemError, match="differentiated"):
+        estimate.score(draft.raw[first])
+
+
+@pytest.mark.slow
+def test_the_shell_says_what_is_delivered_and_writes_it(arm, tmp_path, capsys):
+    urdf, first, _, third = map(str, arm)
+    out = tmp_path / "out"
+    page = tmp_path / "report.html"
+    arguments = ["identify", urdf, first, "--validate", third, "--output", str(out)]
+    assert main([*arguments, "--report", str(page)]) == 0
+    assert "delivered: " in capsys.readouterr().out
+    assert "fitted again to training and validation data" in page.read_text()
+    study = studied(arm[0], arm[1], arm[3])
+    estimate = Estimate.load(out / "delivered.json", study.problem.model, study.base)
+    np.testing.assert_allclose(
+        estimate.parameters, study.delivered.parameters, rtol=1e-9
+    )
+    assert main([*arguments, "--dry-run", "--json"]) == 0
+    assert '"delivered": {' in capsys.readouterr().out

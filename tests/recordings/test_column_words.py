@@ -1,0 +1,198 @@
+"""Names of other tools' logs are understood, and their units."""
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from consistent_id import RecordingError, read_recording
+from consistent_id.recordings.column_guess import guess_columns
+
+SIX = tuple(f"axis_{letter}" for letter in "abcdef")
+
+
+def numbered(*patterns, first=1, count=6):
+    return [p.format(k) for p in patterns for k in range(first, first + count)]
+
+
+def guessed(folder, names, joints=SIX, **options):
+    file = folder / "log.csv"
+    file.write_text(",".join(names) + "\n" + ",".join("0" for _ in names) + "\n")
+    return guess_columns(file, joints, **options)
+
+
+# The names that a log has, and which of them are time, position, velocity and torque of
+# the first joint, with the units that are not SI.
+LOGS = {
+    "UR RTDE": (
+        (
+            "timestamp",
+            *numbered("target_q_{}", "target_qd_{}", first=0),
+            *numbered("actual_q_{}", "actual_qd_{}", "actual_current_{}", first=0),
+            *numbered("actual_current_as_torque_{}", first=0),
+        ),
+        ("timestamp", "actual_q_0", "actual_qd_0", "actual_current_as_torque_0"),
+        {},
+    ),
+    "Franka": (
+        (
+            "state.time",
+            *numbered("state.q[{}]", "state.q_d[{}]", "state.dq[{}]", first=0),
+            *numbered("state.dq_d[{}]", "state.tau_J_d[{}]", first=0),
+            *numbered("state.tau_J[{}]", "state.dtau_J[{}]", first=0),
+            *numbered("state.tau_ext_hat_filtered[{}]", first=0),
+        ),
+        ("state.time", "state.q[0]", "state.dq[0]", "state.tau_J[0]"),
+        {},
+    ),
+    "KUKA RSI": (
+        ("Time [ms]", *numbered("ASPos.A{}", "AIPos.A{}", "GearTorque.A{}")),
+        ("Time [ms]", "AIPos.A1", None, "GearTorque.A1"),
+        {"time": "ms", "position": "deg"},
+    ),
+    "KUKA KRC": (
+        (
+            "t",
+            *numbered("AXIS_ACT_A{}", "VEL_AXIS_ACT_A{}", "TORQUE_AXIS_ACT_A{}"),
+        ),
+        ("t", "AXIS_ACT_A1", None, "TORQUE_AXIS_ACT_A1"),
+        {"position": "deg"},
+    ),
+    "KUKA iiwa": (
+        (
+            "ZeitInSec",
+            *numbered("axisQMsr_LBR_1[{}]", "axisQCmd_LBR_1[{}]", first=0),
+            *numbered("axisTauExtMsr_LBR_1[{}]", "axisTauMsr_LBR_1[{}]", first=0),
+        ),
+        ("ZeitInSec", "axisQMsr_LBR_1[0]", None, "axisTauMsr_LBR_1[0]"),
+        {},
+    ),
+    "ABB EGM": (
+        (
+            "time_ms",
+            *numbered("planned.joints.J{}", "feedBack.joints.J{}"),
+            *numbered("measuredTorque.J{}"),
+        ),
+        ("time_ms", "feedBack.joints.J1", None, "measuredTorque.J1"),
+        {"time": "ms", "position": "deg"},
+    ),
+    "Drake": (
+        ("time", *(f"arm_{j}_{c}" for c in ("q", "w", "tau") for j in SIX)),
+        ("time", "arm_axis_a_q", "arm_axis_a_w", "arm_axis_a_tau"),
+        {},
+    ),
+    "MuJoCo": (
+        (
+            "time",
+            *numbered("qpos_{}", "qvel_{}", "ctrl_{}", "qfrc_bias_{}", first=0),
+            *numbered("qfrc_actuator_{}", first=0),
+        ),
+        ("time", "qpos_0", "qvel_0", "qfrc_actuator_0"),
+        {},
+    ),
+    "Isaac": (
+        (
+            "t",
+            *numbered("joint_pos_{}", "joint_vel_{}", "joint_pos_target_{}", first=0),
+            *numbered("computed_torque_{}", "applied_torque_{}", first=0),
+        ),
+        ("t", "joint_pos_0", "joint_vel_0", "applied_torque_0"),
+        {},
+    ),
+    "LeRobot": (
+        (
+            "timestamp",
+            *(f"action.{j}.pos" for j in SIX),
+            *(f"observation.state.{j}.pos" for j in SIX),
+            *(f"observation.effort.{j}" for j in SIX),
+        ),
+        (
+            "timestamp",
+            "observation.state.axis_a.pos",
+            None,
+            "observation.effort.axis_a",
+        ),
+        {},
+    ),
+    "PlotJuggler": (
+        (
+            "__time",
+            *(f"/{j}/{c}" for c in ("position", "velocity", "effort") for j in SIX),
+        ),
+        ("__time", "/axis_a/position", "/axis_a/velocity", "/axis_a/effort"),
+        {},
+    ),
+    "own": (
+        ("Time (ms)", *numbered("q{}_deg", "dq{} [rpm]", "tau{} [%]")),
+        ("Time (ms)", "q1_deg", "dq1 [rpm]", "tau1 [%]"),
+        {"time": "ms", "position": "deg", "velocity": "rev/min", "torque": "%"},
+    ),
+}
+
+
+@pytest.mark.parametrize("tool", LOGS)
+def test_names_of_a_tools_logs_are_understood(tool, tmp_path):
+    names, (time, *first), units = LOGS[tool]
+    columns = guessed(tmp_path, names).columns
+    assert columns.time == time
+    (place,) = columns.in_log(SIX[:1])
+    made = [
+        pattern and pattern.format(joint=place, number=1)
+        for pattern in (columns.position, columns.velocity, columns.torque)
+    ]
+    assert made == list(first)
+    assert columns.units == units
+
+
+@pytest.mark.parametrize("tool", ["MuJoCo", "Isaac", "LeRobot"])
+def test_arrays_of_all_joints_are_found_by_their_names(tool, tmp_path):
+    q, torque = {
+        "MuJoCo": ("qpos", "qfrc_actuator"),
+        "Isaac": ("dof_pos", "dof_torque"),
+        "LeRobot": ("observation.state", "observation.effort"),
+    }[tool]
+    values = np.arange(24.0).reshape(4, 6)
+    arrays = {q: values, "ctrl": 0.0 * values, torque: 2.0 * values}
+    if tool == "LeRobot":  # lists in the cells of a table
+        file = tmp_path / "log.parquet"
+        table = {"timestamp": pa.array([0.0, 0.1, 0.2, 0.3])}
+        table |= {name: pa.array(list(array)) for name, array in arrays.items()}
+        pq.write_table(pa.table(table), file)
+    else:
+        file = tmp_path / "log.npz"
+        np.savez(file, time=[0.0, 0.1, 0.2, 0.3], **arrays)
+    log = read_recording(file, SIX, guess_columns(file, SIX).columns)
+    np.testing.assert_array_equal(log.position, values)
+    np.testing.assert_array_equal(log.torque, 2.0 * values)
+
+
+def test_lists_of_different_lengths_are_refused(tmp_path):
+    file = tmp_path / "log.parquet"
+    state = pa.array([[1.0] * 6, [1.0] * 5])
+    table = {"timestamp": [0.0, 0.1], "observation.state": state}
+    pq.write_table(pa.table(table | {"effort": state}), file)
+    with pytest.raises(RecordingError, match="lists of different lengths"):
+        read_recording(file, SIX, guess_columns(file, SIX).columns)
+
+
+def test_currents_stand_for_torque_where_there_is_a_gain(tmp_path):
+    names = ["timestamp", *numbered("actual_q_{}", "actual_current_{}", first=0)]
+    with pytest.raises(
+        RecordingError, match=r"are motor currents.*--torque-gain NUMBER"
+    ):
+        guessed(tmp_path, names)
+    columns = guessed(tmp_path, names, currents=True).columns
+    assert columns.torque == "actual_current_{joint}"
+
+
+def test_columns_are_listed_by_pattern_where_none_fits(tmp_path):
+    names = ["time", *numbered("a{}", "b{}_x"), *(f"foo_{j}" for j in SIX)]
+    with pytest.raises(RecordingError) as refusal:
+        guessed(tmp_path, names)
+    assert "the log has time, a{1..6}, b{1..6}_x, foo_{joint}." in str(refusal.value)
+
+
+def test_joints_that_the_log_does_not_have_are_proposed_to_be_locked(tmp_path):
+    names = ["time", *numbered("q_{}", "tau_{}", first=0, count=4)]
+    with pytest.raises(RecordingError, match=r"--lock axis_e axis_f$"):
+        guessed(tmp_path, names)

@@ -1,0 +1,117 @@
+"""Units of logs: the factors, who states them, and what is refused."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from consistent_id import Columns, RecordingError, read_recording, recording_from
+from consistent_id.cli.log_options import units_of
+from consistent_id.recordings.readers.units import KNOWN, standard_unit
+
+# By definition: a turn is 2 pi rad, a minute 60 s.
+FACTORS = {
+    ("time", "ms"): 1e-3,
+    ("time", "µs"): 1e-6,
+    ("time", "nanoseconds"): 1e-9,
+    ("position", "deg"): math.pi / 180,
+    ("position", "°"): math.pi / 180,
+    ("position", "turns"): 2 * math.pi,
+    ("position", "mm"): 1e-3,
+    ("velocity", "rpm"): 2 * math.pi / 60,
+    ("velocity", "deg/s"): math.pi / 180,
+    ("velocity", "degrees per second"): math.pi / 180,
+    ("velocity", "mm/s"): 1e-3,
+    ("velocity", "rev/s"): 2 * math.pi,
+    ("acceleration", "deg/s^2"): math.pi / 180,
+    ("acceleration", "mm/s²"): 1e-3,
+    ("torque", "mNm"): 1e-3,
+    ("torque", "kN m"): 1e3,
+    ("torque", "N·m"): 1.0,
+    ("torque", "percent"): 1e-2,
+    ("torque", "‰"): 1e-3,
+    ("torque", "mA"): 1e-3,
+}
+
+
+@pytest.mark.parametrize(("channel", "unit"), FACTORS)
+def test_a_unit_has_its_factor(channel, unit):
+    factor = KNOWN[channel][standard_unit(channel, unit)]
+    assert factor == pytest.approx(FACTORS[channel, unit], rel=1e-15)
+
+
+@given(st.sampled_from([(c, u) for c, units in KNOWN.items() for u in units]))
+def test_a_unit_as_it_is_spelt_here_stands_for_itself(known):
+    channel, unit = known
+    assert standard_unit(channel, unit) == unit
+
+
+TABLE = {
+    "time": [0.0, 500.0, 1000.0],
+    "q_a": [0.0, 90.0, 180.0],
+    "q_b": [0.0, 10.0, 20.0],
+    "tau_a": [50.0, -100.0, 0.0],
+    "tau_b": [10.0, 20.0, 30.0],
+}
+
+
+def test_values_are_converted_joint_by_joint():
+    columns = Columns(
+        torque="tau_{joint}",
+        units={"time": "ms", "position": ["deg", "mm"], "torque": "%"},
+    )
+    log = recording_from(TABLE, ["a", "b"], columns, torque_gain=[20.0, 300.0])
+    np.testing.assert_allclose(log.time, [0, 0.5, 1])
+    np.testing.assert_allclose(log.position[:, 0], [0, math.pi / 2, math.pi])
+    np.testing.assert_allclose(log.position[:, 1], [0, 0.01, 0.02])
+    # Percent of a rated torque of 20 N m, and of a rated force of 300 N.
+    np.testing.assert_allclose(log.torque, [[10, 30], [-20, 60], [0, 90]])
+
+
+@pytest.mark.parametrize("unit", ["%", "permille", "A", "mA"])
+def test_shares_and_currents_are_no_torque_without_a_gain(unit):
+    columns = Columns(torque="tau_{joint}", units={"torque": unit})
+    with pytest.raises(RecordingError, match=r"without a gain.*--torque-gain"):
+        recording_from(TABLE, ["a", "b"], columns)
+    assert recording_from(TABLE, ["a", "b"], columns, torque_gain=2.0).torque.any()
+
+
+REFUSED = {
+    "channel": ({"positon": "deg"}, "no channel 'positon'; known: position"),
+    "unit": ({"position": "dge"}, "no unit 'dge' of position; known: deg"),
+    "dimension": ({"position": "deg/s"}, "no unit 'deg/s' of position"),
+    "count": ({"position": ["deg"]}, "1 units of position for 2 joints"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_is_no_unit_is_refused(case):
+    units, says = REFUSED[case]
+    with pytest.raises(RecordingError, match=says):
+        recording_from(TABLE, ["a", "b"], Columns(units=units))
+
+
+def test_a_unit_that_a_name_states_is_asked_for_until_it_is_stated(tmp_path):
+    file = tmp_path / "log.csv"
+    file.write_text("time,q_a_deg\n0,0\n1,180\n")
+    named = Columns(position="q_{joint}_deg")
+    with pytest.raises(RecordingError, match=r"--units position=deg"):
+        read_recording(file, ["a"], named)
+    stated = Columns(position="q_{joint}_deg", units={"position": "deg"})
+    log = read_recording(file, ["a"], stated)
+    np.testing.assert_allclose(log.position[:, 0], [0, math.pi])
+
+
+def test_in_the_shell_an_angle_is_also_that_of_the_derivatives():
+    assert units_of(["deg", "ms", "%"]) == {
+        "position": "deg",
+        "velocity": "deg/s",
+        "acceleration": "deg/s^2",
+        "time": "ms",
+        "torque": "%",
+    }
+    assert units_of(["velocity=rpm", "deg"])["velocity"] == "rpm"
+    with pytest.raises(RecordingError, match="no unit 'furlong'; known: s, ms"):
+        units_of(["furlong"])
