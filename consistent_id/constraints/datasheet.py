@@ -17,8 +17,8 @@ from consistent_id.constraints.rows import (
 )
 from consistent_id.errors import ProblemError
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.robot.inertia import PSEUDO_INERTIA_BASIS
-from consistent_id.robot.scaling import link_scales
+from consistent_id.robot.inertia import PSEUDO_INERTIA_BASIS, pseudo_inertia
+from consistent_id.robot.scaling import link_scales, reference_bodies
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,24 +31,31 @@ class PhysicalConsistency:
         Least eigenvalue of each pseudo-inertia after division by the link's typical
         mass and length (`link_scales`); a pure number.  The default keeps links
         strictly consistent, as simulators demand.
+    share : float
+        Least share of its nominal body that each link contains: what is beside it is
+        physically consistent too.  See `reference_bodies`.
     """
 
     margin: float = 1e-6
+    share: float = 0.0
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.margin < 1.0:
-            raise ProblemError(
-                f"margin is {self.margin}, expected a number from 0 to less than 1"
-            )
+        for name, value in (("margin", self.margin), ("share", self.share)):
+            if not 0.0 <= value < 1.0:
+                raise ProblemError(
+                    f"{name} is {value}, expected a number from 0 to less than 1"
+                )
 
     def lower(self, model: TorqueModel) -> ConicSet:
-        """Return one block ``J - margin D`` per link."""
+        """Return one block ``J - margin D - share J_nominal`` per link."""
         layout = model.layout
+        bodies = reference_bodies(model.robot)
         blocks = []
         for k, root in enumerate(link_scales(model.robot).root):
             coefficients = np.zeros((len(layout), 4, 4))
             coefficients[layout.link_slice(k)] = PSEUDO_INERTIA_BASIS
-            least = -self.margin * np.diag(root**2)
+            contained = self.share * pseudo_inertia(bodies[k])
+            least = -self.margin * np.diag(root**2) - contained
             blocks.append(SemidefiniteBlock(layout.links[k], coefficients, least, root))
         return ConicSet.semidefinite(blocks, len(layout))
 

@@ -11,6 +11,11 @@ Distance = Literal["pullback", "euclidean", "entropic"]
 """How far a robot is from the nominal one; see `distances`."""
 
 
+INSIDE = 0.1
+"""Share of its nominal body that every link contains, where the data allow it: no
+thinner than a third of the drawing."""
+
+
 @dataclass(frozen=True, slots=True)
 class PointToSet:
     """Among all estimates that fit nearly best, take the one nearest to the nominal.
@@ -23,6 +28,11 @@ class PointToSet:
         (``chi^2 <= 1``, noise correlated as the residuals are).
     distance : {"pullback", "euclidean", "entropic"}
         See `distances`.
+    inside : float
+        Share of its nominal body that every link is to contain, so that it stays off
+        the boundary of physical consistency; zero for none.  It is reduced to what
+        moves all that the data determine by a quarter of a standard error, and the
+        slack by what it takes.
 
     Notes
     -----
@@ -32,11 +42,12 @@ class PointToSet:
 
     slack: float | None = None
     distance: Distance = "pullback"
+    inside: float = INSIDE
 
     def __post_init__(self) -> None:
         if self.slack is not None and not 0.0 < self.slack < 1.0:
             raise ProblemError(f"slack is {self.slack}, expected between 0 and 1")
-        _require_known(self.distance)
+        _require_known(self.distance, self.inside)
 
     def relative_slack(self, error: float, least: float) -> float:
         """Return the slack, given the squared misfit of one standard error.
@@ -64,15 +75,18 @@ class Penalty:
     weight : float
         Positive; `cross_validated` chooses it from the training data.
     distance : {"pullback", "euclidean", "entropic"}
+    inside : float
+        See `PointToSet`.
     """
 
     weight: float
     distance: Distance = "pullback"
+    inside: float = INSIDE
 
     def __post_init__(self) -> None:
         if not 0.0 < self.weight < np.inf:
             raise ProblemError(f"weight is {self.weight}, expected a positive number")
-        _require_known(self.distance)
+        _require_known(self.distance, self.inside)
 
 
 Prior = PointToSet | Penalty
@@ -83,7 +97,9 @@ def misfit_increase(added: float, least: float) -> float:
     return float(np.expm1(0.5 * np.log1p(added / least)))
 
 
-def _require_known(distance: str) -> None:
+def _require_known(distance: str, inside: float) -> None:
+    if not 0.0 <= inside < 1.0:
+        raise ProblemError(f"inside is {inside}, expected from 0 to less than 1")
     if distance not in get_args(Distance):
         known = ", ".join(get_args(Distance))
         raise ProblemError(f"distance is {distance!r}, expected one of {known}")

@@ -123,7 +123,9 @@ def _median_of_five(values: Vector) -> Vector:
 def jump_findings(recording: Recording) -> list[Finding]:
     """Find positions that jump: rows that were lost, or encoders that wrap."""
     jumps = np.column_stack([_jumps(q) for q in recording.position.T])
-    moving = np.ptp(recording.position, axis=0) > 0.0
+    # Of a joint at rest, what steps is the encoder's last digit.
+    moving = np.ptp(recording.position, axis=0) > _MOVING
+    jumps &= moving
     lost = jumps[:, moving].sum(axis=1) >= max(0.5 * moving.sum(), 2.0)
     if lost.any():
         times = ", ".join(f"{t:.4g}" for t in recording.time[1:][lost][:3])

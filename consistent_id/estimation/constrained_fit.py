@@ -15,8 +15,10 @@ from consistent_id.constraints.distances import NominalDistance, nominal_distanc
 from consistent_id.constraints.priors import Penalty, PointToSet, Prior
 from consistent_id.errors import InfeasibleError
 from consistent_id.estimation.audit import Proof
-from consistent_id.estimation.best_fit import BestFit, best_fit
+from consistent_id.estimation.best_fit import BestFit
 from consistent_id.estimation.contradiction import contradiction
+from consistent_id.estimation.inside import inner_fit
+from consistent_id.estimation.mass_bound import attained_fit
 from consistent_id.estimation.nearest import DISTANCE_GAP, nearest_within
 from consistent_id.estimation.penalised import PenalisedFit, penalised_fit
 from consistent_id.estimation.scaled_fit import REFERENCE
@@ -133,18 +135,41 @@ def constrained_fit(
     """
     prior = PointToSet() if prior is None else prior
     try:
-        best = best_fit(model, regression, constraints, base=base)
+        attained = attained_fit(model, regression, constraints, base=base)
     except InfeasibleError:
         found = contradiction(model, regression, constraints, base=base)
         if found is None:
             raise
         raise InfeasibleError(found.sentence) from None
+    noise = residual_noise(regression, base)
+    inner = inner_fit(
+        model,
+        regression,
+        attained.constraints,
+        attained.best,
+        share=prior.inside,
+        noise=noise,
+        base=base,
+    )
+    best = inner.best
     distance = nominal_distance(model, prior.distance, best.scaled.unit)
+    notes = tuple(filter(None, (inner.note, attained.note)))
     if isinstance(prior, Penalty):
-        return _compromise(best, distance, prior)
+        return _compromise(best, distance, prior, notes)
     # A misfit below a millionth of the torque counts as that: see `ScaledFit`.
     least = max(best.misfit, best.scaled.size) ** 2
-    slack = prior.relative_slack(residual_noise(regression, base).one_error, least)
+    left = noise.one_error * (1.0 - inner.move) ** 2
+    slack = prior.relative_slack(left, least)
+    return _nearest(best, distance, prior, slack, notes)
+
+
+def _nearest(
+    best: BestFit,
+    distance: NominalDistance,
+    prior: PointToSet,
+    slack: float,
+    notes: tuple[str, ...],
+) -> ConstrainedFit:
     near = nearest_within(best, distance, slack)
     note = (
         f"nearest to nominal ({prior.distance} distance) among estimates whose misfit "
@@ -160,12 +185,18 @@ def constrained_fit(
     gap = 2.0 * optimality.gap * max(optimality.objective, REFERENCE)
     slack_gap = 0.0 if optimality.verdict == "certified" else gap / near.allowed
     return ConstrainedFit(
-        best, distance, near.fit, slack, near.distance_gap, slack_gap, note
+        best,
+        distance,
+        near.fit,
+        slack,
+        near.distance_gap,
+        slack_gap,
+        "; ".join((note, *notes)),
     )
 
 
 def _compromise(
-    best: BestFit, distance: NominalDistance, prior: Penalty
+    best: BestFit, distance: NominalDistance, prior: Penalty, notes: tuple[str, ...]
 ) -> ConstrainedFit:
     fit = penalised_fit(best.scaled, distance, prior.weight)
     least = best.scaled.excess(best.solution.u) + best.scaled.residual**2
@@ -176,4 +207,5 @@ def _compromise(
         f"compromise of misfit and {prior.distance} distance to nominal, weight "
         f"{prior.weight:.3g}; its misfit is {given:.2%} above the best constrained fit"
     )
-    return ConstrainedFit(best, distance, fit, given, 0.0, 0.0, note)
+    said = "; ".join((note, *notes))
+    return ConstrainedFit(best, distance, fit, given, 0.0, 0.0, said)

@@ -99,7 +99,7 @@ def parameter_sizes(model: TorqueModel, regression: Regression, x: Vector) -> Ve
     units, n = link_scales(model.robot).units, model.layout.inertial_size
     sizes = np.append(units, np.ones(len(x) - n))
     for i in range(len(x)):
-        own = [F for F in regression.factors if F[:, i].any()]
+        own = [F for F in regression.factors if np.sum(F[:, i] ** 2) > 0.0]
         if own:
             torque, column = (
                 np.sqrt(sum(float(np.sum(F[:, k] ** 2)) for F in own)) for k in (-1, i)

@@ -173,9 +173,11 @@ def _on_nominal(model: TorqueModel, regression: Regression) -> dict[str, Array]:
     for F in regression.factors:
         both = np.column_stack([F[:, :inertial] @ np.ravel(nominal), F[:, -1]])
         drive = F[:, inertial:-1]
-        drive = drive[:, drive.any(axis=0)]
-        if drive.shape[1]:
-            unit = drive / np.linalg.norm(drive, axis=0)
+        norms = np.linalg.norm(drive, axis=0)
+        # Filters leave a joint at rest columns so small that their squares vanish.
+        moving = norms > _ROUNDING * norms.max(initial=0.0)
+        if moving.any():
+            unit = drive[:, moving] / norms[moving]
             both = both - unit @ np.linalg.lstsq(unit, both, rcond=None)[0]
         expected, beyond = np.linalg.norm(both, axis=0)
         product = float(both[:, 0] @ both[:, 1])

@@ -16,6 +16,7 @@ from consistent_id._support.inputs import (
     read_input,
     require_count,
 )
+from consistent_id.constraints.priors import INSIDE
 from consistent_id.errors import ProblemError
 from consistent_id.problems.excitation_tables import ExcitationTable
 from consistent_id.problems.laboratory_tables import LaboratoryTable, TaskTable
@@ -172,6 +173,7 @@ class PriorTable(Table, frozen=True, kw_only=True):
     slack: Annotated[float, Meta(gt=0.0, lt=1.0)] | None = None
     distance: Literal["pullback", "euclidean", "entropic"] = "pullback"
     weight: Positive | None = None
+    inside: Annotated[float, Meta(ge=0.0, lt=1.0)] = INSIDE
 
 
 class ColumnsTable(Table, frozen=True, kw_only=True):

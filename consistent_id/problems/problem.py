@@ -368,13 +368,13 @@ def require_distinct(names: Sequence[str]) -> None:
 
 def _prior(table: PriorTable, file: Path) -> Prior:
     if table.weight is None:
-        return PointToSet(table.slack, table.distance)
+        return PointToSet(table.slack, table.distance, table.inside)
     if table.slack is not None:
         raise ProblemError(
             f"{file}: [prior] has both slack = {table.slack} and weight = "
             f"{table.weight}; give a slack or a weight, not both"
         )
-    return Penalty(table.weight, table.distance)
+    return Penalty(table.weight, table.distance, table.inside)
 
 
 def _columns(data: DataTable, file: Path) -> Columns:

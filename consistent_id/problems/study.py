@@ -10,6 +10,7 @@ from consistent_id.comparison.constraint_prices import ShadowPrice, shadow_price
 from consistent_id.comparison.fit_costs import ConstraintCost, constraint_costs
 from consistent_id.comparison.parameter_uncertainty import Uncertainty, uncertainty
 from consistent_id.constraints import PhysicalConsistency
+from consistent_id.constraints.priors import Prior
 from consistent_id.diagnosis import Diagnosis
 from consistent_id.estimation.constrained import constrained_least_squares
 from consistent_id.estimation.cross_validation import (
@@ -153,7 +154,7 @@ class Study:
             (
                 Candidate(Method.CONSTRAINED, False, problem.prior),
                 Candidate(Method.WEIGHTED_CONSTRAINED, True, problem.prior),
-                Candidate(Method.CROSS_VALIDATED, False, self.path.penalty),
+                Candidate(Method.CROSS_VALIDATED, False, _penalty(problem, self.path)),
             ),
             constraints=problem.constraints,
             base=self.base,
@@ -363,10 +364,14 @@ def identify(
                 (Method.BOX_CONSTRAINED, regression, linear, prior),
                 (Method.CONSTRAINED, regression, constraints, prior),
                 (Method.WEIGHTED_CONSTRAINED, weighted, constraints, prior),
-                (Method.CROSS_VALIDATED, regression, constraints, path.penalty),
+                (Method.CROSS_VALIDATED, regression, constraints, _penalty(problem, path)),
             )
         ),
     )
+
+
+def _penalty(problem: Problem, path: RegularisationPath) -> Prior:
+    return replace(path.penalty, inside=problem.prior.inside)
 
 
 def regularisation_path(

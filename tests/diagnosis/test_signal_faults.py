@@ -96,3 +96,12 @@ def test_the_while_that_holds_most_of_a_weight_is_found_if_it_is_short():
     assert 380 <= inside[0] <= 400
     assert 480 <= inside[-1] <= 520
     assert window(np.ones(1000)) is None
+
+
+def test_a_joint_at_rest_does_not_jump():
+    log, rng = clean_log(0), np.random.default_rng(0)
+    # The last digit of an encoder, now and then, as of a UR10e's joints at rest.
+    flips = 1e-4 * np.cumsum(rng.choice([-1, 0, 1], len(log), p=[0.005, 0.99, 0.005]))
+    position = log.position.copy()
+    position[:, 1] = 0.3 + np.clip(flips, -2e-4, 2e-4)
+    assert jump_findings(replace(log, position=position, velocity=None)) == []

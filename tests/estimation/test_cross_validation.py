@@ -81,7 +81,7 @@ def test_the_error_of_a_fold_is_that_of_predicting_its_samples():
 
     for weight, errors in zip(path.weights, path.errors, strict=True):
         # A weight is in units of the residual of all data.
-        own = Penalty(weight * least(merged(segments)) / least(others))
+        own = Penalty(weight * least(merged(segments)) / least(others), inside=0.0)
         estimate = constrained_least_squares(
             model, others, constraints=BODIES, prior=own
         )
