@@ -116,6 +116,8 @@ from consistent_id.motion.transfers import transfer
 from consistent_id.problems.draft import Draft
 from consistent_id.problems.drafting import draft_problem
 from consistent_id.problems.problem import Problem, load_problem, load_problems
+from consistent_id.problems.selection.select import select_model
+from consistent_id.problems.selection.selection import Selection
 from consistent_id.problems.study import Study, identify, run_study
 from consistent_id.recordings.readers import (
     JOINT_STATE,
@@ -305,6 +307,7 @@ __all__ = [
     "RobotModel",
     "RotorInertias",
     "Scene",
+    "Selection",
     "ShadowPrice",
     "ShapeFit",
     "ShapeParameter",
@@ -409,6 +412,7 @@ __all__ = [
     "savitzky_golay_differentiated",
     "scene_from_urdf",
     "segment_regressions",
+    "select_model",
     "shadow_prices",
     "shapes_of",
     "simulate_torque",

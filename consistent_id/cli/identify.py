@@ -123,6 +123,9 @@ def _identify_log(options: argparse.Namespace) -> Answer:
     )
     tables = [*headline_tables(study), draft_table(draft)]
     record = study_record(study)
+    if draft.selection is not None:
+        tables.append(draft.selection.table())
+        record |= {"selection": draft.selection.to_dict()}
     if study.diagnosis is not None:
         tables.append(diagnosis_table(study.diagnosis))
         record |= {"findings": diagnosis_record(study.diagnosis)["findings"]}
@@ -192,9 +195,8 @@ def _answer(
 def _refuse_drafting(options: argparse.Namespace) -> None:
     """Refuse options that would go unused, as the problem file states these things."""
     names = ("time", "position", "velocity", "torque", "torque_joints", "torque_gain")
-    given = [name for name in (*names, "base", "tip") if getattr(options, name)]
-    if options.masses != "model":
-        given.append("masses")
+    chosen = ("base", "tip", "masses", "drive", "cutoff", "band", "no_select")
+    given = [name for name in (*names, *chosen) if getattr(options, name)]
     if given:
         flag = "--" + given[0].replace("_", "-")
         raise ProblemError(

@@ -4,6 +4,9 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from consistent_id.cli.answers import shows_progress
+from consistent_id.cli.options import positive
+
 if TYPE_CHECKING:
     from consistent_id.problems.draft import Draft
 
@@ -58,11 +61,37 @@ def add_draft_options(command: argparse.ArgumentParser) -> None:
         "--tip", metavar="LINK", help="last link that counts, such as the flange"
     )
     add_torque_gain(command)
-    command.add_argument(
+    chosen = command.add_argument_group("the model, chosen by the data unless given")
+    chosen.add_argument(
         "--masses",
         choices=("model", "free"),
-        default="model",
-        help="whether the model's masses are the robot's (default: model)",
+        help="whether the model's masses are the robot's",
+    )
+    chosen.add_argument(
+        "--drive",
+        nargs="+",
+        metavar="TERM",
+        help="drive terms of all joints, such as viscous coulomb offset",
+    )
+    chosen.add_argument(
+        "--cutoff", type=positive, metavar="HZ", help="cut-off of the motion"
+    )
+    add_band(chosen)
+    chosen.add_argument(
+        "--no-select",
+        action="store_true",
+        help="viscous and Coulomb friction, an offset; only a cut-off is chosen",
+    )
+
+
+def add_band(command: argparse.ArgumentParser | argparse._ArgumentGroup) -> None:
+    """Take the band in which torque is to be predicted."""
+    command.add_argument(
+        "--band",
+        type=positive,
+        metavar="HZ",
+        help="up to which torque is to be predicted (default: 20 times the band of "
+        "the velocity)",
     )
 
 
@@ -80,5 +109,10 @@ def draft_of(options: argparse.Namespace, model: Path, log: Path) -> "Draft":
         torque_joints=options.torque_joints,
         selection=Selection(options.base, options.tip),
         torque_gain=options.torque_gain,
-        masses="free" if options.masses == "free" else "datasheet",
+        masses="datasheet" if options.masses == "model" else options.masses,
+        drive=options.drive,
+        cutoff=options.cutoff,
+        band=options.band,
+        select=not options.no_select,
+        progress=shows_progress(options),
     )

@@ -3,16 +3,18 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from consistent_id.errors import ConsistentIdError, ProblemError, RecordingError
 from consistent_id.estimation.cutoff import CutoffChoice, best_cutoff
 from consistent_id.problems.draft import Draft
-from consistent_id.problems.file import PreparationTable
+from consistent_id.problems.file import DriveTable, PreparationTable
 from consistent_id.problems.model import DEFAULT_DRIVE
 from consistent_id.problems.preparation import prepared
+from consistent_id.problems.selection.select import select_model
+from consistent_id.problems.selection.setup import DRIVE
 from consistent_id.recordings.column_guess import guess_columns, require_torque
 from consistent_id.recordings.readers import read_recording
 from consistent_id.recordings.recording import Recording
@@ -24,9 +26,11 @@ from consistent_id.recordings.signals import (
     trimmed,
 )
 from consistent_id.recordings.signals.clocks import is_uniform, own_rate
+from consistent_id.regression.drive.drive_terms import DEFAULTS
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.chains import Selection
 from consistent_id.robot.loaders import load_robot
+from consistent_id.robot.parameters import did_you_mean
 
 _TRAINING = 0.7  # of the motion; the rest is for validation
 _PERIOD = 0.02  # of the motion: shorter periods need no whole ones
@@ -34,6 +38,7 @@ _GAP = 10.0  # steps without a sample
 _CUTOFFS = (2.0, 3.0, 5.0, 7.5, 10.0, 15.0, 20.0, 30.0, 50.0)  # Hz
 _SHARE = 0.2  # of the rate, up to which a cut-off is tried
 _FOLDS = 6
+_SWITCHES = tuple(name for name, value in DEFAULTS.items() if value in (False, "none"))
 _LOW = 5.0  # Hz; a choice among higher ones alone would be none
 
 
@@ -45,13 +50,18 @@ def draft_problem(
     torque_joints: Sequence[str] = (),
     selection: Selection | None = None,
     torque_gain: Sequence[float] = (),
-    masses: Literal["datasheet", "free"] = "datasheet",
+    masses: Literal["datasheet", "free"] | None = None,
+    drive: Sequence[str] | None = None,
+    cutoff: float | None = None,
+    band: float | None = None,
+    select: bool = True,
+    progress: bool = False,
 ) -> Draft:
     """Draft the problem of identifying a robot from one log.
 
     Joints and columns are matched by name, the clock is made uniform, what stands still
     at either end is left out, the last 30 % of the motion are kept for validation, and
-    the cut-off is chosen by `best_cutoff` on the rest.
+    `select_model` chooses the model on the rest.
 
     Parameters
     ----------
@@ -70,8 +80,21 @@ def draft_problem(
         have are locked.
     torque_gain : sequence of float
         From the torque columns to torque: one for all joints, or one each.
-    masses : {"datasheet", "free"}
-        Whether the model's masses are known; where it has none, they are free.
+    masses : {"datasheet", "free"}, optional
+        Whether the model's masses are known; where it has none, they are free. By
+        default the data may contradict them.
+    drive : sequence of str, optional
+        Drive terms of all joints, such as ``["viscous", "coulomb", "offset"]``; by
+        default chosen.
+    cutoff : float, optional, [Hz]
+        Of the motion; by default chosen.
+    band : float, optional, [Hz]
+        Up to which torque is to be predicted; see `select_model`.
+    select : bool
+        Whether a model is chosen; else it is viscous and Coulomb friction with an
+        offset, and a cut-off of `best_cutoff`.
+    progress : bool
+        Whether the choice shows on the standard error how far it is.
 
     Raises
     ------
@@ -93,10 +116,16 @@ def draft_problem(
     start, stop = _moving(raw, clock)
     middle = start + _training(raw, stop - start)
     measured = tuple(guess.columns.torque_joints)
-    torque_model = TorqueModel(robot, DEFAULT_DRIVE.terms, torque_joints=measured)
-    cutoff, reason = _cutoff(torque_model, trimmed(raw, start, middle), clock)
+    table = DEFAULT_DRIVE if drive is None else _drive_table(drive)
+    if cutoff is not None:
+        chosen, reason = cutoff, f"{cutoff:g} Hz, as was asked for"
+    elif select:
+        chosen, reason = _fallback(trimmed(raw, start, middle)), "the plain default"
+    else:
+        torque_model = TorqueModel(robot, table.terms, torque_joints=measured)
+        chosen, reason = _cutoff(torque_model, trimmed(raw, start, middle), clock)
     first, last, end = np.searchsorted(raw.time, [start, middle, stop]).tolist()
-    return Draft(
+    draft = Draft(
         model=model,
         log=log,
         joints=guess.joints,
@@ -108,14 +137,53 @@ def draft_problem(
         rate=own_rate(raw),
         resample=clock.resample,
         max_gap=clock.max_gap,
-        cutoff=cutoff,
+        cutoff=chosen,
         cutoff_reason=reason,
         training=(first + 1, last),
         validation=(last + 1, end + 1),
-        masses=masses if known else "free",
+        masses=(masses or "datasheet") if known else "free",
         raw=raw,
         notes=guess.notes,
+        drive=table,
     )
+    if not select:
+        return draft
+    given = {"masses": masses, "motion_cutoff": cutoff}
+    fixed = [kind for kind, value in given.items() if value is not None]
+    fixed += [kind for kind in DRIVE if drive is not None and kind != "velocity_scale"]
+    return _with_model(draft, fixed, band, progress)
+
+
+def _with_model(
+    draft: Draft, fixed: Sequence[str], band: float | None, progress: bool
+) -> Draft:
+    """Return a draft with the model that its training rows ask for, if they do."""
+    try:
+        chosen = select_model(
+            draft.problem(), fixed=fixed, band=band, progress=progress
+        )
+    except ConsistentIdError as cause:
+        note = f"no model could be chosen ({cause}); this is the plain default"
+        return replace(draft, notes=(*draft.notes, note))
+    return replace(draft, selection=chosen)
+
+
+def _drive_table(names: Sequence[str]) -> DriveTable:
+    """Return the drive terms of these names; those with shapes have usual ones."""
+    for name in names:
+        if name not in _SWITCHES:
+            near = did_you_mean(name, _SWITCHES)
+            raise ProblemError(f"no drive term {name!r}; {near}")
+    keys: dict[str, Any] = dict.fromkeys(names, True)
+    if keys.pop("coulomb", False):
+        width = DEFAULT_DRIVE.velocity_scale
+        keys |= {"coulomb": "tanh", "velocity_scale": width}
+    return DriveTable(**keys)
+
+
+def _fallback(training: Recording) -> float:
+    """Return a cut-off [Hz] that no data have chosen."""
+    return float(f"{min(10.0, _SHARE * own_rate(training)):.2g}")
 
 
 def _training(raw: Recording, duration: float) -> float:
@@ -180,8 +248,7 @@ def _cutoff(
     model: TorqueModel, training: Recording, clock: _Clock
 ) -> tuple[float, str]:
     """Return the cut-off [Hz], and why it is that."""
-    top = _SHARE * own_rate(training)
-    fallback = float(f"{min(10.0, top):.2g}")
+    top, fallback = _SHARE * own_rate(training), _fallback(training)
     try:
         chosen = _chosen(model, training, clock, top)
     except ConsistentIdError as cause:

@@ -59,7 +59,10 @@ def bare_key(name: str) -> str:
 
 
 def _fields(table: Table) -> Iterator[tuple[str, Any, Any]]:
-    """Yield a table's keys, values and defaults."""
+    """Yield a table's keys, values and defaults; its tag first, if it has one."""
+    config = type(table).__struct_config__
+    if config.tag_field is not None:
+        yield config.tag_field, config.tag, None
     for field in msgspec.structs.fields(table):
         default = field.default
         if field.default_factory is not msgspec.NODEFAULT:

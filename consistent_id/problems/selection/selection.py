@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from consistent_id._support.tables import Table
@@ -50,8 +49,17 @@ class Selection:
     @property
     def table_of_problem(self) -> ProblemTable:
         """The problem file's content with the chosen model."""
-        robot = self.problem.model.robot
-        return applied(self.problem.table, self.choice, robot)
+        return self.applied(self.problem.table)
+
+    def applied(self, table: ProblemTable) -> ProblemTable:
+        """Return a problem file's content, with the chosen model in place of its own.
+
+        Parameters
+        ----------
+        table : ProblemTable
+            Of the same robot.
+        """
+        return applied(table, self.choice, self.problem.model.robot)
 
     def chosen(self) -> Problem:
         """Return the problem with the chosen model.
@@ -145,10 +153,6 @@ class Selection:
     def text(self) -> str:
         """Return the problem file, with comments that say why."""
         return toml_text(self.table_of_problem, self.comments())
-
-    def folder(self) -> Path:
-        """Return the folder that the file belongs into."""
-        return self.problem.folder
 
 
 _TABLES = {

@@ -26,6 +26,7 @@ from consistent_id.problems.selection.superset import loaded_joints
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.clocks import own_rate
 from consistent_id.regression.base import base_parameters
+from consistent_id.regression.drive.drive_terms import DEFAULTS
 from consistent_id.regression.regressor import TorqueModel
 
 DRIVE = (*TERMS, "asymmetric", "stribeck_velocity", "velocity_scale", "coupling")
@@ -170,6 +171,7 @@ def _plain(problem: Problem, fixed: Collection[str], width: float) -> Choice:
     drive = []
     for name in model.robot.joint_names:
         own = table.joints.get(name, table.drive)
+        whole = set(DRIVE) - {"velocity_scale", "coupling"} <= set(fixed)
         if name not in model.torque_joints:
             drive.append(DriveTable())
             continue
@@ -185,6 +187,10 @@ def _plain(problem: Problem, fixed: Collection[str], width: float) -> Choice:
         joint = table.joints.get(name)
         if joint is not None and joint.motor_inertia is not None:
             kept["rotor_inertia"] = True
+        if whole:
+            given = own.coulomb == "tanh" and "velocity_scale" not in fixed
+            kept = {key: getattr(own, key) for key in DEFAULTS}
+            kept |= {"velocity_scale": width} if given else {}
         drive.append(msgspec.structs.replace(plain, **kept))
     masses = table.constraints.masses
     if not _masses_known(problem):
