@@ -4,7 +4,9 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import msgspec
+import numpy as np
 
+from consistent_id._support.arrays import Vector
 from consistent_id.problems.file import CouplingTable, DriveTable
 from consistent_id.problems.model import DEFAULT_DRIVE
 from consistent_id.problems.selection.choice import Choice, Masses
@@ -17,6 +19,12 @@ STRIBECK = (3.0, 10.0)
 
 LEAST_SPEEDS = (0.02, 0.05, 0.1, 0.2)
 """Shares of top speed below which rows may be left out."""
+
+FEWEST_LEFT_OUT = 0.01
+"""Share of the rows that a mask has to leave out, to be worth trying."""
+
+LEAST_KEPT = 0.5
+"""Share of the rows that has to stay."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,21 +140,28 @@ def scale_moves(choice: Choice, scales: Sequence[float]) -> Iterator[Move]:
         )
 
 
-def row_moves(choice: Choice) -> Iterator[Move]:
-    """Yield shares of top speed below which rows are left out."""
+def row_moves(choice: Choice, speed: Vector) -> Iterator[Move]:
+    """Yield shares of top speed below which rows are left out.
+
+    Parameters
+    ----------
+    choice : Choice
+    speed : ndarray, shape (samples,)
+        Of all rows; a mask leaves out a few of them, and not most.
+    """
     now = choice.least_speed or 0.0
+    kept = float(np.mean(speed >= now))
     for share in LEAST_SPEEDS:
-        if share > now:
+        left = float(np.mean(speed >= share))
+        if share > now and LEAST_KEPT <= left <= (1.0 - FEWEST_LEFT_OUT) * kept:
             after = replace(choice, least_speed=share)
             yield Move("least_speed", f"least_speed = {share:g}", choice, after)
 
 
-def mass_moves(choice: Choice, known: bool) -> Iterator[Move]:
-    """Yield looser masses."""
-    order: tuple[Masses, ...] = ("datasheet", "bounds", "free") if known else ("free",)
-    for masses in order[order.index(choice.masses) + 1 :]:
-        after = replace(choice, masses=masses)
-        yield Move("masses", f'masses = "{masses}"', choice, after)
+def mass_move(choice: Choice, masses: Masses) -> Move:
+    """Return the move to other masses."""
+    after = replace(choice, masses=masses)
+    return Move("masses", f'masses = "{masses}"', choice, after)
 
 
 def coupling_moves(

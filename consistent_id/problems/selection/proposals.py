@@ -9,7 +9,7 @@ from consistent_id.problems.selection.held_out import HeldOut, gain
 from consistent_id.problems.selection.moves import (
     Move,
     coupling_moves,
-    mass_moves,
+    mass_move,
     row_moves,
     scale_moves,
     term_moves,
@@ -35,14 +35,11 @@ class Scope:
         Widths of friction's change of sign.
     cutoffs : tuple of float, [Hz]
         Of the motion, ascending.
-    masses_known : bool
-        Whether the model states masses.
     """
 
     fixed: frozenset[str]
     scales: tuple[float, ...]
     cutoffs: tuple[float, ...]
-    masses_known: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,26 +58,27 @@ def proposals(
     baseline = evaluator.screened(choice, current)
     yield from _of_terms(evaluator, current, baseline, scope)
     if "masses" not in scope.fixed:
-        for move in mass_moves(choice, scope.masses_known):
+        if choice.masses != "free":
+            yield Proposal(mass_move(choice, "free"), None)
+    if "least_speed" not in scope.fixed:
+        speed = evaluator.samples(choice.motion_cutoff).speed
+        for move in row_moves(choice, speed):
             yield Proposal(move, None)
-    for move in _of_rows(evaluator, current, scope):
+    for move in _other_moves(evaluator, current, scope):
         try:
             after = evaluator.screened(move.after, current)
         except ConsistentIdError:
             continue
-        before = evaluator.seen_on(current, move.after)
-        if before is current.errors:
-            before = baseline
-        yield Proposal(move, gain(before, after).share)
+        yield Proposal(move, gain(baseline, after).share)
 
 
-def _of_rows(evaluator: Evaluator, current: Evaluated, scope: Scope) -> Iterator[Move]:
-    """Yield the moves other than drive terms and masses."""
+def _other_moves(
+    evaluator: Evaluator, current: Evaluated, scope: Scope
+) -> Iterator[Move]:
+    """Yield the moves other than drive terms, masses and rows."""
     choice, setting = current.choice, evaluator.setting
     if "velocity_scale" not in scope.fixed:
         yield from scale_moves(choice, scope.scales)
-    if "least_speed" not in scope.fixed:
-        yield from row_moves(choice)
     if "coupling" not in scope.fixed:
         names = setting.bodies.robot.joint_names
         pairs = couplings_between(setting.bodies, velocity_scale(choice))

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from consistent_id.errors import ConsistentIdError
 from consistent_id.problems.selection.evaluation import Evaluated, Evaluator
 from consistent_id.problems.selection.held_out import Gain, gain
-from consistent_id.problems.selection.moves import Move, removals
+from consistent_id.problems.selection.moves import Move, mass_move, removals
 from consistent_id.problems.selection.proposals import Proposal, Scope, proposals
 
 LEAST_GAIN = 0.025
@@ -90,22 +90,35 @@ def _best_move(
     evaluator: Evaluator, current: Evaluated, offered: Sequence[Proposal]
 ) -> tuple[Step, Evaluated] | None:
     """Return the move that brings most, if one brings enough."""
-    tried: list[tuple[Move, Gain, Evaluated]] = []
-    for move in _worth_trying(offered):
-        try:
-            after = evaluator.evaluated(move.after)
-        except ConsistentIdError:
-            continue  # a model that cannot be fitted is none
-        before = evaluator.seen_on(current, move.after)
-        tried.append((move, gain(before, after.errors), after))
+    tried = _tried(evaluator, current, _worth_trying(offered))
+    if any(t[0].kind == "masses" and _enough(t[0], t[1]) for t in tried):
+        bounded = mass_move(current.choice, "bounds")
+        tried += _tried(evaluator, current, [bounded])
     enough = [t for t in tried if _enough(t[0], t[1])]
     if not enough:
         return None
+    # Rows first: what other moves bring can be compared on the rows that stay.
+    enough = [t for t in enough if t[0].kind == "least_speed"] or enough
     best = max(brought.share for _, brought, _ in enough)
     alike = [t for t in enough if t[1].share >= _ALIKE * best]
     move, brought, after = min(alike, key=lambda t: _size(t[0], current))
     rivals = {m.label: g for m, g, _ in tried if m != move}
     return Step(move, brought, after.error, rivals), after
+
+
+def _tried(
+    evaluator: Evaluator, current: Evaluated, moves: Sequence[Move]
+) -> list[tuple[Move, Gain, Evaluated]]:
+    """Fit moves in full; a model that cannot be fitted is none."""
+    found = []
+    for move in moves:
+        try:
+            after = evaluator.evaluated(move.after)
+        except ConsistentIdError:
+            continue
+        before = evaluator.seen_on(current, move.after)
+        found.append((move, gain(before, after.errors), after))
+    return found
 
 
 def _worth_trying(offered: Sequence[Proposal]) -> list[Move]:

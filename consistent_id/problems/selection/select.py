@@ -83,6 +83,7 @@ def select_model(
     choice = _thinned(state.current.choice, data.preparation, rate)
     return Selection(
         problem=problem,
+        start=begun.plain.choice,
         choice=choice,
         steps=state.steps,
         band=band,

@@ -21,7 +21,8 @@ class Selection:
     ----------
     problem : Problem
         As it was given.
-    choice : Choice
+    start, choice : Choice
+        The plain model, and the one that was chosen.
     steps : tuple of Step
         From the plain model to it, in the order in which they were made.
     band : float, [Hz]
@@ -37,6 +38,7 @@ class Selection:
     """
 
     problem: Problem
+    start: Choice
     choice: Choice
     steps: tuple[Step, ...]
     band: float

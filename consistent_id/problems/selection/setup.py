@@ -92,7 +92,6 @@ def beginning(
         fixed=frozenset(fixed) | _settled(problem),
         scales=scales,
         cutoffs=motion_cutoffs(band, rate),
-        masses_known=_masses_known(problem),
     )
     return Beginning(evaluator, evaluator.evaluated(start), scope)
 
