@@ -34,7 +34,7 @@ _SIZES = {  # share of a joint's torque, over the size of the term's column
     "drag": 0.10,
 }
 _LOAD_FRICTION = 0.06
-_NOISE, _COLOUR = 0.01, 0.9  # of the torque; correlation of neighbouring samples
+_NOISE, _COLOUR = 0.03, 0.9  # of the torque; correlation of neighbouring samples
 
 
 @dataclass(frozen=True)
@@ -152,10 +152,11 @@ def _parameters(
         if plain == "load_friction":
             x.append(_LOAD_FRICTION * rng.uniform(0.7, 1.3))
             continue
-        share = _SIZES[plain] * (0.5 if plain != name else 1.0)
-        x.append(share * rng.uniform(0.7, 1.3) * size[joint] / np.std(rows[joint]))
+        share = _SIZES[plain] * (0.5 if plain != name else 1.0) * size[joint]
         if plain == "offset":
-            x[-1] = share * size[joint] * rng.normal()
+            x.append(share * rng.normal())
+            continue
+        x.append(share * rng.uniform(0.7, 1.3) / np.std(rows[joint]))
     return np.array(x)
 
 

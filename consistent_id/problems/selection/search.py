@@ -62,6 +62,9 @@ class Step:
     stands_for: tuple[str, ...] = ()
 
 
+_Tried = tuple[Move, Gain, Evaluated]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class State:
     """How far a search has come."""
@@ -93,7 +96,7 @@ def _best_move(
     tried = _tried(evaluator, current, _worth_trying(offered))
     if any(t[0].kind == "masses" and _enough(t[0], t[1]) for t in tried):
         bounded = mass_move(current.choice, "bounds")
-        tried += _tried(evaluator, current, [bounded])
+        tried = _without_tight_bounds(tried, _tried(evaluator, current, [bounded]))
     enough = [t for t in tried if _enough(t[0], t[1])]
     if not enough:
         return None
@@ -106,11 +109,23 @@ def _best_move(
     return Step(move, brought, after.error, rivals), after
 
 
+def _without_tight_bounds(tried: list[_Tried], bounded: list[_Tried]) -> list[_Tried]:
+    """Return moves with bounded masses in place of free ones, or without them.
+
+    Bounds that cost as much as a move has to bring exclude what the masses are.
+    """
+    free = next(t for t in tried if t[0].kind == "masses")
+    for move in bounded:
+        if gain(move[2].errors, free[2].errors).share < LEAST_GAIN:
+            return [*(t for t in tried if t is not free), move]
+    return tried
+
+
 def _tried(
     evaluator: Evaluator, current: Evaluated, moves: Sequence[Move]
-) -> list[tuple[Move, Gain, Evaluated]]:
+) -> list[_Tried]:
     """Fit moves in full; a model that cannot be fitted is none."""
-    found = []
+    found: list[_Tried] = []
     for move in moves:
         try:
             after = evaluator.evaluated(move.after)
@@ -150,7 +165,9 @@ def _size(move: Move, current: Evaluated) -> float:
         pairs = zip(current.choice.drive, move.after.drive, strict=True)
         changed = sum(a != b for a, b in pairs)
         return float(-changed if move.kind in _EVERYWHERE else changed)
-    return move.after.least_speed or 0.0
+    if move.kind == "least_speed":
+        return move.after.least_speed or 0.0
+    return -100.0  # another value of what is there already
 
 
 def _with_stand_ins(
