@@ -117,6 +117,8 @@ from consistent_id.problems.draft import Draft
 from consistent_id.problems.drafting import draft_problem
 from consistent_id.problems.log_identification import identify_log
 from consistent_id.problems.problem import Problem, load_problem, load_problems
+from consistent_id.problems.selection.select import select_model
+from consistent_id.problems.selection.selection import Selection
 from consistent_id.problems.study import Study, identify, run_study
 from consistent_id.recordings.readers import (
     JOINT_STATE,
@@ -306,6 +308,7 @@ __all__ = [
     "RobotModel",
     "RotorInertias",
     "Scene",
+    "Selection",
     "ShadowPrice",
     "ShapeFit",
     "ShapeParameter",
@@ -412,6 +415,7 @@ __all__ = [
     "scene_from_urdf",
     "segment_regressions",
     "segment_sources",
+    "select_model",
     "shadow_prices",
     "shapes_of",
     "simulate_torque",

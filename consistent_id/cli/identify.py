@@ -130,6 +130,9 @@ def _identify_log(options: argparse.Namespace) -> Answer:
     )
     tables = [*headline_tables(study), draft_table(draft)]
     record = study_record(study)
+    if draft.selection is not None:
+        tables.append(draft.selection.table())
+        record |= {"selection": draft.selection.to_dict()}
     if study.diagnosis is not None:
         tables.append(diagnosis_table(study.diagnosis))
         record |= {"findings": diagnosis_record(study.diagnosis)["findings"]}
@@ -200,9 +203,8 @@ def _refuse_drafting(options: argparse.Namespace) -> None:
     """Refuse options that would go unused, as the problem file states these things."""
     columns = ("time", "position", "velocity", "torque", "torque_joints", "units")
     names = (*columns, "torque_gain", "base", "tip", "lock", "validate")
-    given = [name for name in names if getattr(options, name)]
-    if options.masses != "model":
-        given.append("masses")
+    chosen = ("masses", "drive", "cutoff", "band", "no_select")
+    given = [name for name in (*names, *chosen) if getattr(options, name)]
     if given:
         flag = "--" + given[0].replace("_", "-")
         raise ProblemError(

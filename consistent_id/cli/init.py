@@ -65,10 +65,13 @@ def run_init(options: argparse.Namespace) -> int:
     shown = text
     if not options.dry_run:
         shown += f"\nwritten: {write_atomically(file, text)}"
+        if draft.selection is not None:
+            shown = draft.selection.table().text() + "\n\n" + shown
         shown += f"\nnext: consistent-id compare {file}{' --trust' * outside}"
     record = {
         "problem": draft.name,
         "text": text,
+        "selection": None if draft.selection is None else draft.selection.to_dict(),
         "written": None if options.dry_run else str(file),
     }
     return show(options, Answer(0, shown, record, whole=options.dry_run))

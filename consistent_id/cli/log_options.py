@@ -6,6 +6,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from consistent_id.cli.answers import shows_progress
+from consistent_id.cli.options import positive
+
 if TYPE_CHECKING:
     from consistent_id.problems.draft import Draft
 
@@ -73,11 +76,37 @@ def add_draft_options(command: argparse.ArgumentParser) -> None:
     )
     add_columns(command)
     add_torque_gain(command)
-    command.add_argument(
+    chosen = command.add_argument_group("the model, chosen by the data unless given")
+    chosen.add_argument(
         "--masses",
         choices=("model", "free"),
-        default="model",
-        help="whether the model's masses are the robot's (default: model)",
+        help="whether the model's masses are the robot's",
+    )
+    chosen.add_argument(
+        "--drive",
+        nargs="+",
+        metavar="TERM",
+        help="drive terms of all joints, such as viscous coulomb offset",
+    )
+    chosen.add_argument(
+        "--cutoff", type=positive, metavar="HZ", help="cut-off of the motion"
+    )
+    add_band(chosen)
+    chosen.add_argument(
+        "--no-select",
+        action="store_true",
+        help="viscous and Coulomb friction, an offset; only a cut-off is chosen",
+    )
+
+
+def add_band(command: argparse.ArgumentParser | argparse._ArgumentGroup) -> None:
+    """Take the band in which torque is to be predicted."""
+    command.add_argument(
+        "--band",
+        type=positive,
+        metavar="HZ",
+        help="up to which torque is to be predicted (default: 20 times the band of "
+        "the velocity)",
     )
 
 
@@ -106,7 +135,12 @@ def draft_of(options: argparse.Namespace, model: Path, logs: Sequence[Path]) -> 
         model,
         logs,
         validation=options.validate,
-        masses="free" if options.masses == "free" else "datasheet",
+        masses="datasheet" if options.masses == "model" else options.masses,
+        drive=options.drive,
+        cutoff=options.cutoff,
+        band=options.band,
+        select=not options.no_select,
+        progress=shows_progress(options),
         **known_of(options),
     )
 

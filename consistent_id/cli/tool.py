@@ -21,12 +21,14 @@ from consistent_id.cli.lint import add_lint
 from consistent_id.cli.repair import add_repair
 from consistent_id.cli.report import add_report
 from consistent_id.cli.reproduce import add_reproduce
+from consistent_id.cli.select import add_select
 from consistent_id.cli.time_limit import within
 
 _COMMANDS = (
     add_init,
     add_info,
     add_check,
+    add_select,
     add_excite,
     add_identify,
     add_compare,
@@ -42,6 +44,7 @@ _EPILOG = """examples:
   consistent-id init robot.urdf log.csv
   consistent-id info problems
   consistent-id check robot.urdf log.csv --position q_{joint} --torque tau_{joint}
+  consistent-id select problems/ur10e --dry-run
   consistent-id excite problems/rx60 --time-limit 3 --output results/motion
   consistent-id compare problems/rx60
   consistent-id report problems/ur10e --output ur10e.html

@@ -13,6 +13,7 @@ from consistent_id.problems.file import (
     ColumnsTable,
     ConstraintsTable,
     DataTable,
+    DriveTable,
     ModelTable,
     PreparationTable,
     ProblemTable,
@@ -20,6 +21,7 @@ from consistent_id.problems.file import (
 )
 from consistent_id.problems.model import DEFAULT_DRIVE
 from consistent_id.problems.problem import Problem, problem_of
+from consistent_id.problems.selection.selection import Selection
 from consistent_id.problems.toml_text import toml_text
 from consistent_id.recordings.readers.columns import Columns
 from consistent_id.recordings.recording import Recording
@@ -74,6 +76,10 @@ class Draft:
         The logs, as they were read.
     notes : tuple of str
         What else was guessed.
+    drive : DriveTable
+        Of all joints, as long as no model was selected.
+    selection : Selection, optional
+        The model that the training rows ask for.
     """
 
     model: Path
@@ -92,6 +98,8 @@ class Draft:
     masses: Literal["datasheet", "free"]
     raw: Mapping[Path, Recording]
     notes: tuple[str, ...] = ()
+    drive: DriveTable = DEFAULT_DRIVE
+    selection: Selection | None = None
 
     @property
     def locked(self) -> tuple[str, ...]:
@@ -121,6 +129,11 @@ class Draft:
 
     def table(self, folder: Path) -> ProblemTable:
         """Return the content of the problem file, for a file in a folder."""
+        plain = self._plain(folder)
+        return plain if self.selection is None else self.selection.applied(plain)
+
+    def _plain(self, folder: Path) -> ProblemTable:
+        """Return the content without a model that was selected."""
         mjcf = is_mjcf(self.model)
         model = _relative(self.model, folder).replace("$", "$$")
         columns = msgspec.structs.asdict(ColumnsTable())
@@ -136,7 +149,7 @@ class Draft:
                 tip=self.tip,
                 locked=dict(self.held),
             ),
-            drive=DEFAULT_DRIVE,
+            drive=self.drive,
             constraints=ConstraintsTable(masses=self.masses),
             data=DataTable(
                 recordings=[
@@ -211,7 +224,7 @@ class Draft:
             "free": "known ones make estimates better",
         }
         known = f"GUESS: the masses of {self.model.name} are those of the robot."
-        return {
+        comments = {
             "model": f"{held if self.held else ''}Joints: {', '.join(self.joints)}.",
             "drive": "GUESS: viscous friction, Coulomb friction, a constant offset.\n"
             "rotor_inertia = true adds the rotors of geared motors.",
@@ -238,6 +251,16 @@ class Draft:
             "data.preparation.motion_cutoff": "Hz",
             "data.preparation.torque_cutoff": "Hz",
         }
+        if self.selection is None:
+            return comments
+        masses_kept = self.selection.choice.masses == self.masses
+        chosen = self.selection.comments()
+        if not masses_kept:
+            del comments["constraints.masses"]
+        del comments["drive.velocity_scale"]
+        rate = f"The log has {self.rate:.6g} samples a second."
+        chosen["data.preparation"] = f"{rate}\n{chosen['data.preparation']}"
+        return comments | chosen
 
 
 def draft_table(draft: Draft) -> Table:
@@ -260,6 +283,8 @@ def draft_table(draft: Draft) -> Table:
         ("masses", "the model's" if draft.masses == "datasheet" else "free"),
         ("friction", "viscous, Coulomb (tanh), offset"),
     ]
+    if draft.selection is not None:
+        del rows[-3:]  # the table of the selection has them
     if draft.held:
         rows.insert(1, draft._locked)
     return Table(

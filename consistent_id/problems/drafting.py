@@ -1,18 +1,21 @@
 """From a robot and logs to the draft of a problem: what is guessed, and how."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from consistent_id.errors import ConsistentIdError, ProblemError, RecordingError
 from consistent_id.estimation.cutoff import CutoffChoice, best_cutoff
 from consistent_id.problems.draft import Draft, DraftRecording
-from consistent_id.problems.file import PreparationTable
+from consistent_id.problems.file import DriveTable, PreparationTable
 from consistent_id.problems.model import DEFAULT_DRIVE
 from consistent_id.problems.preparation import prepared
-from consistent_id.problems.robot_logs import robot_logs
+from consistent_id.problems.robot_logs import RobotLogs, robot_logs
+from consistent_id.problems.selection.select import select_model
+from consistent_id.problems.selection.setup import DRIVE
 from consistent_id.recordings.readers.units import Units
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import (
@@ -23,8 +26,10 @@ from consistent_id.recordings.signals import (
     trimmed,
 )
 from consistent_id.recordings.signals.clocks import is_uniform, own_rate
+from consistent_id.regression.drive.drive_terms import DEFAULTS
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.chains import Selection
+from consistent_id.robot.parameters import did_you_mean
 
 _TRAINING = 0.7  # of the motion; the rest is for validation
 _PERIOD = 0.02  # of the motion: shorter periods need no whole ones
@@ -33,7 +38,13 @@ _ALIKE = 1.25  # ratio of rates up to which one resampled rate does for both
 _CUTOFFS = (2.0, 3.0, 5.0, 7.5, 10.0, 15.0, 20.0, 30.0, 50.0)  # Hz
 _SHARE = 0.2  # of the rate, up to which a cut-off is tried
 _FOLDS = 6
+_SWITCHES = tuple(name for name, value in DEFAULTS.items() if value in (False, "none"))
 _LOW = 5.0  # Hz; a choice among higher ones alone would be none
+
+
+class _Clock(NamedTuple):
+    resample: float | None  # Hz
+    max_gap: float | None  # s
 
 
 def draft_problem(
@@ -46,12 +57,17 @@ def draft_problem(
     torque_joints: Sequence[str] = (),
     selection: Selection | None = None,
     torque_gain: Sequence[float] = (),
-    masses: Literal["datasheet", "free"] = "datasheet",
+    masses: Literal["datasheet", "free"] | None = None,
+    drive: Sequence[str] | None = None,
+    cutoff: float | None = None,
+    band: float | None = None,
+    select: bool = True,
+    progress: bool = False,
 ) -> Draft:
     """Draft the problem of identifying a robot from one log or several.
 
     Joints and columns are matched by name, the clock is made uniform, what stands still
-    at either end is left out, and the cut-off is chosen by `best_cutoff` on what is for
+    at either end is left out, and `select_model` chooses the model on what is for
     training.  Without logs for validation, the last 30 % of each log's motion are.
 
     Parameters
@@ -75,8 +91,21 @@ def draft_problem(
         have are locked.
     torque_gain : sequence of float
         From the torque columns to torque: one for all joints, or one each.
-    masses : {"datasheet", "free"}
-        Whether the model's masses are known; where it has none, they are free.
+    masses : {"datasheet", "free"}, optional
+        Whether the model's masses are known; where it has none, they are free. By
+        default the data may contradict them.
+    drive : sequence of str, optional
+        Drive terms of all joints, such as ``["viscous", "coulomb", "offset"]``; by
+        default chosen.
+    cutoff : float, optional, [Hz]
+        Of the motion; by default chosen.
+    band : float, optional, [Hz]
+        Up to which torque is to be predicted; see `select_model`.
+    select : bool
+        Whether a model is chosen; else it is viscous and Coulomb friction with an
+        offset, and a cut-off of `best_cutoff`.
+    progress : bool
+        Whether the choice shows on the standard error how far it is.
 
     Raises
     ------
@@ -106,16 +135,18 @@ def draft_problem(
         middle = stop if held_out else start + _training(raw, stop - start)
         entries += _entries(file, raw, start, middle, stop)
         parts.append(trimmed(raw, start, middle))
-    torque_model = TorqueModel(
-        logs.robot, DEFAULT_DRIVE.terms, torque_joints=tuple(logs.columns.torque_joints)
-    )
-    cutoff, reason = _cutoff(torque_model, parts, clock)
-    for file in held_out:
-        raw = raws[file] = logs.read(file)
-        start, stop = _moving(raw, clock)
-        entries.append(DraftRecording(file, "validation", _rows(raw, start, stop)))
+    table = DEFAULT_DRIVE if drive is None else _drive_table(drive)
+    if cutoff is not None:
+        chosen, reason = cutoff, f"{cutoff:g} Hz, as was asked for"
+    elif select:
+        chosen, reason = _fallback(parts), "the plain default"
+    else:
+        torque_model = TorqueModel(
+            logs.robot, table.terms, torque_joints=tuple(logs.columns.torque_joints)
+        )
+        chosen, reason = _cutoff(torque_model, parts, clock)
     known = any(link.datasheet.mass is not None for link in logs.robot.links)
-    return Draft(
+    draft = Draft(
         model=model,
         recordings=tuple(sorted(entries, key=lambda entry: entry.role)),
         joints=logs.robot.joint_names,
@@ -127,12 +158,65 @@ def draft_problem(
         rate=own_rate(raws[training[0]]),
         resample=clock.resample,
         max_gap=clock.max_gap,
-        cutoff=cutoff,
+        cutoff=chosen,
         cutoff_reason=reason,
-        masses=masses if known else "free",
+        masses=(masses or "datasheet") if known else "free",
         raw=raws,
         notes=logs.notes,
+        drive=table,
     )
+    if select:
+        fixed_values = {"masses": masses, "motion_cutoff": cutoff}
+        fixed = [kind for kind, value in fixed_values.items() if value is not None]
+        if drive is not None:
+            fixed += [kind for kind in DRIVE if kind != "velocity_scale"]
+        draft = _with_model(draft, fixed, band, progress)
+    return _with_validation(draft, held_out, logs, clock)
+
+
+def _with_validation(
+    draft: Draft, held_out: Sequence[Path], logs: RobotLogs, clock: _Clock
+) -> Draft:
+    """Return a draft with logs for validation, read when its model is fixed."""
+    raws, entries = dict(draft.raw), list(draft.recordings)
+    for file in held_out:
+        raws[file] = logs.read(file)
+        rows = _rows(raws[file], *_moving(raws[file], clock))
+        entries.append(DraftRecording(file, "validation", rows))
+    return replace(draft, raw=raws, recordings=tuple(entries))
+
+
+def _with_model(
+    draft: Draft, fixed: Sequence[str], band: float | None, progress: bool
+) -> Draft:
+    """Return a draft with the model that its training rows ask for, if they do."""
+    try:
+        chosen = select_model(
+            draft.problem(), fixed=fixed, band=band, progress=progress
+        )
+    except ConsistentIdError as cause:
+        note = f"no model could be chosen ({cause}); this is the plain default"
+        return replace(draft, notes=(*draft.notes, note))
+    return replace(draft, selection=chosen)
+
+
+def _drive_table(names: Sequence[str]) -> DriveTable:
+    """Return the drive terms of these names; those with shapes have usual ones."""
+    for name in names:
+        if name not in _SWITCHES:
+            near = did_you_mean(name, _SWITCHES)
+            raise ProblemError(f"no drive term {name!r}; {near}")
+    keys: dict[str, Any] = dict.fromkeys(names, True)
+    if keys.pop("coulomb", False):
+        width = DEFAULT_DRIVE.velocity_scale
+        keys |= {"coulomb": "tanh", "velocity_scale": width}
+    return DriveTable(**keys)
+
+
+def _fallback(training: Sequence[Recording]) -> float:
+    """Return a cut-off [Hz] that no data have chosen."""
+    top = _SHARE * min(own_rate(part) for part in training)
+    return float(f"{min(10.0, top):.2g}")
 
 
 def _require_distinct(training: Sequence[Path], held_out: Sequence[Path]) -> None:
@@ -178,11 +262,6 @@ def _training(raw: Recording, duration: float) -> float:
     if whole < 2:
         return share
     return period * min(max(round(_TRAINING * whole), 1), whole - 1)
-
-
-class _Clock(NamedTuple):
-    resample: float | None  # Hz
-    max_gap: float | None  # s
 
 
 def _clock(raws: Sequence[Recording]) -> _Clock:
@@ -234,7 +313,7 @@ def _cutoff(
 ) -> tuple[float, str]:
     """Return the cut-off [Hz], and why it is that."""
     top = _SHARE * min(own_rate(part) for part in training)
-    fallback = float(f"{min(10.0, top):.2g}")
+    fallback = _fallback(training)
     try:
         chosen = _chosen(model, training, clock, top)
     except ConsistentIdError as cause:

@@ -209,6 +209,7 @@ class PreparationTable(Table, frozen=True, kw_only=True):
     harmonics: Annotated[int, Meta(ge=1)] | None = None
     decimate: Annotated[int, Meta(ge=1)] = 1
     trim_standstill: bool | Positive = False
+    least_speed: Annotated[float, Meta(gt=0.0, lt=1.0)] | None = None
 
 
 class TrackTable(Table, frozen=True, kw_only=True):

@@ -48,18 +48,27 @@ def torque_model(table: ProblemTable, file: Path) -> TorqueModel:
     ModelError
         If the robot cannot be built.
     """
-    robot = _robot(table, file.parent)
-    robot = robot.with_datasheet(
-        {name: _datasheet(robot, name, link) for name, link in table.links.items()}
-    )
+    robot = described(_robot(table, file.parent), table)
     for name in table.joints:
         if name not in robot.joint_names:
             near = did_you_mean(name, robot.joint_names)
             raise ProblemError(f"{file}: [joints.{name}]: no such joint; {near}")
+    return drive_of(table, robot)
+
+
+def described(robot: RobotModel, table: ProblemTable) -> RobotModel:
+    """Return a robot with the datasheet of a problem file over its own."""
+    return robot.with_datasheet(
+        {name: _datasheet(robot, name, link) for name, link in table.links.items()}
+    )
+
+
+def drive_of(table: ProblemTable, robot: RobotModel) -> TorqueModel:
+    """Return the torque model of a robot with a problem file's drive terms."""
     drive = tuple(
         table.joints.get(name, table.drive).terms for name in robot.joint_names
     )
-    couplings = tuple(_coupling(coupling) for coupling in table.couplings)
+    couplings = tuple(coupling_of(coupling) for coupling in table.couplings)
     measured = () if table.data is None else tuple(table.data.torque_joints)
     return TorqueModel(robot, drive, couplings, measured)
 
@@ -109,7 +118,8 @@ def _datasheet(robot: RobotModel, name: str, table: LinkTable) -> Datasheet:
     )
 
 
-def _coupling(table: CouplingTable) -> GearCoupling:
+def coupling_of(table: CouplingTable) -> GearCoupling:
+    """Return the coupling that a table states."""
     return GearCoupling(
         table.first,
         table.second,

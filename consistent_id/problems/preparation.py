@@ -17,6 +17,7 @@ from consistent_id.recordings.signals import (
     differentiated,
     estimate_delay,
     estimated_period,
+    faster,
     fourier_fit,
     kalman_differentiated,
     low_passed,
@@ -208,11 +209,10 @@ class _Part:
         else:
             whole = self._whole
         part = trimmed(whole, start, stop)
-        if table.trim_standstill is False:
-            return part
-        return trim_standstill(
-            part, None if table.trim_standstill is True else table.trim_standstill
-        )
+        if table.trim_standstill is not False:
+            speed = None if table.trim_standstill is True else table.trim_standstill
+            part = trim_standstill(part, speed)
+        return part if table.least_speed is None else faster(part, table.least_speed)
 
     @cached_property
     def _filtered(self) -> Recording:

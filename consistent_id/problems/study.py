@@ -364,7 +364,12 @@ def identify(
                 (Method.BOX_CONSTRAINED, regression, linear, prior),
                 (Method.CONSTRAINED, regression, constraints, prior),
                 (Method.WEIGHTED_CONSTRAINED, weighted, constraints, prior),
-                (Method.CROSS_VALIDATED, regression, constraints, _penalty(problem, path)),
+                (
+                    Method.CROSS_VALIDATED,
+                    regression,
+                    constraints,
+                    _penalty(problem, path),
+                ),
             )
         ),
     )

@@ -25,11 +25,16 @@ def toml_text(table: Table, comments: Mapping[str, str]) -> str:
 
 def _lines(table: Table, path: str, comments: Mapping[str, str]) -> Iterator[str]:
     """Yield a table's own keys, then the tables in it."""
-    tables = []
+    tables, named = [], set()
     for key, value, default in _fields(table):
         inner = f"{path}.{key}".lstrip(".")
         if isinstance(value, Table):
             tables.append((inner, [value], f"[{inner}]"))
+        elif isinstance(value, Mapping) and _has_tables(value):
+            for name, member in value.items():
+                path_of = f"{inner}.{bare_key(name)}"
+                tables.append((path_of, [member], f"[{path_of}]"))
+                named.add(path_of)
         elif isinstance(value, list) and value and isinstance(value[0], Table):
             tables.append((inner, value, f"[[{inner}]]"))
         elif value is not None and (value != default or inner in comments):
@@ -39,12 +44,25 @@ def _lines(table: Table, path: str, comments: Mapping[str, str]) -> Iterator[str
         for member in members:
             lines = list(_lines(member, inner, comments))
             above = [f"# {line}" for line in comments.get(inner, "").splitlines()]
-            if lines or above:
+            if lines or above or inner in named:
                 yield from ["", *above, header, *lines]
 
 
+def _has_tables(value: Mapping[str, Any]) -> bool:
+    return any(isinstance(member, Table) for member in value.values())
+
+
+def bare_key(name: str) -> str:
+    """Return a key as TOML wants it: in quotes if it needs them."""
+    plain = all(c.isascii() and (c.isalnum() or c in "-_") for c in name)
+    return name if plain and name else _value(name)
+
+
 def _fields(table: Table) -> Iterator[tuple[str, Any, Any]]:
-    """Yield a table's keys, values and defaults."""
+    """Yield a table's keys, values and defaults; its tag first, if it has one."""
+    config = type(table).__struct_config__
+    if config.tag_field is not None:
+        yield config.tag_field, config.tag, None
     for field in msgspec.structs.fields(table):
         default = field.default
         if field.default_factory is not msgspec.NODEFAULT:
@@ -53,6 +71,10 @@ def _fields(table: Table) -> Iterator[tuple[str, Any, Any]]:
 
 
 def _value(value: object) -> str:
+    if isinstance(value, Table):
+        value = {k: v for k, v, default in _fields(value) if v != default}
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(_value(item) for item in value)}]"
     if isinstance(value, Mapping):
         pairs = (f"{_value(key)} = {_value(item)}" for key, item in value.items())
         return f"{{{', '.join(pairs)}}}"

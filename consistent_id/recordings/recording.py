@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from consistent_id._support.arrays import Matrix, Vector, freeze, frozen
+from consistent_id._support.arrays import IntArray, Matrix, Vector, freeze, frozen
 from consistent_id._support.extras import pandas, xarray
 from consistent_id._support.tables import Table
 from consistent_id.errors import RecordingError
@@ -220,8 +220,8 @@ class Recording:
             attrs={"name": self.name},
         )
 
-    def samples(self, keep: slice) -> Self:
-        """Return a run of samples (every ``keep.step``-th of them)."""
+    def samples(self, keep: slice | IntArray) -> Self:
+        """Return some samples: a run, every ``keep.step``-th of them, or by place."""
         channels = {
             channel: values[keep]
             for channel in _CHANNELS

@@ -277,26 +277,34 @@ def _load_reference(model: TorqueModel) -> Vector | None:
 
 def _require_load(model: TorqueModel, reference: Vector) -> None:
     """Refuse friction that depends on a load which is rounding alone."""
-    rng = np.random.default_rng(0)
-    states = rng.uniform(-2.0, 2.0, (3, 8, len(model.robot)))
-    parts = joint_torque_regressor(model.robot, *states) * reference[:, None]
-    torque = np.linalg.norm(parts.sum(axis=1), axis=1)
+    idle = unloaded_joints(model.robot, reference)
     without = [
         name
-        for name, terms, sum_of_parts, size in zip(
-            model.robot.joint_names,
-            model.terms,
-            torque,
-            np.linalg.norm(abs(parts).sum(axis=1), axis=1),
-            strict=True,
-        )
-        if terms.needs_load and sum_of_parts <= _NO_LOAD * size
+        for name, terms in zip(model.robot.joint_names, model.terms, strict=True)
+        if terms.needs_load and name in idle
     ]
     if without:
         raise ProblemError(
             f"the robot of the nominal parameters puts no load on {', '.join(without)}"
             "; leave load_friction out there, or give load_reference"
         )
+
+
+def unloaded_joints(robot: RobotModel, reference: Vector) -> tuple[str, ...]:
+    """Return the joints that a robot of these parameters puts no load on.
+
+    Parameters
+    ----------
+    robot : RobotModel
+    reference : ndarray, shape (10 links,)
+    """
+    rng = np.random.default_rng(0)
+    states = rng.uniform(-2.0, 2.0, (3, 8, len(robot)))
+    parts = joint_torque_regressor(robot, *states) * reference[:, None]
+    torque = np.linalg.norm(parts.sum(axis=1), axis=1)
+    sizes = np.linalg.norm(abs(parts).sum(axis=1), axis=1)
+    idle = torque <= _NO_LOAD * sizes
+    return tuple(n for n, none in zip(robot.joint_names, idle, strict=True) if none)
 
 
 def _loaded(model: TorqueModel) -> Iterator[tuple[int, Vector]]:

@@ -6,6 +6,7 @@ Each function takes a `Recording` and returns a new one, or a small value.
 from consistent_id.recordings.signals.alignment import aligned
 from consistent_id.recordings.signals.clocks import resampled, uniform_rate
 from consistent_id.recordings.signals.cuts import (
+    faster,
     split_at_gaps,
     trim_standstill,
     trimmed,
@@ -25,6 +26,7 @@ from consistent_id.recordings.signals.masks import (
     mask_onto,
     row_weights,
     saturated,
+    speed_share,
     standstill,
 )
 from consistent_id.recordings.signals.period import estimated_period
@@ -52,6 +54,7 @@ __all__ = [
     "encoder_resolution",
     "estimate_delay",
     "estimated_period",
+    "faster",
     "fit_trajectory",
     "fourier_differentiated",
     "fourier_fit",
@@ -63,6 +66,7 @@ __all__ = [
     "row_weights",
     "saturated",
     "savitzky_golay_differentiated",
+    "speed_share",
     "split_at_gaps",
     "standstill",
     "track",

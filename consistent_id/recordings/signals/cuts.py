@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from consistent_id._support.arrays import IntArray
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.recording import Recording
-from consistent_id.recordings.signals.masks import as_mask, standstill
+from consistent_id.recordings.signals.masks import as_mask, speed_share, standstill
 
 
 def trimmed(
@@ -88,6 +88,32 @@ def without(
     keep = np.flatnonzero(~as_mask(recording, mask).any(axis=1))
     cuts = np.flatnonzero(np.diff(keep) > 1) + 1
     return _parts(recording, np.split(keep, cuts), shortest)
+
+
+def faster(recording: Recording, least_speed: float) -> Recording:
+    """Leave out the rows in which the robot creeps or stands still.
+
+    Leave them out after filtering: what is left has gaps.
+
+    Parameters
+    ----------
+    recording : Recording
+        With velocity.
+    least_speed : float
+        Share of top speed; see `speed_share`.
+
+    Raises
+    ------
+    RecordingError
+        If fewer than two rows are left.
+    """
+    kept = speed_share(recording) >= least_speed
+    if kept.sum() < 2:
+        raise RecordingError(
+            f"{recording.name}: {kept.sum()} rows are faster than {least_speed:g} of "
+            "top speed, expected two or more"
+        )
+    return recording if kept.all() else recording.samples(np.flatnonzero(kept))
 
 
 def trim_standstill(

@@ -38,6 +38,30 @@ def standstill(recording: Recording, velocity: float | None = None) -> BoolArray
     return np.asarray((abs(speed) < limit) | (speed == 0.0))
 
 
+def speed_share(recording: Recording, window: float = 0.25) -> Vector:
+    """Return how fast the robot moves, as a share of top speed, shape (samples,).
+
+    Of the joint that is fastest compared to its own largest speed, the largest share
+    within half a window on either side: a joint that turns back is not at rest.
+
+    Parameters
+    ----------
+    recording : Recording
+        With velocity.
+    window : float, [s]
+    """
+    from scipy.ndimage import maximum_filter1d
+
+    speed = recording.velocity
+    if speed is None:
+        raise RecordingError(f"{recording.name} has no velocity")
+    top = abs(speed).max(axis=0)
+    share = np.max(abs(speed) / np.where(top > 0.0, top, np.inf), axis=1)
+    step = float(np.median(np.diff(recording.time)))
+    reach = int(0.5 * window / step)
+    return np.asarray(maximum_filter1d(share, 2 * reach + 1, mode="nearest"))
+
+
 def saturated(recording: Recording, limit: ArrayLike | None = None) -> BoolArray:
     """Return where each joint's torque is at its limit, shape (samples, joints).
 

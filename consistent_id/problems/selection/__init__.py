@@ -1,0 +1,1 @@
+"""The model that training data ask for, chosen by blocked cross-validation."""

@@ -1,0 +1,150 @@
+"""Triangular factors of all columns that a model may have, block by block.
+
+Every model is a selection of columns, every fold a QR of triangles: rows are read once.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from consistent_id._support.arrays import IntArray, Matrix, Vector
+from consistent_id.problems.selection.blocks import EDGES, folds
+from consistent_id.problems.selection.samples import Samples
+from consistent_id.regression.drive.gear_coupling import GearCoupling
+from consistent_id.regression.drive.term import DriveTerm, JointSamples, term_columns
+from consistent_id.regression.regression import triangle
+from consistent_id.regression.regressor import TorqueModel, coupled_joints
+from consistent_id.regression.row_structure import row_structure
+
+
+class Key(NamedTuple):
+    """A drive column: of a joint or a coupling, a coefficient, its law with shapes."""
+
+    owner: str
+    name: str
+    term: DriveTerm
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointFactors:
+    """The rows of one joint: bodies' and drive columns, the torque's rate, torque.
+
+    Parameters
+    ----------
+    expand : ndarray, shape (bodies' columns, 10 links)
+        How all inertial columns follow from those that are kept.
+    places : mapping of Key to int
+        Of drive columns.
+    cells : tuple of ndarray
+        Triangular factor of each cell.
+    training : tuple of ndarray
+        Of what is left when a fold is left out, for each fold.
+    """
+
+    expand: Matrix
+    places: Mapping[Key, int]
+    cells: tuple[Matrix, ...]
+    training: tuple[Matrix, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Factors:
+    """Factors of all torque joints, and rows behind each cell."""
+
+    joints: tuple[JointFactors, ...]
+    counts: IntArray
+
+
+def factors_of(
+    bodies: TorqueModel,
+    samples: Samples,
+    terms: Sequence[Sequence[DriveTerm]],
+    couplings: Sequence[GearCoupling],
+    *,
+    least_speed: float | None = None,
+    load: Vector | None = None,
+) -> Factors:
+    """Compress rows to triangular factors.
+
+    Parameters
+    ----------
+    bodies : TorqueModel
+        Without drive terms.
+    samples : Samples
+    terms : sequence of sequence of DriveTerm
+        Of each of the robot's joints.
+    couplings : sequence of GearCoupling
+    least_speed : float, optional
+        Share of top speed below which rows are left out.
+    load : ndarray, shape (10 links,), optional
+        Inertial parameters that loads are computed from.
+    """
+    kept = samples.speed >= (0.0 if least_speed is None else least_speed)
+    cell = samples.cell[kept]
+    number = len(EDGES) - 1
+    coupled = _coupling_columns(bodies, samples, couplings)
+    rates = samples.torque_rate
+    joints = []
+    for row, (name, (places, expand)) in enumerate(
+        zip(bodies.torque_joints, row_structure(bodies), strict=True)
+    ):
+        inertial = samples.inertial[row]
+        columns = dict(coupled.get(name, {}))
+        columns |= _drive_columns(bodies, samples, name, terms, load, inertial)
+        ends = [rates[:, row], samples.torque[:, row]]
+        rows = np.column_stack([inertial[places].T, *columns.values(), *ends])[kept]
+        joints.append(_joint_factors(rows, cell, number, expand, tuple(columns)))
+    return Factors(tuple(joints), np.bincount(cell, minlength=number))
+
+
+def _joint_factors(
+    rows: Matrix, cell: IntArray, number: int, expand: Matrix, keys: tuple[Key, ...]
+) -> JointFactors:
+    cells = tuple(
+        triangle(np.asfortranarray(rows[cell == place])) for place in range(number)
+    )
+    training = []
+    for _, out in folds():
+        others = [R for place, R in enumerate(cells) if place not in out]
+        training.append(triangle(np.asfortranarray(np.vstack(others))))
+    places = {key: len(expand) + i for i, key in enumerate(keys)}
+    return JointFactors(expand, places, cells, tuple(training))
+
+
+def _drive_columns(
+    bodies: TorqueModel,
+    samples: Samples,
+    name: str,
+    terms: Sequence[Sequence[DriveTerm]],
+    load: Vector | None,
+    inertial: Matrix,
+) -> dict[Key, Vector]:
+    j = bodies.robot.joint_names.index(name)
+    carried = None if load is None else load @ inertial
+    motion = JointSamples(samples.q[:, j], samples.dq[:, j], samples.ddq[:, j], carried)
+    found = {}
+    for term in terms[j]:
+        values = term_columns(term, motion)
+        for coefficient, column in zip(term.names, values, strict=True):
+            full = np.broadcast_to(column, (len(samples.q),))
+            found[Key(name, coefficient, term)] = full
+    return found
+
+
+def _coupling_columns(
+    bodies: TorqueModel, samples: Samples, couplings: Sequence[GearCoupling]
+) -> dict[str, dict[Key, Vector]]:
+    found: dict[str, dict[Key, Vector]] = {}
+    names = bodies.robot.joint_names
+    for coupling in couplings:
+        pair = coupled_joints(bodies.robot, coupling)
+        rates = [samples.dq[:, j] for j in pair], [samples.ddq[:, j] for j in pair]
+        columns = coupling.columns(*rates)
+        terms = [term for term in coupling.terms for _ in term.names]
+        for label, term, both in zip(coupling.names, terms, columns, strict=True):
+            key = Key(coupling.label, label, term)
+            for j, column in zip(pair, both, strict=True):
+                found.setdefault(names[j], {})[key] = column
+    return found

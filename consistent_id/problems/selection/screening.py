@@ -1,0 +1,123 @@
+"""Moves ranked cheaply: the bodies are held, the drive terms are fitted anew.
+
+Given bodies, the drive terms of each joint are a small non-negative least-squares
+problem of their own.  It ranks what a move brings; the constrained fit then decides.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from consistent_id._support.arrays import BoolArray, Matrix, Vector
+from consistent_id.problems.selection.factors import Factors, JointFactors, Key
+from consistent_id.problems.selection.held_out import (
+    HeldOut,
+    held_out,
+    own_parameters,
+)
+from consistent_id.problems.selection.models import Candidate, FoldFits
+
+
+def screened(
+    candidate: Candidate, factors: Factors, current: FoldFits, sigma: Vector
+) -> HeldOut:
+    """Return errors of a candidate whose bodies are those of other fits.
+
+    Parameters
+    ----------
+    candidate : Candidate
+    factors : Factors
+        Of the candidate's rows.
+    current : FoldFits
+        Whose bodies are held, fold by fold.
+    sigma : ndarray, shape (torque joints,), [N m or N]
+    """
+    size = candidate.model.layout.inertial_size
+    x = np.zeros((len(current.parameters), len(candidate.model.layout)))
+    x[:, :size] = current.parameters[:, :size]
+    for group in _groups(candidate, factors):
+        joints = [factors.joints[j] for j in group]
+        keys = [
+            i
+            for i, key in enumerate(candidate.keys)
+            if any(key in joint.places for joint in joints)
+        ]
+        for fold in range(len(x)):
+            A, b = _left(candidate, joints, sigma[group], x[fold], keys, fold)
+            x[fold, [size + i for i in keys]] = _drive(
+                A, b, candidate.nonnegative[keys]
+            )
+    return held_out(FoldFits(candidate, x), factors, sigma)
+
+
+def _groups(candidate: Candidate, factors: Factors) -> list[list[int]]:
+    """Return the joints that share drive terms, by their places."""
+    groups: list[list[int]] = []
+    for j, joint in enumerate(factors.joints):
+        own = {key for key in candidate.keys if key in joint.places}
+        shared = [
+            group
+            for group in groups
+            if any(own & factors.joints[i].places.keys() for i in group)
+        ]
+        merged = sorted({j, *(i for group in shared for i in group)})
+        groups = [*(g for g in groups if g not in shared), merged]
+    return groups
+
+
+def _left(
+    candidate: Candidate,
+    joints: Sequence[JointFactors],
+    sigma: Vector,
+    x: Vector,
+    keys: Sequence[int],
+    fold: int,
+) -> tuple[Matrix, Vector]:
+    """Return drive columns, and the torque that the bodies leave to them."""
+    size = candidate.model.layout.inertial_size
+    columns, rest = [], []
+    for joint, s in zip(joints, sigma, strict=True):
+        R, kept = joint.training[fold], len(joint.expand)
+        A = np.zeros((len(R), len(keys)))
+        for i, place in enumerate(_places(candidate.keys, keys, joint)):
+            if place is not None:
+                A[:, i] = R[:, place]
+        columns.append(A / s)
+        rest.append((R[:, -1] - R[:, :kept] @ (joint.expand @ x[:size])) / s)
+    return np.vstack(columns), np.concatenate(rest)
+
+
+def _places(
+    every: Sequence[Key], chosen: Sequence[int], joint: JointFactors
+) -> list[int | None]:
+    return [joint.places.get(every[i]) for i in chosen]
+
+
+def _drive(A: Matrix, b: Vector, nonnegative: BoolArray) -> Vector:
+    """Return the least-squares solution, entries marked so being zero or more."""
+    from scipy.optimize import nnls
+
+    norms = np.linalg.norm(A, axis=0)
+    unit = np.where(norms > 0.0, norms, 1.0)
+    free = np.flatnonzero(~nonnegative)
+    both = np.column_stack([A / unit, -A[:, free] / unit[free]])
+    y, _ = nnls(both, b)
+    n = A.shape[1]
+    x = y[:n].copy()
+    x[free] -= y[n:]
+    return np.asarray(x / unit)
+
+
+def torque_delay(current: FoldFits, factors: Factors, sigma: Vector) -> float:
+    """Return by how much the torque seems to be late [s]: to first order.
+
+    A torque that is late by ``d`` leaves ``-d dtau/dt``.
+    """
+    numerator = denominator = 0.0
+    for joint, s in zip(factors.joints, sigma, strict=True):
+        z = own_parameters(current.candidate, current.parameters, joint)
+        for fold, R in enumerate(joint.training):
+            rest, rate = -R @ z[fold], R[:, -2]
+            numerator -= float(rest @ rate) / s**2
+            denominator += float(rate @ rate) / s**2
+    return numerator / denominator if denominator > 0.0 else 0.0

@@ -1,0 +1,207 @@
+"""What a search begins with: rows, the plain model, units of joints, what to try."""
+
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+
+import msgspec
+import numpy as np
+
+from consistent_id._support.arrays import Vector
+from consistent_id.errors import RecordingError
+from consistent_id.problems.file import DriveTable
+from consistent_id.problems.model import DEFAULT_DRIVE
+from consistent_id.problems.problem import Problem
+from consistent_id.problems.selection.band import (
+    motion_cutoffs,
+    thinning,
+    velocity_scales,
+)
+from consistent_id.problems.selection.blocks import NUMBERS, motion_period
+from consistent_id.problems.selection.choice import Choice, data_of
+from consistent_id.problems.selection.evaluation import Evaluated, Evaluator, Setting
+from consistent_id.problems.selection.moves import TERMS
+from consistent_id.problems.selection.proposals import Scope
+from consistent_id.problems.selection.samples import Log, Samples
+from consistent_id.problems.selection.superset import loaded_joints
+from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.signals.clocks import own_rate
+from consistent_id.regression.base import base_parameters
+from consistent_id.regression.drive.drive_terms import DEFAULTS
+from consistent_id.regression.regressor import TorqueModel
+
+DRIVE = (*TERMS, "asymmetric", "stribeck_velocity", "velocity_scale", "coupling")
+"""Kinds of moves that change drive terms."""
+
+KINDS = (*DRIVE, "masses", "motion_cutoff", "least_speed", "delay")
+"""What may be chosen, and what a search may be told to leave as the file has it."""
+
+_MOST_ROWS = 6000  # samples: more tell little more, and cost time
+_WIDTH = 0.03  # of the median top speed: where the search for friction's width begins
+_ROUGH = 0.1  # of the torque: misfit that counts as one until it is known
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Beginning:
+    """An evaluator, the plain model evaluated, and what may be changed."""
+
+    evaluator: Evaluator
+    plain: Evaluated
+    scope: Scope
+
+
+def beginning(
+    problem: Problem, raws: tuple[Recording, ...], fixed: Collection[str], band: float
+) -> Beginning:
+    """Prepare a search.
+
+    Each joint's errors are measured in units of its own error with the plain model, so
+    that all joints count alike.
+
+    Parameters
+    ----------
+    problem : Problem
+    raws : tuple of Recording
+        Training logs as they were recorded.
+    fixed : collection of str
+        See `KINDS`.
+    band : float, [Hz]
+
+    Raises
+    ------
+    RecordingError
+        If there is too little motion.
+    """
+    setting = _setting(problem, raws, band)
+    cutoff = _cutoff(problem, fixed, band)
+    evaluator = Evaluator(setting)
+    samples = evaluator.samples(cutoff)
+    _require_rows(samples, setting)
+    speeds = _top_speeds(samples, setting.bodies)
+    scales = velocity_scales(speeds)
+    width = min(scales, key=lambda s: abs(np.log(s / (_WIDTH * np.median(speeds)))))
+    start = replace(
+        _plain(problem, fixed, width), motion_cutoff=cutoff, torque_cutoff=band
+    )
+    torque = np.sqrt(np.mean(samples.torque**2, axis=0))
+    rough = evaluator.rescaled(torque, _ROUGH * np.sqrt(samples.torque.size))
+    errors = rough.evaluated(start).errors.squares.sum(axis=0) / len(NUMBERS)
+    sigma = torque * np.sqrt(errors / len(samples.torque))
+    evaluator = rough.rescaled(sigma, float(np.sqrt(samples.torque.size)))
+    rate = min(own_rate(raw) for raw in raws)
+    scope = Scope(
+        fixed=frozenset(fixed) | _settled(problem),
+        scales=scales,
+        cutoffs=motion_cutoffs(band, rate),
+    )
+    return Beginning(evaluator, evaluator.evaluated(start), scope)
+
+
+def _setting(problem: Problem, raws: tuple[Recording, ...], band: float) -> Setting:
+    data = data_of(problem.table)
+    model = problem.model
+    bodies = TorqueModel(model.robot, torque_joints=model.torque_joints)
+    rate = min(own_rate(raw) for raw in raws)
+    thin = thinning(band, rate)
+    rows = sum(len(raw) for raw in raws) // thin
+    return Setting(
+        table=problem.table,
+        preparation=data.preparation,
+        folder=problem.folder,
+        bodies=bodies,
+        base=base_parameters(bodies),
+        loaded=loaded_joints(bodies),
+        logs=tuple(Log(raw, motion_period(raw)) for raw in raws),
+        band=band,
+        thin=thin * max(-(-rows // _MOST_ROWS), 1),
+        sigma=np.ones(len(bodies.torque_joints)),
+        size=1.0,
+    )
+
+
+def _cutoff(problem: Problem, fixed: Collection[str], band: float) -> float | None:
+    preparation = data_of(problem.table).preparation
+    if preparation.method != "butterworth":
+        return None
+    return preparation.motion_cutoff if "motion_cutoff" in fixed else band
+
+
+def _settled(problem: Problem) -> frozenset[str]:
+    """Return what cannot be chosen, or what the file has reasons for."""
+    table = problem.table
+    columns = data_of(problem.table).columns
+    settled = set()
+    if data_of(problem.table).preparation.method != "butterworth":
+        settled.add("motion_cutoff")
+    if columns is None or columns.torque is None:
+        settled.add("delay")
+    if table.constraints.masses == "bounds":
+        settled.add("masses")
+    return frozenset(settled)
+
+
+def _masses_known(problem: Problem) -> bool:
+    robot = problem.model.robot
+    return any(link.datasheet.mass is not None for link in robot.links)
+
+
+def _require_rows(samples: Samples, setting: Setting) -> None:
+    rows, needed = samples.torque.size, 3 * len(setting.base)
+    if rows < needed:
+        raise RecordingError(
+            f"{rows} rows of training data are left for choosing a model, expected "
+            f"{needed} or more; record for longer"
+        )
+
+
+def _top_speeds(samples: Samples, bodies: TorqueModel) -> Vector:
+    names = bodies.robot.joint_names
+    places = [names.index(name) for name in bodies.torque_joints]
+    speeds = np.asarray(abs(samples.dq[:, places]).max(axis=0))
+    moving = speeds[speeds > 0.0]
+    if len(moving) == 0:
+        raise RecordingError("no joint with torque ever moves in the training data")
+    return moving
+
+
+def _plain(problem: Problem, fixed: Collection[str], width: float) -> Choice:
+    """Return the plain model, with what is fixed as the file has it."""
+    table, model = problem.table, problem.model
+    plain = msgspec.structs.replace(DEFAULT_DRIVE, velocity_scale=width)
+    drive = []
+    for name in model.robot.joint_names:
+        own = table.joints.get(name, table.drive)
+        whole = set(DRIVE) - {"velocity_scale", "coupling"} <= set(fixed)
+        if name not in model.torque_joints:
+            drive.append(DriveTable())
+            continue
+        kept = {
+            key: getattr(own, key)
+            for key in DRIVE
+            if key in fixed and key != "coupling"
+        }
+        if kept.get("asymmetric"):
+            kept["offset"] = False
+        if "velocity_scale" in kept:
+            kept["coulomb"] = own.coulomb
+        joint = table.joints.get(name)
+        if joint is not None and joint.motor_inertia is not None:
+            kept["rotor_inertia"] = True
+        if whole:
+            given = own.coulomb == "tanh" and "velocity_scale" not in fixed
+            kept = {key: getattr(own, key) for key in DEFAULTS}
+            kept |= {"velocity_scale": width} if given else {}
+        drive.append(msgspec.structs.replace(plain, **kept))
+    masses = table.constraints.masses
+    if not _masses_known(problem):
+        masses = "free"
+    elif "masses" not in fixed and masses == "free":
+        masses = "datasheet"
+    preparation = data_of(problem.table).preparation
+    delay = preparation.delays.get("torque", 0.0) if "delay" in fixed else 0.0
+    return Choice(
+        tuple(drive),
+        couplings=tuple(table.couplings) if "coupling" in fixed else (),
+        masses=masses,
+        least_speed=preparation.least_speed if "least_speed" in fixed else None,
+        delay=float(delay),
+    )

@@ -1,0 +1,89 @@
+"""Every drive term and coupling that a model may have, for one width of friction."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import msgspec
+
+from consistent_id.problems.file import CouplingTable, DriveTable
+from consistent_id.problems.model import coupling_of
+from consistent_id.problems.selection.moves import stribeck_velocities
+from consistent_id.regression.drive.gear_coupling import GearCoupling
+from consistent_id.regression.drive.term import DriveTerm
+from consistent_id.regression.regressor import TorqueModel, unloaded_joints
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Superset:
+    """Drive terms of each of the robot's joints, and couplings of neighbours."""
+
+    terms: tuple[tuple[DriveTerm, ...], ...]
+    couplings: tuple[GearCoupling, ...]
+
+
+def superset(bodies: TorqueModel, scale: float, loaded: tuple[str, ...]) -> Superset:
+    """Return all terms that joints with torque may have.
+
+    Parameters
+    ----------
+    bodies : TorqueModel
+        Without drive terms.
+    scale : float, [rad/s or m/s]
+        Width of friction's change of sign.
+    loaded : tuple of str
+        See `loaded_joints`.
+    """
+    terms: list[tuple[DriveTerm, ...]] = []
+    for name in bodies.robot.joint_names:
+        measured = name in bodies.torque_joints
+        tables = _drive_tables(scale, name in loaded) if measured else ()
+        every = (term for table in tables for term in table.terms.terms)
+        terms.append(tuple(dict.fromkeys(every)))
+    pairs = couplings_between(bodies, scale)
+    return Superset(tuple(terms), tuple(coupling_of(pair) for pair in pairs))
+
+
+def _drive_tables(scale: float, loaded: bool) -> tuple[DriveTable, ...]:
+    """Return drive tables that together have every term that a joint may have."""
+    whole = DriveTable(
+        viscous=True,
+        coulomb="tanh",
+        velocity_scale=scale,
+        offset=True,
+        rotor_inertia=True,
+        spring=True,
+        drag=True,
+        load_friction=loaded,
+    )
+    change = msgspec.structs.replace
+    return (
+        whole,
+        change(whole, asymmetric=True, offset=False),
+        *(change(whole, stribeck_velocity=v) for v in stribeck_velocities(scale)),
+    )
+
+
+def couplings_between(bodies: TorqueModel, scale: float) -> tuple[CouplingTable, ...]:
+    """Return the couplings that drives of neighbouring joints may have."""
+    kinds = {joint.name: joint.kind == "prismatic" for joint in bodies.robot.driven}
+    return tuple(
+        CouplingTable(
+            first=first,
+            second=second,
+            viscous=True,
+            coulomb="tanh",
+            velocity_scale=scale,
+            rotor_inertia=True,
+        )
+        for first, second in pairwise(bodies.torque_joints)
+        if kinds[first] == kinds[second]
+    )
+
+
+def loaded_joints(bodies: TorqueModel) -> tuple[str, ...]:
+    """Return the torque joints whose load can be computed from the nominal robot."""
+    nominal = bodies.robot.nominal
+    if nominal is None:
+        return ()
+    idle = unloaded_joints(bodies.robot, nominal)
+    return tuple(name for name in bodies.torque_joints if name not in idle)
