@@ -1,8 +1,8 @@
 """What verdicts weigh, of clean simulated logs: where the gates of `judge` come from.
 
-``python benchmarks/verdict_gates.py [--seeds 1 3 5]`` draws clean logs of the five robots
-of `faults_robots`, whose torque has friction that default models lack, and prints of
-each what the constrained estimate of a drafted problem shows.  A gate lies beyond all.
+``python benchmarks/verdict_gates.py [--seeds 1 3 5]`` draws clean logs of the five
+robots of `faults_robots`, whose torque has friction that default models lack, and
+prints of each what the constrained estimate of a drafted problem shows.
 """
 
 import argparse
@@ -19,7 +19,7 @@ import consistent_id as ci
 from consistent_id.comparison.consistency_test import consistency_test
 from consistent_id.problems.study import Study
 
-COLUMNS = "misfit excess slope_low slope_high spare chi2 freedom p"
+COLUMNS = "misfit excess slope_low slope_high correl spare chi2 p"
 
 
 def figures(robot: str, seed: int) -> list[float]:
@@ -33,17 +33,15 @@ def figures(robot: str, seed: int) -> list[float]:
     fit = estimate.fit
     if fit is None:
         raise ci.ProblemError("the constrained estimate has no fit")
-    effective = float(study.regression.effective.sum())
-    rank = study.excitation.data_rank
     slopes = fit.slopes[fit.explained > 0.3]
     return [
         fit.misfit,
         fit.excess,
         slopes.min(initial=np.inf),
         slopes.max(initial=-np.inf),
-        effective / rank,
+        fit.correlation,
+        fit.spare,
         test.increase,
-        rank,
         test.p_value,
     ]
 

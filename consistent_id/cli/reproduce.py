@@ -9,8 +9,8 @@ from consistent_id.cli.answers import Answer, answered, shows_progress
 from consistent_id.cli.options import add_command, add_output, add_problem
 
 _MORE = """Writes one HTML page, its tables as Markdown, and all numbers as JSON. The
-problem needs [published], [tasks] and [laboratory]. Exit code 1: a constrained estimate
-is not certified; all is written nonetheless."""
+problem needs [published], [tasks] and [laboratory]. Exit code 1: the optimum of a
+constrained estimate is not certified; all is written nonetheless."""
 _EXAMPLES = """
 consistent-id reproduce problems/rx60
 consistent-id reproduce problems/rx60 --quick --output results/paper

@@ -57,8 +57,8 @@ class EstimateReport:
     findings : tuple of Finding
         What was found in the recordings.
     consistency : ConsistencyTest, optional
-        Of an impossible estimate: whether the data contradict physics, or noise alone
-        makes it so.
+        Where least squares is impossible: whether the data contradict physics, or noise
+        alone makes it so.
     """
 
     estimate: Estimate
@@ -98,6 +98,7 @@ class EstimateReport:
             least_mass_eigenvalue=self.least_mass_eigenvalue,
             fit=own.fit,
             impossible=self.impossibility,
+            contradicted="" if self.impossibility else self.contradiction,
             held_out=self.validation,
             findings=self.findings,
             undetermined=own.undetermined,
@@ -111,6 +112,11 @@ class EstimateReport:
             return ""
         summary, test = self.base_feasibility.summary, self.consistency
         return summary if test is None else f"{summary}; {test.sentence}"
+
+    @property
+    def contradiction(self) -> str:
+        """What the data say against every consistent robot; empty if nothing."""
+        return "" if self.consistency is None else self.consistency.contradiction
 
     @property
     def verdict(self) -> Verdict:
@@ -262,20 +268,18 @@ def compare(
 def _tested(
     reports: Sequence[EstimateReport], regression: Regression
 ) -> list[EstimateReport]:
-    """Add to what least squares found impossible whether the data mean it."""
-    places = [
-        i
-        for i, report in enumerate(reports)
+    """Add whether the data contradict physics, where least squares is impossible."""
+    impossible = [
+        report.estimate
+        for report in reports
         if report.estimate.method in _UNCONSTRAINED
         and report.base_feasibility.answer == "impossible"
     ]
-    found = list(reports)
-    if places:
-        estimate = reports[places[0]].estimate
-        try:
-            test = consistency_test(estimate.model, regression, base=estimate.base)
-        except SolverError:
-            return found
-        for i in places:
-            found[i] = replace(reports[i], consistency=test)
-    return found
+    if not impossible:
+        return list(reports)
+    first = impossible[0]
+    try:
+        test = consistency_test(first.model, regression, base=first.base)
+    except SolverError:
+        return list(reports)
+    return [replace(report, consistency=test) for report in reports]

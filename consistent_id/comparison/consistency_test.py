@@ -80,13 +80,27 @@ class ConsistencyTest:
 
     @property
     def sentence(self) -> str:
-        """The answer in words."""
-        figures = f"chi^2 rises by {self.increase:.3g}, p = {self.p_value:.2g}"
-        if self.white:
-            figures += ", for white noise"
+        """The answer in words, of an estimate that is impossible."""
         if self.significant:
-            return f"nor does a consistent robot fit as well ({figures})"
-        return f"impossible as a point; a consistent robot fits as well ({figures})"
+            return f"nor does a consistent robot fit as well ({self._figures})"
+        return (
+            f"impossible as a point; a consistent robot fits as well ({self._figures})"
+        )
+
+    @property
+    def contradiction(self) -> str:
+        """What a contradiction says of consistent estimates; empty if there is none."""
+        if not self.significant:
+            return ""
+        return (
+            f"no consistent robot fits as well as least squares ({self._figures}): the "
+            "model lacks something, perhaps of friction"
+        )
+
+    @property
+    def _figures(self) -> str:
+        figures = f"chi^2 rises by {self.increase:.3g}, p = {self.p_value:.2g}"
+        return f"{figures}, for white noise" if self.white else figures
 
 
 @single_threaded

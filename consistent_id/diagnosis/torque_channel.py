@@ -209,7 +209,10 @@ def _currents(p: TorqueParts) -> list[Finding]:
     slopes = p.whole[p.whole_shown]
     if len(slopes) < 2 or not _explained(p) or not (slopes > 0.0).all():
         return []
-    far = (slopes < 1.0 / _FAR).all() or (slopes > _FAR).all()
+    # Rotors of geared motors raise the inertial part, and nothing raises gravity.
+    heavy = p.gravity[p.gravity_shown & p.whole_shown]
+    above = len(heavy) > 0 and bool((heavy > _FAR).all())
+    far = (slopes < 1.0 / _FAR).all() or (above and (slopes > _FAR).all())
     sure = (p.whole_error <= _CLEAR * abs(p.whole))[p.whole_shown].all()
     unequal = slopes.max() >= _COMMON * slopes.min()
     if not (far and sure and unequal and _agreeing(p).all()):

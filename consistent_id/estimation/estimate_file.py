@@ -49,6 +49,8 @@ class FitRecord(msgspec.Struct):
     excess: float | None
     drive_share: float | None
     joints: dict[str, JointRecord]
+    correlation: float | None = None
+    spare: float | None = None
 
 
 class ReasonRecord(msgspec.Struct):

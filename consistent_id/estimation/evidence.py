@@ -30,6 +30,9 @@ class Evidence:
     fit : Fit, optional
     impossible : str
         Proof that no consistent robot has the base parameters, in words.
+    contradicted : str
+        How much worse than least squares the best consistent robot fits, in words, if
+        that is no chance.
     held_out : tuple of TorqueError
     findings : tuple of Finding
         Of the recordings.
@@ -46,6 +49,7 @@ class Evidence:
     least_mass_eigenvalue: float
     fit: Fit | None = None
     impossible: str = ""
+    contradicted: str = ""
     held_out: tuple[TorqueError, ...] = ()
     findings: tuple[Finding, ...] = ()
     undetermined: tuple[str, ...] = ()

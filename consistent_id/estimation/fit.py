@@ -15,7 +15,7 @@ from consistent_id.regression.linear import solve_linear
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
 
-_ALONE = ("misfit", "floor", "excess", "drive_share")
+_ALONE = ("misfit", "floor", "excess", "drive_share", "correlation", "spare")
 _PER_JOINT = tuple("torque misfits shares slopes explained expected efforts".split())
 _ROUNDING = 1e-10  # relative size of a column that drive terms explain to rounding
 
@@ -38,6 +38,12 @@ class Fit:
     drive_share : float
         RMS torque of the estimated drive terms over RMS torque, all joints stacked;
         NaN for a model without drive terms.
+    correlation : float
+        Samples that determine as much as one with white noise; NaN where the data do
+        not tell.
+    spare : float
+        Samples with white noise that determine as much as all, per parameter that the
+        data determine; NaN likewise.
     torque : array_like, shape (joints,), [N m or N]
         RMS torque.
     misfits : array_like, shape (joints,)
@@ -63,6 +69,8 @@ class Fit:
     floor: float
     excess: float
     drive_share: float
+    correlation: float
+    spare: float
     torque: Vector
     misfits: Vector
     shares: Vector
@@ -90,7 +98,7 @@ class Fit:
     def from_dict(cls, record: dict[str, Any]) -> Self:
         """Read what `to_dict` wrote."""
         joints = record["joints"]
-        alone: dict[str, Any] = {name: _known(record[name]) for name in _ALONE}
+        alone: dict[str, Any] = {name: _known(record.get(name)) for name in _ALONE}
         of_joints: dict[str, Any] = {
             name: np.array([_known(joint[name]) for joint in joints.values()])
             for name in _PER_JOINT
@@ -124,6 +132,7 @@ def fit_of(
     ) / np.sqrt(counts)
     residual = regression.residual_rms(x)
     has_drive = len(model.layout) > model.layout.inertial_size
+    effective = np.nan if regression.noise is None else regression.effective.sum()
 
     def stacked(rms: Vector) -> float:
         return float(np.sqrt((counts * rms**2).sum() / (counts * size**2).sum()))
@@ -134,6 +143,8 @@ def fit_of(
         floor=stacked(regression.residual_rms(unconstrained)),
         excess=_excess(regression, x, unconstrained, free.rank),
         drive_share=stacked(of_drive) if has_drive else np.nan,
+        correlation=float(counts.sum() / effective),
+        spare=float(effective / max(free.rank, 1)),
         torque=size,
         misfits=residual / size,
         shares=_shares(model, size),

@@ -9,8 +9,6 @@ standard error at the most.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from consistent_id.constraints import Constraint, PhysicalConsistency, lowered
 from consistent_id.constraints.cones.certificate import (
     FEASIBILITY_TOLERANCE,
@@ -98,8 +96,7 @@ def inner_fit(
         if found is None:  # another constraint does not allow it
             share *= _LESS
             continue
-        y = score @ (found.solution.u - best.solution.u)
-        move = float(np.sqrt(y @ np.linalg.solve(noise.inflation, y)))
+        move = noise.errors(score @ (found.solution.u - best.solution.u))
         if move <= MOVE:
             return InnerFit(found, share, move)
         # The best fit moves nearly in proportion.

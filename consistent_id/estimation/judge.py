@@ -16,6 +16,7 @@ from consistent_id.estimation.fit import Fit
 from consistent_id.estimation.torque_error import stacked_error
 from consistent_id.estimation.verdict import WORDS, Reason, Verdict, Word, percent
 from consistent_id.regression.mass_matrix import POSES
+from consistent_id.regression.residual_noise import WHITE
 
 # Gates.  Of simulated logs without a fault (five robots with Stribeck and load friction
 # that the model lacks), the misfit was 0.5-2.5 %, the excess over least squares
@@ -41,6 +42,7 @@ EXPECTED = 0.1  # share of a joint's torque that makes its slope matter
 EXPECTED_MUCH = 0.3  # share that cannot be missing for want of excitation
 EFFORT_CARE = 1.2  # peak torque over effort limit: limits are often rounded down
 JOINT_MATTERS = 0.05  # torque over that of the strongest joint
+SPARE_CARE = 3.0  # effective samples per parameter; clean logs above have 11-40
 FRICTIONLESS = 0.01  # share of drive terms in the torque; drives have 10-80 %
 
 
@@ -266,6 +268,28 @@ def _of_channel(evidence: Evidence) -> Iterator[Reason]:
         )
 
 
+def _of_noise(evidence: Evidence) -> Iterator[Reason]:
+    """Ask how much the samples tell, as residuals are correlated."""
+    fit = evidence.fit
+    if fit is None or not np.isfinite(fit.spare):
+        return
+    if fit.spare < SPARE_CARE:
+        yield Reason(
+            "few samples",
+            "use with care",
+            f"residuals are correlated over {fit.correlation:.0f} samples: there are "
+            f"{fit.spare:.1f} independent ones for each parameter",
+            "record for longer, or fewer drive terms: errors are rough",
+        )
+    elif fit.correlation > WHITE:
+        yield Reason(
+            "correlated residuals",
+            "use",
+            f"what is left of the torque is no white noise: {fit.correlation:.0f} "
+            "samples tell as much as one; standard errors allow for it",
+        )
+
+
 def _of_optimum(evidence: Evidence) -> Iterator[Reason]:
     if evidence.optimum != "certified":
         yield Reason(
@@ -283,6 +307,9 @@ def _worth_knowing(evidence: Evidence) -> Iterator[Reason]:
             f"{count} combinations of base parameters: {_some(evidence.undetermined)}"
         )
         yield Reason("not identifiable", "use", said)
+    if evidence.contradicted:
+        # Friction that the model lacks is enough: of clean logs it is said of a third.
+        yield Reason("physical consistency", "use", evidence.contradicted)
     edges = [link.link for link in evidence.links if link.edge]
     if edges:
         yield Reason(
@@ -303,6 +330,7 @@ RULES: tuple[Rule, ...] = (
     _of_bodies,
     _of_channel,
     _of_optimum,
+    _of_noise,
     _worth_knowing,
 )
 """What is asked of the evidence; of reasons with the same word, the first weighs most:

@@ -350,6 +350,7 @@ def identify(
     if path is None:
         segments = segment_regressions(model, training)
         path = regularisation_path(problem, segments, base=base)
+    penalty = _penalty(problem, path)
     weighted = regression.weighted(joint_noise(model, regression, base=base))
     linear = [c for c in constraints if not isinstance(c, PhysicalConsistency)]
     return (
@@ -364,12 +365,7 @@ def identify(
                 (Method.BOX_CONSTRAINED, regression, linear, prior),
                 (Method.CONSTRAINED, regression, constraints, prior),
                 (Method.WEIGHTED_CONSTRAINED, weighted, constraints, prior),
-                (
-                    Method.CROSS_VALIDATED,
-                    regression,
-                    constraints,
-                    _penalty(problem, path),
-                ),
+                (Method.CROSS_VALIDATED, regression, constraints, penalty),
             )
         ),
     )

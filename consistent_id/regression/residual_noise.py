@@ -37,6 +37,8 @@ class ResidualNoise:
         Whether `length` comes from residuals; else noise is taken to be white.
     steps : ndarray, shape (base, rank)
     inflation : ndarray, shape (rank, rank)
+    root : ndarray, shape (rank, rank)
+        Triangular, ``root^T root = inflation``: keeps eigenvalues that squares lose.
     between : ndarray, shape (rank, rank), optional
         What scatter between recordings adds to the covariance of ``y``; see
         `RecordingScatter`.
@@ -50,6 +52,7 @@ class ResidualNoise:
     measured: bool
     steps: Matrix
     inflation: Matrix
+    root: Matrix
     between: Matrix | None = None
     between_freedom: float = np.inf
 
@@ -75,7 +78,11 @@ class ResidualNoise:
         The least eigenvalue of `inflation`: ``y^T inflation^-1 y <= 1`` for every ``y``
         with ``y^T y`` up to it.
         """
-        return float(np.linalg.eigvalsh(self.inflation)[0])
+        return float(np.linalg.svd(self.root, compute_uv=False)[-1]) ** 2
+
+    def errors(self, y: Vector) -> float:
+        """Return by how many standard errors ``y`` moves all parameters together."""
+        return float(np.linalg.norm(np.linalg.solve(self.root.T, y)))
 
     @property
     def scatter(self) -> Matrix:
@@ -159,7 +166,7 @@ def residual_noise(regression: Regression, base: BaseParameters) -> ResidualNois
     sigma = residual_sigma(regression, base.lift(solution.x), solution.rank)
     floor = _EXACT * np.maximum(regression.torque_rms, 1e-12)
     steps, length = _steps(R[:, columns]), regression.correlation
-    inflation = np.zeros((steps.shape[1], steps.shape[1]))
+    parts = []
     for j, (factor, weight) in enumerate(
         zip(regression.factors, regression.sigma, strict=True)
     ):
@@ -167,14 +174,16 @@ def residual_noise(regression: Regression, base: BaseParameters) -> ResidualNois
         scores = sigma[j] * rows
         if regression.noise is not None:
             scores = regression.noise.scores[j][:, columns] @ steps / weight**2
-        inflation += scores.T @ scores + floor[j] ** 2 * (rows.T @ rows)
+        parts += [scores, floor[j] * rows]
+    root = np.asarray(np.linalg.qr(np.vstack(parts), mode="r"))
     return ResidualNoise(
         sigma=np.maximum(sigma, floor),
         length=length,
         effective=float(np.sum(regression.effective)),
         measured=regression.noise is not None,
         steps=steps,
-        inflation=inflation,
+        inflation=root.T @ root,
+        root=root,
     )
 
 

@@ -13,6 +13,7 @@ from consistent_id import (
     ProblemError,
     build_regression,
     compare,
+    constrained_least_squares,
     least_squares,
     simulate_torque,
 )
@@ -124,3 +125,23 @@ def test_no_draws_are_refused():
     model, _, regression = noisy_pendulum(2)
     with pytest.raises(ProblemError, match="draws is 0"):
         consistency_test(model, regression, draws=0)
+
+
+def test_a_contradiction_goes_with_the_consistent_estimates_as_worth_knowing():
+    model, truth, log = experiment(4, joints=2, noise=0.0, samples=400)
+    wrong = truth.copy()
+    wrong[10:20] *= -1.0
+    rng = np.random.default_rng(0)
+    log = simulate_torque(model, wrong, log, noise=0.1, rng=rng)
+    regression = build_regression(model, log)
+    bodies = [PhysicalConsistency()]
+    estimates = [
+        least_squares(model, regression),
+        constrained_least_squares(model, regression, constraints=bodies),
+    ]
+    plain, constrained = compare(estimates, [], regression=regression).reports
+    assert "nor does a consistent robot" in plain.impossibility
+    assert constrained.evidence.contradicted.startswith("no consistent robot fits")
+    assert plain.evidence.contradicted == ""
+    reasons = {r.kind: r.word for r in constrained.verdict.reasons}
+    assert reasons["physical consistency"] == "use"

@@ -58,6 +58,11 @@ def test_a_whole_torque_is_not_accused():
     assert _said(lambda g, i, f: g + i + f) == []
 
 
+def test_rotor_inertia_beside_little_gravity_is_no_motor_current():
+    # Geared motors of a small arm: their rotors and friction are most of the torque.
+    assert _said(lambda g, i, f: 0.1 * g + i * [6.0, 5.0, 6.0, 8.0] + 2.0 * f) == []
+
+
 def test_the_slopes_of_the_parts_are_those_with_which_they_were_added():
     model, motion, gravity, inertial, friction = _parts()
     log = replace(motion, torque=0.6 * gravity + 1.4 * inertial + friction)

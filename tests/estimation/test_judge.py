@@ -15,6 +15,7 @@ from consistent_id import (
     PhysicalConsistency,
     ProblemError,
     TorqueModel,
+    base_parameters,
     build_regression,
     compare,
     constrained_least_squares,
@@ -28,6 +29,7 @@ from consistent_id import (
 )
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.evidence import evidence_of
+from consistent_id.estimation.fit import fit_of
 from consistent_id.estimation.verdict import WORDS
 from consistent_id.recordings.finding import Finding
 
@@ -272,3 +274,71 @@ def test_a_verdict_of_who_knows_more_goes_with_the_estimate_into_its_file(tmp_pa
     assert read.verdict == report.verdict
     with pytest.raises(ProblemError, match=r"do not use: constrained.*clock"):
         to_json(read)
+
+
+def noisy(count, colour, seed=0):
+    """A simulated log whose noise goes on for more samples the nearer colour is one."""
+    rng = np.random.default_rng(seed)
+    arm, truth, clean = experiment(seed, joints=2, samples=count)
+    white = rng.normal(size=(count + 500, 2))
+    for i in range(1, len(white)):
+        white[i] = colour * white[i - 1] + np.sqrt(1.0 - colour**2) * white[i]
+    noise = 0.02 * clean.torque.std(axis=0) * white[500:]
+    smooth = np.arange(count)[:, None] / 100 * [1.0, 1.7]
+    motion = replace(
+        clean,
+        position=np.sin(smooth),
+        velocity=np.cos(smooth) * [1.0, 1.7],
+        acceleration=-np.sin(smooth) * [1.0, 2.89],
+    )
+    motion = simulate_torque(arm, truth, motion)
+    regression = build_regression(arm, replace(motion, torque=motion.torque + noise))
+    return constrained_least_squares(
+        arm, regression, constraints=[PhysicalConsistency(), NonNegativeDrive()]
+    )
+
+
+def said(verdict, kind):
+    return [r for r in verdict.reasons if r.kind == kind]
+
+
+def test_correlated_residuals_are_worth_knowing_and_change_no_verdict():
+    white, coloured = noisy(4000, 0.0), noisy(4000, 0.9)
+    assert not said(white.verdict, "correlated residuals")
+    (reason,) = said(coloured.verdict, "correlated residuals")
+    assert reason.word == "use"
+    # Of slow motion 1 + 2 sum 0.9^k = 19 samples tell as much as one.
+    assert coloured.fit.correlation == pytest.approx(19.0, rel=0.5)
+    assert white.fit.correlation == pytest.approx(1.0, rel=0.3)
+
+
+def test_few_independent_samples_ask_for_care():
+    good = constrained_least_squares(model(), build_regression(model(), log()))
+    few = replace(good, fit=replace(good.fit, spare=2.9, correlation=40.0))
+    (reason,) = said(few.verdict, "few samples")
+    assert (few.verdict.word, reason.word) == ("use with care", "use with care")
+    assert "2.9 independent" in reason.statement
+
+
+def test_data_against_all_bodies_are_worth_knowing_and_change_no_verdict():
+    good = constrained_least_squares(model(), build_regression(model(), log()))
+    evidence = replace(evidence_of(good), contradicted="chi^2 rises by 80")
+    verdict = judge(evidence)
+    (reason,) = said(verdict, "physical consistency")
+    assert (verdict.word, reason.statement) == ("use", "chi^2 rises by 80")
+
+
+def test_an_estimate_of_an_older_file_has_no_figures_of_noise():
+    good = constrained_least_squares(model(), build_regression(model(), log()))
+    record = good.fit.to_dict()
+    del record["spare"], record["correlation"]
+    assert np.isnan(type(good.fit).from_dict(record).spare)
+
+
+@pytest.mark.filterwarnings("error")
+def test_columns_that_underflow_are_no_drive_terms():
+    arm, truth, clean = experiment(0, joints=2, samples=300)
+    still = clean.velocity.copy()
+    still[:, 1] = 1e-170  # what a filter leaves of a joint at rest
+    regression = build_regression(arm, replace(clean, velocity=still))
+    assert np.isfinite(fit_of(arm, regression, truth, base_parameters(arm)).misfit)
