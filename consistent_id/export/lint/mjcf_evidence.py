@@ -71,7 +71,7 @@ def _points(model: Any, g: int) -> Array | None:
         vertices = model.mesh_vert[first : first + int(model.mesh_vertnum[mesh])]
         return np.asarray(vertices, dtype=np.float64)
     if kind == kinds.mjGEOM_BOX:
-        return np.sign(around[-8:]) * size
+        return np.asarray(np.sign(around[-8:]) * size)
     if kind in (kinds.mjGEOM_SPHERE, kinds.mjGEOM_CAPSULE):
         half = size[1] if kind == kinds.mjGEOM_CAPSULE else 0.0
         ends = np.outer(np.sign(around[:, 2]), [0.0, 0.0, half])
