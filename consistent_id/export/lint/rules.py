@@ -146,13 +146,13 @@ def _vanishing(described: DescribedRobot, robot: RobotModel) -> Iterator[LintFin
 
 
 def _gravity(described: DescribedRobot, robot: RobotModel) -> Iterator[LintFinding]:
-    efforts = np.array([joint.limits.effort for joint in robot.joints])
+    efforts = np.array([joint.limits.effort for joint in robot.driven])
     q = _postures(robot)
     if robot.nominal is None:
         return
     still = np.zeros_like(q)
     torque = abs(TorqueModel(robot).predict(robot.nominal, q, still, still))
-    for k, joint in enumerate(robot.joints):
+    for k, joint in enumerate(robot.driven):
         worst = float(torque[:, k].max(initial=0.0))
         if 0.0 < efforts[k] < worst:
             unit = "N" if joint.kind == "prismatic" else "N m"
@@ -169,7 +169,7 @@ def _postures(robot: RobotModel) -> np.ndarray:
     """Return postures within the limits, shape (postures, joints), the same always."""
     rng = np.random.default_rng(0)
     draws = rng.uniform(size=(_POSTURES, len(robot)))
-    lower, upper = np.array([_range(joint.limits) for joint in robot.joints]).T
+    lower, upper = np.array([_range(joint.limits) for joint in robot.driven]).T
     return np.asarray(lower + (upper - lower) * draws)
 
 
