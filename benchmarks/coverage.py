@@ -389,8 +389,8 @@ errors that are independent), without and with scatter between recordings as a
 {missed}
 
 What differs between single recordings is mostly friction and what stands in for it: a
-recording tells of its own temperature and motion, and nothing in it says how much another
-one would differ. Only several recordings do.
+recording tells of its own temperature and motion, and nothing in it says how much
+another one would differ. Only several recordings do.
 """
 
 
