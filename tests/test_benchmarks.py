@@ -149,3 +149,28 @@ def test_every_mutant_is_python_with_one_line_changed():
         pairs = zip(before, after, strict=True)
         changed = [new.strip().decode() for old, new in pairs if old != new]
         assert changed == [mutant.changed]
+
+
+@pytest.mark.slow
+def test_coverage_counts_every_method_and_sees_what_no_interval_can_hold():
+    coverage = _benchmark("coverage")
+    model, truth = coverage.arm(2)
+    shares = {
+        kind: coverage.covered(model, truth, kind, replicates=6, few=3)
+        for kind in ("low-passed", "unmodelled friction")
+    }
+    for found in shares.values():
+        assert set(found) == set(coverage.METHODS)
+    # Six sets of 12 parameters, Huber's three: 95 % within three errors of 5 and 7 %.
+    for method, least in zip(coverage.METHODS, (0.8, 0.8, 0.75, 0.75), strict=True):
+        assert shares["low-passed"][method][0] > least
+        assert shares["unmodelled friction"][method][0] < 0.8
+
+
+def test_coverage_sees_intervals_that_have_nothing_in_common():
+    coverage = _benchmark("coverage")
+    a = np.array([[0.0, 1.0], [0.0, 1.0], [2.0, 2.0], [0.0, np.inf]])
+    b = np.array([[0.5, 2.0], [1.5, 2.0], [3.0, 3.0], [5.0, 6.0]])
+    compared, beyond = coverage._apart(a, b)
+    assert compared.tolist() == [True, True, False, False]
+    assert beyond.tolist() == [False, True, False, False]

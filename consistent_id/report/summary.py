@@ -27,14 +27,24 @@ from consistent_id.report.advice import advise
 from consistent_id.report.published_tables import published_tables
 
 _PRICES = 12  # single constraints shown
+_COSTLY = 0.02  # of the misfit, from which on a constraint is named
+_DEAREST = 3  # single constraints that are named
 
 
 def headline_tables(study: Study) -> list[Table]:
     """Return the verdict in one line, its weightiest reasons, and all estimates."""
     advice = advise(study.comparison, recommendation=study.recommendation)
     table = verdict_table(study.comparison)
+    costly: tuple[str, ...] = ()
+    if any(reason.kind == "contradiction" for reason in advice.verdict.reasons):
+        costly = costly_constraints(study.costs, study.prices)
     return [
-        Table(advice.headline, (), (), (*advice.verdict.brief, *delivery_line(study))),
+        Table(
+            advice.headline,
+            (),
+            (),
+            (*advice.verdict.brief, *costly, *delivery_line(study)),
+        ),
         replace(table, notes=(*table.notes, *advice.reasons, *advice.also)),
     ]
 
@@ -100,6 +110,33 @@ def cost_table(costs: Sequence[ConstraintCost], joints: Sequence[str]) -> Table:
             "the RMS residual in N m (N if it slides)",
         ),
     )
+
+
+def costly_constraints(
+    costs: Sequence[ConstraintCost], prices: Sequence[ShadowPrice]
+) -> tuple[str, ...]:
+    """Name what disagrees with the data: constraints, and the dearest of their parts.
+
+    Parameters
+    ----------
+    costs : sequence of ConstraintCost
+    prices : sequence of ShadowPrice
+        The largest first.
+
+    Returns
+    -------
+    tuple of str
+        A line; none if no constraint costs anything by itself.
+    """
+    dear = sorted(
+        (c for c in costs if c.increase >= _COSTLY), key=lambda c: -c.increase
+    )
+    parts = [p.label for p in prices[:_DEAREST] if p.cost > 0.0]
+    if not dear:
+        return ()
+    named = ", ".join(f"{c.name} (misfit {c.increase:+.0%})" for c in dear)
+    single = f"; first of all {', '.join(parts)}" if parts else ""
+    return (f"constraints that cost fit, each by itself: {named}{single}",)
 
 
 def price_table(prices: Sequence[ShadowPrice]) -> Table:

@@ -150,6 +150,17 @@ def test_mjcf_is_linted_with_lines(tmp_path):
     assert "MuJoCo refuses it" in found.sentence
 
 
+def test_gravity_on_a_follower_is_held_by_its_leader(linted):
+    """Beams of 3 and 2 kg: the follower's torque is felt by the leader, twice."""
+    follower = JOINT.format(
+        name="c", parent="lower", child="tip", at=0.4, effort=1e-3
+    ).replace("</joint>", '<mimic joint="b" multiplier="2"/></joint>')
+    more = _beam("tip", mass=1.0) + follower
+    assert _rules(linted(effort=1e3, more=more)) == set()
+    (found,) = [f for f in linted(effort=1.0, more=more) if f.rule == "gravity-torque"]
+    assert "joint 'a'" in found.sentence
+
+
 def test_text_that_is_no_robot_is_a_finding(tmp_path):
     path = tmp_path / "robot.urdf"
     for text, words in (("<robot>", "not well-formed"), ("<sdf/>", "expected <robot>")):

@@ -29,6 +29,7 @@ RULES = {
 
 _BEYOND_SHAPES = 1.0  # radius of gyration over the reach: no body inside has more
 _BEYOND_JOINTS = 3.0  # over the distance to the joints, which bounds it only roughly
+_THIN = 100.0  # [kg/m^3]; axes may cross, but few links are as thin as this
 _POINT = 1e-6  # [m]; what is smaller has no extent
 _VANISHING = 1e-5  # of the robot's mass
 _SAME_MASS = 0.01  # relative
@@ -52,7 +53,9 @@ def all_findings(robot: DescribedRobot) -> Iterator[LintFinding]:
 
 
 def _radius(link: DescribedLink) -> Iterator[LintFinding]:
-    reach, factor, what = link.joints, _BEYOND_JOINTS, "its joints are within"
+    ball = float(np.cbrt(3.0 * link.mass / (4.0 * np.pi * _THIN)))
+    reach, factor = max(link.joints, ball), _BEYOND_JOINTS
+    what = "its joints, or a ball of 100 kg/m^3, are within"
     if link.reach is not None:
         reach, factor, what = link.reach, _BEYOND_SHAPES, "its shapes reach"
     if reach > 0.0 and link.radius > factor * reach:
@@ -146,13 +149,13 @@ def _vanishing(described: DescribedRobot, robot: RobotModel) -> Iterator[LintFin
 
 
 def _gravity(described: DescribedRobot, robot: RobotModel) -> Iterator[LintFinding]:
-    efforts = np.array([joint.limits.effort for joint in robot.joints])
+    efforts = np.array([joint.limits.effort for joint in robot.driven])
     q = _postures(robot)
     if robot.nominal is None:
         return
     still = np.zeros_like(q)
     torque = abs(TorqueModel(robot).predict(robot.nominal, q, still, still))
-    for k, joint in enumerate(robot.joints):
+    for k, joint in enumerate(robot.driven):
         worst = float(torque[:, k].max(initial=0.0))
         if 0.0 < efforts[k] < worst:
             unit = "N" if joint.kind == "prismatic" else "N m"
@@ -169,7 +172,7 @@ def _postures(robot: RobotModel) -> np.ndarray:
     """Return postures within the limits, shape (postures, joints), the same always."""
     rng = np.random.default_rng(0)
     draws = rng.uniform(size=(_POSTURES, len(robot)))
-    lower, upper = np.array([_range(joint.limits) for joint in robot.joints]).T
+    lower, upper = np.array([_range(joint.limits) for joint in robot.driven]).T
     return np.asarray(lower + (upper - lower) * draws)
 
 
