@@ -28,7 +28,8 @@ def add_columns(command: argparse.ArgumentParser) -> None:
         default=(),
         metavar="UNIT",
         help="units that are not s, rad, m, N m or N: deg, mm, rpm, ms, %% of rated "
-        "torque; or CHANNEL=UNIT, such as velocity=deg/s (default: as names say)",
+        "torque; or CHANNEL=UNIT, such as velocity=deg/s or, joint by joint, "
+        "position=deg,mm (default: as names say)",
     )
     command.add_argument(
         "--torque-joints",
@@ -145,8 +146,8 @@ def draft_of(options: argparse.Namespace, model: Path, logs: Sequence[Path]) -> 
     )
 
 
-def units_of(words: Sequence[str]) -> dict[str, str]:
-    """Return units by channel.
+def units_of(words: Sequence[str]) -> dict[str, str | list[str]]:
+    """Return units by channel; with commas between them, one for each joint.
 
     A unit without a channel is of the channel that has it; an angle or a length is of
     the position and, per second, of its derivatives.
@@ -163,8 +164,12 @@ def units_of(words: Sequence[str]) -> dict[str, str]:
     """
     bare = [word for word in words if "=" not in word]
     named = (word.partition("=") for word in words if "=" in word)
-    found = {channel: unit for word in bare for channel, unit in _fitting(word).items()}
-    return found | {channel: unit for channel, _, unit in named}
+    found: dict[str, str | list[str]] = {}
+    for word in bare:
+        found |= _fitting(word)
+    for channel, _, unit in named:
+        found[channel] = unit.split(",") if "," in unit else unit
+    return found
 
 
 def _fitting(unit: str) -> dict[str, str]:

@@ -90,11 +90,59 @@ class DriveTable(_DriveTable, frozen=True, kw_only=True):  # type: ignore[misc, 
         return DriveTerms(**{name: getattr(self, name) for name in DEFAULTS})
 
 
-class JointTable(DriveTable, frozen=True, kw_only=True):  # type: ignore[call-arg]
-    """Terms of one joint, and what the datasheet says of its motor."""
+# Of a joint a key may be missing: then that of all joints counts.  TOML has no null:
+# zero stands for it.
+_NONE = {float | None: NonNegative | None}
+_JointDrive: Any = msgspec.defstruct(
+    "_JointDrive",
+    [
+        (
+            name,
+            _NONE.get(kind, _POSITIVE.get(kind, kind)) | msgspec.UnsetType,
+            msgspec.UNSET,
+        )
+        for name, kind in get_type_hints(DriveOptions).items()
+    ],
+    bases=(Table,),
+    frozen=True,
+    kw_only=True,
+)
+_DIRECTED = ("asymmetric", "stribeck_velocity", "load_friction")
+
+
+class JointTable(_JointDrive, frozen=True, kw_only=True):  # type: ignore[misc, call-arg]
+    """What one joint has else than all, and what the datasheet says of its motor."""
 
     gear_ratio: float | None = None
     motor_inertia: NonNegative | None = None
+
+    @property
+    def stated(self) -> dict[str, Any]:
+        """The keys of drive terms that the table has, and their values."""
+        found = {name: getattr(self, name) for name in DEFAULTS}
+        return {k: v for k, v in found.items() if v is not msgspec.UNSET}
+
+    def over(self, drive: DriveTable) -> DriveTable:
+        """Return the drive of the joint: its own keys, those of all for the others.
+
+        What is of all and contradicts the joint's own is left out: the width of a sign
+        change that it has not, friction of a direction that it has not, and an offset
+        beside asymmetric friction.
+        """
+        own = {
+            k: None if v == 0 and k in _OPTIONAL else v for k, v in self.stated.items()
+        }
+        common = {name: getattr(drive, name) for name in DEFAULTS}
+        if own.get("coulomb", "tanh") != "tanh":
+            common["velocity_scale"] = None
+        if own.get("coulomb") == "none":
+            common |= {name: DEFAULTS[name] for name in _DIRECTED}
+        if own.get("asymmetric"):
+            common["offset"] = False
+        return DriveTable(**(common | own))
+
+
+_OPTIONAL = tuple(k for k, v in DEFAULTS.items() if v is None)
 
 
 class CouplingTable(Table, frozen=True, kw_only=True):
@@ -335,8 +383,8 @@ def read_problem_table(path: Path) -> ProblemTable:
     if path.suffix.lower() in _ROBOTS:
         raise ProblemError(
             f"{path} is a robot's file, expected a problem's. Name it in the [model] "
-            "of a problem.toml, or give a log beside it: "
-            f"consistent-id identify {path} LOG (check and init likewise)"
+            "of a problem.toml, which consistent-id init writes, or give a log beside "
+            f"it: consistent-id identify {path} LOG (check likewise)"
         )
     if any(path.suffix.lower() in known.suffixes for known in LOG_FORMATS):
         raise ProblemError(

@@ -3,6 +3,7 @@
 from dataclasses import asdict
 from pathlib import Path
 
+import msgspec
 import numpy as np
 
 from consistent_id.errors import ProblemError
@@ -10,12 +11,14 @@ from consistent_id.problems.file import (
     CouplingTable,
     DHTable,
     DriveTable,
+    JointTable,
     LinkTable,
     ProblemTable,
 )
 from consistent_id.problems.named_files import expanded, require_there
+from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.drive.gear_coupling import GearCoupling
-from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.regressor import TorqueModel, unloaded_joints
 from consistent_id.robot.chains import Selection, selected
 from consistent_id.robot.loaders import (
     DHRow,
@@ -65,12 +68,28 @@ def described(robot: RobotModel, table: ProblemTable) -> RobotModel:
 
 def drive_of(table: ProblemTable, robot: RobotModel) -> TorqueModel:
     """Return the torque model of a robot with a problem file's drive terms."""
-    drive = tuple(
-        table.joints.get(name, table.drive).terms for name in robot.joint_names
-    )
+    drive = _drive(table, robot)
     couplings = tuple(coupling_of(coupling) for coupling in table.couplings)
     measured = () if table.data is None else tuple(table.data.torque_joints)
     return TorqueModel(robot, drive, couplings, measured)
+
+
+def _drive(table: ProblemTable, robot: RobotModel) -> tuple[DriveTerms, ...]:
+    """Return the terms of each joint.
+
+    A joint without a measured torque has none.  One that carries nothing has no
+    friction that depends on the load, unless its own table says so.
+    """
+    measured = () if table.data is None else table.data.torque_joints
+    idle = unloaded_joints(robot) if table.drive.load_friction else ()
+    found = []
+    for name in robot.joint_names:
+        own = table.joints.get(name, JointTable())
+        if name in idle and "load_friction" not in own.stated:
+            own = msgspec.structs.replace(own, load_friction=False)
+        silent = bool(measured) and name not in measured
+        found.append(DriveTerms() if silent else own.over(table.drive).terms)
+    return tuple(found)
 
 
 def _robot(table: ProblemTable, folder: Path) -> RobotModel:

@@ -37,6 +37,8 @@ def _lines(table: Table, path: str, comments: Mapping[str, str]) -> Iterator[str
                 named.add(path_of)
         elif isinstance(value, list) and value and isinstance(value[0], Table):
             tables.append((inner, value, f"[[{inner}]]"))
+        elif value is None and default is msgspec.UNSET:
+            yield f"{key} = 0"  # none, where a key that is missing means another's
         elif value is not None and (value != default or inner in comments):
             beside = comments.get(inner)
             yield f"{key} = {_value(value)}" + (f"  # {beside}" if beside else "")

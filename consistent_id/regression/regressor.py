@@ -275,6 +275,33 @@ def _load_reference(model: TorqueModel) -> Vector | None:
     return reference
 
 
+def unloaded_joints(
+    robot: RobotModel, reference: Vector | None = None
+) -> tuple[str, ...]:
+    """Return the joints on which the robot puts no torque but rounding.
+
+    Parameters
+    ----------
+    robot : RobotModel
+    reference : ndarray, shape (10 links,), optional
+        Inertial parameters; by default the nominal ones.  None are unloaded where
+        these are unknown.
+    """
+    reference = robot.nominal if reference is None else reference
+    if reference is None:
+        return ()
+    rng = np.random.default_rng(0)
+    states = rng.uniform(-2.0, 2.0, (3, 8, len(robot)))
+    parts = joint_torque_regressor(robot, *states) * reference.reshape(-1)[:, None]
+    torques = np.linalg.norm(parts.sum(axis=1), axis=1)
+    sizes = np.linalg.norm(abs(parts).sum(axis=1), axis=1)
+    return tuple(
+        name
+        for name, torque, size in zip(robot.joint_names, torques, sizes, strict=True)
+        if torque <= _NO_LOAD * size
+    )
+
+
 def _require_load(model: TorqueModel, reference: Vector) -> None:
     """Refuse friction that depends on a load which is rounding alone."""
     idle = unloaded_joints(model.robot, reference)
@@ -288,23 +315,6 @@ def _require_load(model: TorqueModel, reference: Vector) -> None:
             f"the robot of the nominal parameters puts no load on {', '.join(without)}"
             "; leave load_friction out there, or give load_reference"
         )
-
-
-def unloaded_joints(robot: RobotModel, reference: Vector) -> tuple[str, ...]:
-    """Return the joints that a robot of these parameters puts no load on.
-
-    Parameters
-    ----------
-    robot : RobotModel
-    reference : ndarray, shape (10 links,)
-    """
-    rng = np.random.default_rng(0)
-    states = rng.uniform(-2.0, 2.0, (3, 8, len(robot)))
-    parts = joint_torque_regressor(robot, *states) * reference[:, None]
-    torque = np.linalg.norm(parts.sum(axis=1), axis=1)
-    sizes = np.linalg.norm(abs(parts).sum(axis=1), axis=1)
-    idle = torque <= _NO_LOAD * sizes
-    return tuple(n for n, none in zip(robot.joint_names, idle, strict=True) if none)
 
 
 def _loaded(model: TorqueModel) -> Iterator[tuple[int, Vector]]:

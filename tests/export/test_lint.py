@@ -68,6 +68,15 @@ def test_mass_outside_the_shapes_is_found(linted):
     assert "line 2" in str(found)
 
 
+def test_a_limit_that_other_readers_demand_is_an_error_here(tmp_path, linted):
+    linted()
+    path = tmp_path / "arm.urdf"
+    path.write_text(path.read_text().replace(' effort="50"', "", 1))
+    (finding,) = lint_robot(path)
+    assert (finding.rule, finding.severity) == ("structure", "error")
+    assert "joint 'b': <limit> lacks effort" in finding.sentence
+
+
 def test_gravity_beyond_the_effort_limit_is_found(linted):
     """Both beams stretched out: (3 * 0.2 + 2 * 0.6) 9.81 = 17.658 N m."""
     assert linted(effort=17.7) == ()

@@ -15,6 +15,7 @@ from consistent_id import (
     constrained_least_squares,
     draft_problem,
     identify_log,
+    load_problem,
     load_robot,
 )
 from consistent_id.cli import main
@@ -165,3 +166,50 @@ def test_the_shell_says_what_is_delivered_and_writes_it(arm, tmp_path, capsys):
     )
     assert main([*arguments, "--dry-run", "--json"]) == 0
     assert '"delivered": {' in capsys.readouterr().out
+
+
+def in_degrees(log, folder):
+    """Write a log as a robot's maker would: ms, degrees, percent of rated torque."""
+    table = np.loadtxt(log, delimiter=",", skiprows=1)
+    table[:, 0] *= 1e3
+    table[:, 1:3] = np.degrees(table[:, 1:3])
+    table[:, 3:] /= [0.5, 0.2]  # of 50 and 20 N m
+    names = "Time [ms],AIPos.A1,AIPos.A2,Torque A1 [%],Torque A2 [%]"
+    file = folder / "maker.csv"
+    np.savetxt(file, table, "%.12g", ",", header=names, comments="")
+    return file
+
+
+def test_a_log_in_its_makers_units_is_the_same_log(arm, tmp_path):
+    urdf, first, _, _ = arm
+    maker = in_degrees(first, tmp_path)
+    ours = draft_problem(urdf, first)
+    theirs = draft_problem(urdf, maker, torque_gain=[50.0, 20.0])
+    mine, other = ours.problem().training[0], theirs.problem().training[0]
+    for channel in ("time", "position", "torque"):
+        np.testing.assert_allclose(
+            getattr(other, channel), getattr(mine, channel), atol=1e-7
+        )
+    (tmp_path / "problem.toml").write_text(theirs.text(tmp_path))
+    again = load_problem(tmp_path, trust=True).training[0]
+    np.testing.assert_array_equal(again.torque, other.torque)
+
+
+def test_check_reads_a_log_as_identify_does(arm, tmp_path, capsys):
+    urdf, first, _, _ = arm
+    maker = in_degrees(first, tmp_path)
+    assert main(["check", str(urdf), str(maker)]) == 2
+    assert "--torque-gain" in capsys.readouterr().err
+    assert main(["check", str(urdf), str(maker), "--torque-gain", "50", "20"]) == 0
+    assert "position is in deg, as AIPos.A{number} says" in capsys.readouterr().out
+
+
+def test_a_joint_is_locked_where_the_shell_says(arm, capsys):
+    urdf, first, _, _ = arm
+    arguments = ["init", str(urdf), str(first), "--dry-run", "--lock", "elbow=0.5"]
+    assert main(arguments) == 0
+    text = capsys.readouterr().out
+    assert 'locked = {"elbow" = 0.5}' in text
+    assert "# Locked: elbow at 0.5." in text
+    assert main([*arguments[:-1], "elbo"]) == 2
+    assert "known: elbow" in capsys.readouterr().err

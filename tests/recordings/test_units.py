@@ -113,5 +113,6 @@ def test_in_the_shell_an_angle_is_also_that_of_the_derivatives():
         "torque": "%",
     }
     assert units_of(["velocity=rpm", "deg"])["velocity"] == "rpm"
+    assert units_of(["position=deg,mm"]) == {"position": ["deg", "mm"]}
     with pytest.raises(RecordingError, match="no unit 'furlong'; known: s, ms"):
         units_of(["furlong"])

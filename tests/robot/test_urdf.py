@@ -69,6 +69,22 @@ def test_limits_are_those_stated_and_infinite_where_none_are(tmp_path):
     }
 
 
+@pytest.mark.parametrize("missing", ["velocity", "effort", "both"])
+def test_limits_of_speed_and_effort_are_not_demanded(tmp_path, missing, caplog):
+    gone = {"velocity": 'velocity="3" ', "effort": ' effort="50"'}
+    text = ROBOT
+    for key in gone if missing == "both" else [missing]:
+        assert gone[key] in text
+        text = text.replace(gone[key], "")
+    robot = load_urdf(_written(tmp_path, text))
+    limits = next(joint.limits for joint in robot.joints if joint.name == "turn")
+    speed = np.inf if missing in ("velocity", "both") else 3.0
+    effort = np.inf if missing in ("effort", "both") else 50.0
+    assert (limits.lower, limits.upper) == (-2.0, 1.5)
+    assert (limits.velocity, limits.effort) == (speed, effort)
+    assert "taken for unlimited" in caplog.text
+
+
 def test_the_chain_to_a_tip_can_be_loaded_alone(tmp_path):
     path = _written(tmp_path, ROBOT)
     assert load_urdf(path, tip="one").joint_names == ("turn",)

@@ -55,6 +55,8 @@ def urdf_only(root: Element, known: FileEvidence) -> Iterator[LintFinding]:
         severity = finding.severity
         if "not physically consistent" in finding.sentence:
             rule, severity = "inconsistent-inertia", "error"
+        elif "other readers of URDF refuse" in finding.sentence:
+            severity = "error"
         sentence = finding.sentence.partition("; this inertia is not")[0]
         yield LintFinding(finding.line, rule, severity, sentence)
     lines = {link.name: _line(link) for link in root.all("link")}

@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import msgspec
 
@@ -130,10 +130,22 @@ def _joint_tables(
             if known is None
             else {"gear_ratio": known.gear_ratio, "motor_inertia": known.motor_inertia}
         )
-        if by_joint[name] != common or any(v is not None for v in motor.values()):
-            own = {key: getattr(by_joint[name], key) for key in DEFAULTS}
+        own = (
+            {} if measured and name not in measured else _other(by_joint[name], common)
+        )
+        if own or any(v is not None for v in motor.values()):
             joints[name] = JointTable(**own, **motor)
     return common, joints
+
+
+def _other(own: DriveTable, common: DriveTable) -> dict[str, Any]:
+    """Return what one joint has else than all; zero stands for none."""
+    values = {key: getattr(own, key) for key in DEFAULTS}
+    return {
+        key: 0.0 if value is None else value
+        for key, value in values.items()
+        if value != getattr(common, key)
+    }
 
 
 def _link_tables(

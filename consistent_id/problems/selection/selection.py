@@ -10,7 +10,6 @@ from consistent_id.problems.problem import Problem, problem_of
 from consistent_id.problems.selection.choice import Choice, applied
 from consistent_id.problems.selection.search import Step
 from consistent_id.problems.toml_text import bare_key, toml_text
-from consistent_id.regression.drive.drive_terms import DEFAULTS
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -147,9 +146,8 @@ class Selection:
         found = {path: "\n".join([head, *texts]) for path, texts in reasons.items()}
         table = self.table_of_problem
         for name, joint in table.joints.items():
-            for key in DEFAULTS:  # said even if false: other joints have it
-                if getattr(joint, key) != getattr(table.drive, key):
-                    found[f"joints.{bare_key(name)}.{key}"] = ""
+            for key in joint.stated:  # said even if false: other joints have it
+                found[f"joints.{bare_key(name)}.{key}"] = ""
         return found
 
     def text(self) -> str:

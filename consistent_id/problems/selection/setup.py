@@ -169,7 +169,8 @@ def _plain(problem: Problem, fixed: Collection[str], width: float) -> Choice:
     plain = msgspec.structs.replace(DEFAULT_DRIVE, velocity_scale=width)
     drive = []
     for name in model.robot.joint_names:
-        own = table.joints.get(name, table.drive)
+        joint = table.joints.get(name)
+        own = table.drive if joint is None else joint.over(table.drive)
         whole = set(DRIVE) - {"velocity_scale", "coupling"} <= set(fixed)
         if name not in model.torque_joints:
             drive.append(DriveTable())
@@ -183,7 +184,6 @@ def _plain(problem: Problem, fixed: Collection[str], width: float) -> Choice:
             kept["offset"] = False
         if "velocity_scale" in kept:
             kept["coulomb"] = own.coulomb
-        joint = table.joints.get(name)
         if joint is not None and joint.motor_inertia is not None:
             kept["rotor_inertia"] = True
         if whole:

@@ -31,6 +31,7 @@ from consistent_id.robot.model import (
 )
 
 _log = logging.getLogger(__name__)
+_LIMIT = re.compile(r"<limit\b([^>]*?)(\s*/?)>")
 _ENCODING = re.compile(rb"(?:\xef\xbb\xbf)?<\?xml[^>]*?encoding\s*=\s*[\"']([\w.-]+)")
 
 
@@ -92,7 +93,7 @@ def load_urdf(
     moving = {name for name in chosen if selection.moves(name)}
     _report(path, urdf_findings(root, moving.__contains__))
     try:
-        model = pin.buildModelFromXML(_decoded(text, path))
+        model = pin.buildModelFromXML(_with_limits(_decoded(text, path)))
     except (ValueError, RuntimeError) as cause:
         raise ModelError(f"{path}: Pinocchio refuses it: {cause}") from None
     followers = followers_of(root)
@@ -122,6 +123,17 @@ def _decoded(text: bytes, path: Path) -> str:
         raise ModelError(
             f"{path}: byte {cause.start} is not UTF-8; save the file as UTF-8"
         ) from None
+
+
+def _with_limits(text: str) -> str:
+    """Put in the limits of speed and effort that Pinocchio needs: the largest."""
+
+    def filled(found: re.Match[str]) -> str:
+        missing = (key for key in ("effort", "velocity") if key not in found[1])
+        added = "".join(f' {key}="{np.finfo(np.float64).max}"' for key in missing)
+        return f"<limit{found[1]}{added}{found[2]}>"
+
+    return _LIMIT.sub(filled, text)
 
 
 def _without_loose(model: Any, moving: set[str]) -> Any:

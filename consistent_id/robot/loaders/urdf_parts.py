@@ -126,8 +126,12 @@ def _limit(joint: Element, kind: str, moves: bool) -> Iterator[Finding]:
         return
     missing = [key for key in ("effort", "velocity") if key not in limit.attributes]
     if missing:
-        sentence = f"{where}: <limit> lacks {' and '.join(missing)}"
-        yield Finding(limit.line, "error", sentence)
+        yield Finding(
+            limit.line,
+            "warning",
+            f"{where}: <limit> lacks {' and '.join(missing)}; taken for unlimited; "
+            "other readers of URDF refuse it",
+        )
     for key in ("effort", "velocity"):
         if float(limit.attributes.get(key, 0.0)) < 0.0:
             sentence = f"{where}: limit {key} is {limit.attributes[key]} < 0"
