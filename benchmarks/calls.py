@@ -48,8 +48,8 @@ TIMED = (
     ("report", "problems/ur10e", "--output", "OUT/report.html"),
     (
         "identify",
-        str(DATA / "kuka_kr300/kr300.urdf"),
-        str(DATA / "kuka_kr300/identification/FF_A.parquet"),
+        "problems/kuka_kr300/robot.urdf",
+        "problems/kuka_kr300/FF_A.parquet",
     ),
     ("check", "problems/ur10e"),
 )

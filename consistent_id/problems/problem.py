@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
-import msgspec
 import numpy as np
 
 from consistent_id._support.run import require_trusted
@@ -14,6 +13,7 @@ from consistent_id.constraints import Constraint, lowered
 from consistent_id.constraints.priors import Penalty, PointToSet, Prior
 from consistent_id.errors import ProblemError
 from consistent_id.problems.constraints import constraints_of
+from consistent_id.problems.data_columns import columns_of
 from consistent_id.problems.file import (
     ColumnsTable,
     DataTable,
@@ -33,13 +33,7 @@ from consistent_id.problems.preparation import (
     check_tracks,
     joined,
 )
-from consistent_id.recordings.log_formats import log_format
-from consistent_id.recordings.readers import (
-    JOINT_STATE,
-    Columns,
-    read_recording,
-    read_track,
-)
+from consistent_id.recordings.readers import read_recording, read_track
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import Track
 from consistent_id.recordings.sinusoids import Sinusoid, SinusoidalMotion
@@ -194,7 +188,7 @@ class Problem:
             self._read[path, *omit] = read_recording(
                 require_there(path, self.table),
                 self.model.robot.joint_names,
-                _columns(data, path),
+                columns_of(data, path),
                 torque_gain=data.torque_gain,
                 topic=data.topic,
                 omit=omit,
@@ -375,13 +369,6 @@ def _prior(table: PriorTable, file: Path) -> Prior:
             f"{table.weight}; give a slack or a weight, not both"
         )
     return Penalty(table.weight, table.distance, table.inside)
-
-
-def _columns(data: DataTable, file: Path) -> Columns:
-    """Return how a recording names its columns; by default as its format does."""
-    usual = JOINT_STATE if log_format(file).holds == "joint states" else Columns()
-    named = {} if data.columns is None else msgspec.structs.asdict(data.columns)
-    return replace(usual, **named, torque_joints=data.torque_joints, units=data.units)
 
 
 def _span(raw: Recording, entry: RecordingTable) -> tuple[float, float]:
