@@ -150,7 +150,8 @@ def test_rows_in_which_the_robot_creeps_are_left_out_on_request(tmp_path):
 def test_a_share_of_top_speed_lies_between_none_and_all(tmp_path):
     from consistent_id.problems.file import problem_table
 
-    text = 'name = "x"\n[model]\nurdf = "a"\n[data]\nrecordings = []\n'
+    text = 'name = "x"\n[model]\nurdf = "a"\n[data]\n'
+    text += 'recordings = [{ file = "a.csv", role = "training" }]\n'
     text += "preparation = { least_speed = 1.5 }\n"
     with pytest.raises(ProblemError, match="least_speed"):
         problem_table(text, tmp_path / "problem.toml")
