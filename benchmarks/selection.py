@@ -22,7 +22,11 @@ import numpy as np
 from selection_robots import DURATION, TRUTHS, Case, case_of, written
 
 import consistent_id as ci
+from consistent_id.estimation.method import Method
+from consistent_id.estimation.torque_error import torque_errors
 from consistent_id.problems.problem import problem_of
+from consistent_id.problems.study import Study
+from consistent_id.regression.noise import joint_noise
 
 PROBLEMS = ("ur10e", "kuka_kr300", "staubli_tx40", "tiago")
 _BEGIN, _END = "<!-- figures: begin -->", "<!-- figures: end -->"
@@ -35,21 +39,36 @@ def real(name: str) -> list[str]:
     plain = replace(selection, choice=selection.start)
     models = (problem, plain.chosen(), selection.chosen())
     errors = [recommended_error(model, problem) for model in models]
-    return [name, *map(_percent, errors), *_cost(selection)]
+    return [name, *errors, *_cost(selection)]
 
 
-def recommended_error(problem: ci.Problem, judge: ci.Problem) -> float:
-    """Return the held-out error of the recommended estimate of a problem.
+def recommended_error(problem: ci.Problem, judge: ci.Problem) -> str:
+    """Return the recommended estimate's error on each validation recording.
 
-    The torque is filtered as `judge` asks.
+    The torque is filtered as `judge` asks; nothing else of a study is computed.
     """
     cutoff = judge.table.data.preparation.torque_cutoff
     change = msgspec.structs.replace
     data = problem.table.data
     preparation = change(data.preparation, torque_cutoff=cutoff)
     table = change(problem.table, data=change(data, preparation=preparation))
-    study = ci.run_study(problem_of(table, judge.source))
-    return float(study.recommended.held_out_error)
+    study = Study(problem_of(table, judge.source))
+    method, prior = study.recommendation.method, study.problem.prior
+    regression = study.regression
+    if method == Method.WEIGHTED_CONSTRAINED:
+        sigma = joint_noise(study.problem.model, regression, base=study.base)
+        regression = regression.weighted(sigma)
+    if method == Method.CROSS_VALIDATED:
+        prior = study.path.penalty
+    estimate = ci.constrained_least_squares(
+        study.problem.model,
+        regression,
+        constraints=study.problem.constraints,
+        prior=prior,
+        base=study.base,
+    )
+    errors = [torque_errors([estimate], r)[0].stacked for r in study.validation]
+    return "; ".join(_percent(error) for error in errors)
 
 
 def simulated(name: str, seed: int) -> list[str]:

@@ -195,8 +195,9 @@ def _with_model(
             draft.problem(), fixed=fixed, band=band, progress=progress
         )
     except ConsistentIdError as cause:
-        note = f"no model could be chosen ({cause}); this is the plain default"
-        return replace(draft, notes=(*draft.notes, note))
+        reason = f"{draft.cutoff:g} Hz, as none could be chosen ({cause})"
+        note = f"the model is the plain default, as none could be chosen ({cause})"
+        return replace(draft, cutoff_reason=reason, notes=(*draft.notes, note))
     return replace(draft, selection=chosen)
 
 

@@ -52,8 +52,9 @@ def test_a_draft_finds_the_motion_and_keeps_its_last_part_to_judge_by(arm):
     assert share == pytest.approx(0.7, abs=0.002)
 
 
-def test_a_draft_chooses_its_cutoff_from_the_training_rows(arm):
-    _, draft = arm
+def test_a_draft_without_a_selection_chooses_its_cutoff_from_the_training_rows(arm):
+    folder, _ = arm
+    draft = draft_problem(folder / "arm.urdf", folder / "log.csv", select=False)
     assert draft.rate == pytest.approx(100.0)
     assert draft.resample is None
     assert draft.max_gap is None
@@ -134,7 +135,7 @@ def test_the_file_says_what_is_a_guess(arm):
     folder, draft = arm
     text = draft.text(folder)
     assert 'urdf = "arm.urdf"' in text
-    assert text.count("GUESS") >= 5
+    assert text.count("GUESS") >= 3
     assert "the masses of arm.urdf are those of the robot" in text
 
 
@@ -156,7 +157,7 @@ def test_jittered_and_missing_stamps_are_seen(tmp_path):
         row[0] = f"{float(row[0]) + rng.uniform(0, 1e-3):.6f}"
     del rows[900:960]
     log.write_text("\n".join([header, *map(",".join, rows)]) + "\n")
-    draft = draft_problem(urdf, log)
+    draft = draft_problem(urdf, log, select=False)
     assert draft.resample == pytest.approx(100.0, rel=0.01)
     assert draft.max_gap == pytest.approx(0.1, rel=0.01)
     assert len(draft.problem().training) == 2
@@ -166,7 +167,8 @@ def test_without_enough_motion_the_cutoff_is_said_to_be_a_guess(tmp_path):
     urdf, log = write_arm(tmp_path)
     lines = log.read_text().splitlines()
     log.write_text("\n".join(lines[:400]) + "\n")
-    assert "none could be chosen" in draft_problem(urdf, log).cutoff_reason
+    draft = draft_problem(urdf, log, select=False)
+    assert "none could be chosen" in draft.cutoff_reason
 
 
 def test_a_log_in_which_nothing_moves_is_refused(tmp_path):
@@ -198,7 +200,7 @@ def test_a_joint_that_the_log_does_not_have_is_held(tmp_path):
 
 def test_the_part_that_moves_can_be_said(tmp_path):
     urdf, log = write_arm(tmp_path)
-    draft = draft_problem(urdf, log, selection=Selection(tip="upper"))
+    draft = draft_problem(urdf, log, selection=Selection(tip="upper"), select=False)
     assert draft.problem().model.robot.joint_names == ("shoulder",)
     assert 'tip = "upper"' in draft.text(tmp_path)
 
@@ -206,9 +208,9 @@ def test_the_part_that_moves_can_be_said(tmp_path):
 @pytest.mark.slow
 def test_torque_gains_are_one_or_one_each(tmp_path):
     urdf, log = write_arm(tmp_path)
-    draft = draft_problem(urdf, log, torque_gain=(2.0, 3.0))
+    draft = draft_problem(urdf, log, torque_gain=(2.0, 3.0), select=False)
     assert "torque_gain = [2.0, 3.0]" in draft.text(tmp_path)
-    plain = draft_problem(urdf, log, torque_gain=(2.0,)).problem()
+    plain = draft_problem(urdf, log, torque_gain=(2.0,), select=False).problem()
     assert plain.table.data.torque_gain == 2.0
     with pytest.raises(ProblemError, match="3 torque gains for 2 joints"):
         draft_problem(urdf, log, torque_gain=(1.0, 2.0, 3.0))

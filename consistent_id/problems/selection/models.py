@@ -15,7 +15,7 @@ from consistent_id.problems.constraints import constraints_of
 from consistent_id.problems.file import ProblemTable
 from consistent_id.problems.model import described, drive_of
 from consistent_id.problems.selection.choice import Choice, applied
-from consistent_id.problems.selection.factors import Factors, Key
+from consistent_id.problems.selection.factors import Factors, JointFactors, Key
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.regression import triangle
 from consistent_id.regression.regressor import TorqueModel
@@ -158,20 +158,39 @@ def _stacked(
     fold: int,
 ) -> Matrix:
     """Return one factor of base columns, drive columns and torque."""
-    independent = list(base.independent)
-    width = len(independent) + len(candidate.keys) + 1
-    rows = []
-    for joint, s in zip(factors.joints, sigma, strict=True):
-        R = joint.training[fold]
-        own = np.zeros((len(R), width), order="F")
-        kept = len(joint.expand)
-        own[:, : len(independent)] = R[:, :kept] @ joint.expand[:, independent]
-        for i, key in enumerate(candidate.keys):
-            if key in joint.places:
-                own[:, len(independent) + i] = R[:, joint.places[key]]
-        own[:, -1] = R[:, -1]
-        rows.append(own / s)
-    return triangle(np.asfortranarray(np.vstack(rows)))
+    rows = [
+        np.delete(
+            candidate_columns(candidate, joint, joint.training[fold], base), -2, 1
+        )
+        for joint in factors.joints
+    ]
+    scaled = [own / s for own, s in zip(rows, sigma, strict=True)]
+    return triangle(np.asfortranarray(np.vstack(scaled)))
+
+
+def candidate_columns(
+    candidate: Candidate, joint: JointFactors, R: Matrix, base: BaseParameters
+) -> Matrix:
+    """Return base columns, drive columns, the torque's rate and torque of rows.
+
+    Parameters
+    ----------
+    candidate : Candidate
+    joint : JointFactors
+    R : ndarray
+        A factor of the joint's.
+    base : BaseParameters
+        Of the bodies.
+    """
+    independent, kept = list(base.independent), len(joint.expand)
+    first = len(independent)
+    own = np.zeros((len(R), first + len(candidate.keys) + 2))
+    own[:, :first] = R[:, :kept] @ joint.expand[:, independent]
+    for i, key in enumerate(candidate.keys, start=first):
+        if key in joint.places:
+            own[:, i] = R[:, joint.places[key]]
+    own[:, -2:] = R[:, -2:]
+    return own
 
 
 def _spread(base: BaseParameters, candidate: Candidate) -> Matrix:

@@ -91,7 +91,8 @@ def _other_moves(
                     "motion_cutoff", f"motion_cutoff = {cutoff:g}", choice, after
                 )
     if "delay" not in scope.fixed:
-        late = torque_delay(current.fits, evaluator.factors(choice), setting.sigma)
+        candidate, factors = current.fits.candidate, evaluator.factors(choice)
+        late = torque_delay(candidate, factors, setting.base, setting.sigma)
         delay = float(f"{choice.delay + late:.2g}")
         if delay != choice.delay:
             after = replace(choice, delay=delay)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import msgspec
 import numpy as np
@@ -39,7 +40,7 @@ class Samples:
     Parameters
     ----------
     q, dq, ddq : ndarray, shape (samples, joints)
-    torque : ndarray, shape (samples, torque joints)
+    torque, torque_rate : ndarray, shape (samples, torque joints)
     cell : ndarray, shape (samples,)
         See `blocks.cells`.
     speed : ndarray, shape (samples,)
@@ -54,6 +55,7 @@ class Samples:
     dq: Matrix
     ddq: Matrix
     torque: Matrix
+    torque_rate: Matrix
     cell: IntArray
     speed: Vector
     inertial: Array
@@ -63,32 +65,26 @@ class Samples:
         """Return the rows with the torque that was written so much later."""
         if seconds == 0.0:
             return self
-        torque = np.concatenate([part.at(seconds) for part in self.late])
-        return replace(self, torque=torque)
-
-    @property
-    def torque_rate(self) -> Matrix:
-        """Derivative of the torque, shape (samples, torque joints)."""
-        return np.concatenate([part.rate for part in self.late])
+        torque, rate = (
+            np.concatenate([part.at(seconds, of) for part in self.late])
+            for of in ("torque", "rate")
+        )
+        return replace(self, torque=torque, torque_rate=rate)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Late:
-    """A part's torque with its clock, and which of its samples are kept."""
+    """A part's torque with its derivative and clock, and which samples are kept."""
 
     time: Vector
     torque: Matrix
+    rate: Matrix
     kept: IntArray
 
-    def at(self, delay: float) -> Matrix:
-        """Return the torque so many seconds later."""
-        late = self.time[self.kept] + delay
-        return np.column_stack([np.interp(late, self.time, t) for t in self.torque.T])
-
-    @property
-    def rate(self) -> Matrix:
-        """Return the torque's derivative in time."""
-        return np.asarray(np.gradient(self.torque, self.time, axis=0)[self.kept])
+    def at(self, delay: float, channel: Literal["torque", "rate"]) -> Matrix:
+        """Return a channel so many seconds later."""
+        late, values = self.time[self.kept] + delay, getattr(self, channel)
+        return np.column_stack([np.interp(late, self.time, v) for v in values.T])
 
 
 def samples_of(
@@ -129,10 +125,12 @@ def samples_of(
             motion = motion_of(bodies, part, None)
             state = (motion.q, motion.dq, motion.ddq, motion.torque)
             arrays = [*state, place, speed_share(part)]
+            rate = np.gradient(motion.torque, time, axis=0)
+            arrays.append(rate)
             parts.append([array[kept] for array in arrays])
-            late.append(Late(time, motion.torque, kept))
-    q, dq, ddq, torque, cell, speed = (
+            late.append(Late(time, motion.torque, rate, kept))
+    q, dq, ddq, torque, cell, speed, rate = (
         np.concatenate(arrays) for arrays in zip(*parts, strict=True)
     )
     inertial = bodies.regressor(q, dq, ddq)
-    return Samples(q, dq, ddq, torque, cell, speed, inertial, tuple(late))
+    return Samples(q, dq, ddq, torque, rate, cell, speed, inertial, tuple(late))

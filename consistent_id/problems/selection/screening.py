@@ -13,9 +13,16 @@ from consistent_id.problems.selection.factors import Factors, JointFactors, Key
 from consistent_id.problems.selection.held_out import (
     HeldOut,
     held_out,
-    own_parameters,
 )
-from consistent_id.problems.selection.models import Candidate, FoldFits
+from consistent_id.problems.selection.models import (
+    Candidate,
+    FoldFits,
+    candidate_columns,
+)
+from consistent_id.regression.base import BaseParameters
+from consistent_id.regression.regression import triangle
+
+_RANK = 1e-8  # of the largest singular value, of columns of unit length
 
 
 def screened(
@@ -108,16 +115,28 @@ def _drive(A: Matrix, b: Vector, nonnegative: BoolArray) -> Vector:
     return np.asarray(x / unit)
 
 
-def torque_delay(current: FoldFits, factors: Factors, sigma: Vector) -> float:
+def torque_delay(
+    candidate: Candidate, factors: Factors, base: BaseParameters, sigma: Vector
+) -> float:
     """Return by how much the torque seems to be late [s]: to first order.
 
-    A torque that is late by ``d`` leaves ``-d dtau/dt``.
+    A torque that is late by ``d`` is ``tau - d dtau/dt``; ``d`` is one more unknown of
+    least squares, without constraints.
+
+    Parameters
+    ----------
+    candidate : Candidate
+    factors : Factors
+    base : BaseParameters
+        Of the bodies.
+    sigma : ndarray, shape (torque joints,), [N m or N]
     """
-    numerator = denominator = 0.0
-    for joint, s in zip(factors.joints, sigma, strict=True):
-        z = own_parameters(current.candidate, current.parameters, joint)
-        for fold, R in enumerate(joint.training):
-            rest, rate = -R @ z[fold], R[:, -2]
-            numerator -= float(rest @ rate) / s**2
-            denominator += float(rate @ rate) / s**2
-    return numerator / denominator if denominator > 0.0 else 0.0
+    rows = [
+        candidate_columns(candidate, joint, np.vstack(joint.cells), base) / s
+        for joint, s in zip(factors.joints, sigma, strict=True)
+    ]
+    R = triangle(np.asfortranarray(np.vstack(rows)))
+    norms = np.linalg.norm(R[:, :-1], axis=0)
+    unit = np.where(norms > 0.0, norms, 1.0)
+    y, *_ = np.linalg.lstsq(R[:, :-1] / unit, R[:, -1], rcond=_RANK)
+    return -float(y[-1] / unit[-1])

@@ -12,6 +12,10 @@ from consistent_id.problems.selection.proposals import Proposal, Scope, proposal
 LEAST_GAIN = 0.025
 """Share of the squared error that a move has to take away."""
 
+SMALL_GAIN = 0.05
+"""A gain below this has to exceed its standard error as well.  A larger one need not:
+with few blocks, true terms whose gain is uneven would be thrown out."""
+
 LEAST_ROW_GAIN = 0.10
 """The same of a mask: what it leaves out is no longer explained at all."""
 
@@ -146,6 +150,7 @@ def _worth_trying(offered: Sequence[Proposal]) -> list[Move]:
 
 def _enough(move: Move, brought: Gain) -> bool:
     least = _LEAST.get(move.kind, LEAST_GAIN)
+    least = max(least, min(brought.error, SMALL_GAIN))
     if move.kind == "masses":
         least = max(least, CONTRADICTION * brought.error)
     return brought.share >= least and brought.won >= LEAST_WON

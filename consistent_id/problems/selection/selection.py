@@ -136,6 +136,7 @@ class Selection:
         reasons: dict[str, list[str]] = {}
         for step in self.steps:
             reasons.setdefault(_TABLES[step.move.kind], []).append(_reason(step))
+        reasons.setdefault("drive", ["No drive term beyond these brings enough."])
         reasons.setdefault("data.preparation", []).append(
             f"Torque is predicted up to {self.band:g} Hz."
         )

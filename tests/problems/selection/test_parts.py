@@ -1,0 +1,157 @@
+"""The parts of a selection: blocks, band, factors, screening, gains."""
+
+import numpy as np
+import pytest
+from scipy.optimize import lsq_linear
+
+from consistent_id import ProblemError, Recording, draft_problem
+from consistent_id.problems.selection.band import prediction_band, velocity_edge
+from consistent_id.problems.selection.blocks import EDGES, NUMBERS, cells, folds
+from consistent_id.problems.selection.held_out import HeldOut, gain
+from consistent_id.problems.selection.screening import _drive
+from consistent_id.problems.selection.setup import beginning
+from tests.helpers.logged import write_arm
+
+
+@pytest.fixture(scope="module")
+def begun(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("arm")
+    problem = draft_problem(*write_arm(folder), select=False).problem()
+    return beginning(problem, problem.logs("training"), (), 10.0)
+
+
+def test_each_number_of_blocks_leaves_every_cell_out_once():
+    for number in NUMBERS:
+        left = sorted(c for n, out in folds() if n == number for c in out)
+        assert left == list(range(len(EDGES) - 1))
+
+
+def test_blocks_of_a_number_are_equally_long():
+    lengths = np.diff(EDGES)
+    for number, out in folds():
+        assert lengths[list(out)].sum() == pytest.approx(1.0 / number)
+
+
+def test_a_phase_that_comes_again_is_in_the_same_cell():
+    time = np.linspace(0.0, 9.99, 1000)
+    found = cells(time, 0.0, 9.99, 2.5, 0.0)
+    np.testing.assert_array_equal(found[:250], found[250:500])
+    assert len(set(found)) == len(EDGES) - 1
+
+
+def test_no_sample_near_an_edge_belongs_to_a_cell():
+    time = np.linspace(0.0, 24.0, 24001)
+    found = cells(time, 0.0, 24.0, None, 0.1)
+    edges = 24.0 * np.array(EDGES)
+    distance = abs(time[:, None] - edges).min(axis=1)
+    np.testing.assert_array_equal(found[distance < 0.0999], -1)
+    assert (found[distance > 0.1001] >= 0).all()
+
+
+def test_the_velocity_of_sinusoids_ends_at_the_fastest_of_weight():
+    time = np.arange(4000) / 100.0
+    q = np.sin(2 * np.pi * 0.25 * time) + 0.2 * np.sin(2 * np.pi * 1.5 * time)
+    rng = np.random.default_rng(0)
+    noisy = q + 1e-4 * rng.normal(size=len(q))
+    log = Recording(("a",), time, noisy[:, None], name="log")
+    assert velocity_edge(log) == pytest.approx(1.5, abs=0.08)
+    assert prediction_band([log]) == pytest.approx(25.0)  # a quarter of the rate
+    slow = Recording(("a",), time, np.sin(2 * np.pi * 0.25 * time)[:, None], name="s")
+    assert prediction_band([slow]) == pytest.approx(20 * 0.25, rel=0.3)
+
+
+def test_errors_from_factors_are_those_of_the_predicted_torque(begun):
+    evaluator, plain = begun.evaluator, begun.plain
+    samples = evaluator.samples(plain.choice.motion_cutoff)
+    sigma = evaluator.setting.sigma
+    for k, (_, out) in enumerate(folds()):
+        rows = np.isin(samples.cell, out)
+        predicted = plain.fits.candidate.model.predict(
+            plain.fits.parameters[k],
+            samples.q[rows],
+            samples.dq[rows],
+            samples.ddq[rows],
+        )
+        error = (predicted - samples.torque[rows]) / sigma
+        np.testing.assert_allclose(
+            plain.errors.squares[k], (error**2).sum(axis=0), rtol=1e-8
+        )
+
+
+def test_a_fit_without_a_block_is_the_best_on_the_other_rows(begun):
+    """No step among friction coefficients lowers the squared error of the others."""
+    evaluator, plain = begun.evaluator, begun.plain
+    samples = evaluator.samples(plain.choice.motion_cutoff)
+    model, x = plain.fits.candidate.model, plain.fits.parameters[0]
+    rows = ~np.isin(samples.cell, folds()[0][1])
+    state = samples.q[rows], samples.dq[rows], samples.ddq[rows]
+
+    def misfit(x):
+        error = (
+            model.predict(x, *state) - samples.torque[rows]
+        ) / evaluator.setting.sigma
+        return float((error**2).sum())
+
+    least = misfit(x)
+    for i in range(model.layout.inertial_size, len(model.layout)):
+        for sign in (-1.0, 1.0):
+            moved = x.copy()
+            moved[i] += sign * 0.02 * max(abs(x[i]), 0.1)
+            assert misfit(moved) > least
+
+
+def test_screened_drive_terms_are_the_bounded_least_squares_solution():
+    rng = np.random.default_rng(3)
+    for _ in range(20):
+        A, b = rng.normal(size=(30, 5)) * [1, 10, 0.1, 1, 5], rng.normal(size=30)
+        nonnegative = np.array([True, True, False, True, False])
+        low = np.where(nonnegative, 0.0, -np.inf)
+        expected = lsq_linear(A, b, (low, np.inf), tol=1e-13).x
+        np.testing.assert_allclose(_drive(A, b, nonnegative), expected, atol=1e-6)
+
+
+def test_a_gain_is_the_share_of_the_squared_error_that_is_gone():
+    before = HeldOut(np.full((14, 2), 2.0))
+    after = HeldOut(np.full((14, 2), 1.5))
+    found = gain(before, after)
+    assert found.share == pytest.approx(0.25)
+    assert found.error == pytest.approx(0.0)
+    assert found.won == 1.0
+
+
+def test_the_error_of_a_gain_is_that_of_a_mean_over_blocks():
+    rng = np.random.default_rng(1)
+    after = np.append(np.full(8, 10.0), np.full(6, 80.0 / 6.0))[:, None]
+    found = []
+    for _ in range(4000):
+        less = rng.normal(1.0, 2.0, size=8)
+        more = np.append(less, np.full(6, less.sum() / 6.0))[:, None]
+        found.append(gain(HeldOut(after + more), HeldOut(after)))
+    spread = np.std([g.share for g in found])
+    # Six blocks alike say that there is no error, eight blocks how large it is.
+    assert 2.0 * np.mean([g.error for g in found]) == pytest.approx(spread, rel=0.1)
+
+
+def test_rows_in_which_the_robot_creeps_are_left_out_on_request(tmp_path):
+    from consistent_id.recordings.signals import faster, speed_share
+
+    time = np.arange(1000) / 100.0
+    dq = np.where(time < 5.0, 1.0, 0.01)[:, None]
+    q = np.cumsum(dq, axis=0) / 100.0
+    log = Recording(("a",), time, q, dq, np.zeros_like(q), name="log")
+    share = speed_share(log)
+    assert share[0] == 1.0
+    assert share[-1] == pytest.approx(0.01)
+    kept = faster(log, 0.05)
+    assert kept.time[-1] == pytest.approx(5.0 + 0.12, abs=0.011)
+    assert faster(log, 0.005) is log
+
+
+def test_a_share_of_top_speed_lies_between_none_and_all(tmp_path):
+    from consistent_id.problems.file import problem_table
+
+    text = 'name = "x"\n[model]\nurdf = "a"\n[data]\n'
+    text += 'recordings = [{ file = "a.csv", role = "training" }]\n'
+    text += "preparation = { least_speed = 1.5 }\n"
+    with pytest.raises(ProblemError, match="least_speed"):
+        problem_table(text, tmp_path / "problem.toml")
