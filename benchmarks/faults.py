@@ -16,7 +16,7 @@ import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -125,7 +125,7 @@ def worked(trial: Trial) -> Outcome:
         try:
             study = ci.run_study(ci.draft_problem(model, log).problem())
         except ci.ConsistentIdError as error:
-            return Outcome(trial, "refused", (), (), np.nan, str(error)[:120])
+            return Outcome(trial, "refused", (), (), np.nan, str(error)[:300])
     found = study.diagnosis
     hidden = case.hidden(np.random.default_rng([trial.seed, 99]))
     estimate = study.recommended.estimate
@@ -139,7 +139,7 @@ def worked(trial: Trial) -> Outcome:
         tuple(dict.fromkeys(f.kind for f in found.suspicious)),
         tuple(dict.fromkeys(f.kind for f in found.faults)),
         error,
-        "; ".join(f"{r.kind}: {r.statement}" for r in study.verdict.reasons[:2])[:200],
+        "; ".join(f"{r.kind}: {r.statement}" for r in study.verdict.reasons[:3])[:600],
     )
 
 
@@ -165,6 +165,32 @@ def silent(outcome: Outcome, clean: dict[tuple[str, int], float]) -> bool:
     trial = outcome.trial
     least = max(WRONG, _TIMES * clean[trial.robot, trial.seed])
     return not trial.clean and outcome.said == "use" and outcome.error > least
+
+
+def kept(file: Path | None) -> dict[Trial, Outcome]:
+    """Return the outcomes that an earlier run has written."""
+    lines = file.read_text().splitlines() if file and file.exists() else ()
+    found = {}
+    for line in lines:
+        values = json.loads(line)
+        trial = Trial(**values.pop("trial"))
+        kinds, named = (tuple(values.pop(name)) for name in ("kinds", "named"))
+        found[trial] = Outcome(trial, kinds=kinds, named=named, **values)
+    return found
+
+
+def work_through(
+    every: Sequence[Trial], pool: ProcessPoolExecutor, file: Path | None
+) -> list[Outcome]:
+    """Work the trials through that `file` does not hold, and append them to it."""
+    done = kept(file)
+    missing = [trial for trial in every if trial not in done]
+    for outcome in tqdm(pool.map(worked, missing), total=len(missing)):
+        done[outcome.trial] = outcome
+        if file:
+            with file.open("a") as stream:
+                print(json.dumps(asdict(outcome)), file=stream)
+    return [done[trial] for trial in every]
 
 
 def row(label: str, outcomes: Sequence[Outcome], wrong: int) -> str:
@@ -232,11 +258,12 @@ def main() -> None:
     parser.add_argument("--shell", action="store_true", help="exit codes of the shell")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--show", action="store_true", help="every log in words")
+    parser.add_argument("--results", type=Path, help="lines of JSON, to resume from")
     parser.add_argument("--write", type=Path)
     options = parser.parse_args()
     every = list(trials(options.faults, options.robots, options.seeds))
     with ProcessPoolExecutor(options.workers) as pool:
-        outcomes = list(tqdm(pool.map(worked, every, chunksize=2), total=len(every)))
+        outcomes = work_through(every, pool, options.results)
         codes = list(pool.map(shelled, every)) if options.shell else []
     clean = baselines(outcomes)
     for outcome in outcomes:
