@@ -20,7 +20,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-from faults_catalogue import CATALOGUE, CLEAN, Experiment, experiment
+from faults_catalogue import CATALOGUE, CLEAN
+from faults_experiment import Experiment, experiment
 from faults_robots import robots
 from threadpoolctl import threadpool_limits
 from tqdm import tqdm

@@ -16,7 +16,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from faults_catalogue import CATALOGUE, CLEAN, experiment
+from faults_catalogue import CATALOGUE, CLEAN
+from faults_experiment import experiment
 from faults_robots import robots
 
 import consistent_id as ci
