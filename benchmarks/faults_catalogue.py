@@ -13,6 +13,7 @@ from faults_channels import (
     currents,
     degrees,
     drift,
+    drive_filter,
     exchanged,
     filtered,
     gap,
@@ -24,6 +25,7 @@ from faults_channels import (
     spikes,
     stepped,
     together,
+    without_velocity,
     wrapped,
 )
 from faults_experiment import Fault, with_channels
@@ -49,8 +51,8 @@ from faults_setup import (
 SIGN = ("torque sign", "torque channel")
 ORDER = ("channel order", "channel exchange", "exchanged channels")
 ZERO = ("offset zero", "joint zero offset")
-CHANNEL = ("torque channel", "gravity", "torque unit", "torque gain")
-GAIN = ("torque gain", "torque unit", "torque channel")
+GAIN = ("torque gain", "torque unit", "torque channel", "masses or gain")
+CHANNEL = ("torque channel", "gravity", *GAIN)
 LAG = ("lag", "delay", "drive filter")
 ROBOT = ("model", "robot", "geometry", "datasheet", "placeholder inertials")
 
@@ -268,6 +270,20 @@ CATALOGUE: dict[str, tuple[tuple[str, ...], Fault]] = {
     "a collision": (("outliers", "contact"), channel("torque", collision)),
     "a spring nobody told of": (("spring", *ROBOT), robot_has(spring)),
     "coupled joints": (("coupling", *ROBOT), robot_has(coupled)),
+    # Logs of positions alone
+    "clock runs at half, no velocities": (
+        ("clock",),
+        together(without_velocity, clocks(2.0)),
+    ),
+    "clock 1.5 times as fast, no velocities": (
+        ("clock",),
+        together(without_velocity, clocks(1 / 1.5)),
+    ),
+    "position late by 50 to 100 ms, no velocities": (
+        LAG,
+        together(without_velocity, late("position", 0.05, 0.10)),
+    ),
+    "torque through a drive's filter of 1 Hz": (LAG, drive_filter(1.0)),
 }
 """Label -> the kinds as which it may be named, and what does it."""
 

@@ -14,7 +14,7 @@ from faults_experiment import (
     with_channels,
 )
 from faults_robots import RATE, random_motion, times
-from scipy.signal import butter, sosfilt, sosfiltfilt
+from scipy.signal import butter, sosfilt, sosfilt_zi, sosfiltfilt
 
 import consistent_id as ci
 
@@ -99,6 +99,23 @@ def filtered(name: str, cutoff: float, *, causal: bool) -> Fault:
         return with_channels(case, **{name: values})
 
     return fault
+
+
+def drive_filter(cutoff: float) -> Fault:
+    """Let the torque go through a filter of first order, as drives' have."""
+
+    def fault(case: Experiment, rng: np.random.Generator) -> Experiment:
+        sections = butter(1, cutoff / (RATE / 2), output="sos")
+        start = sosfilt_zi(sections)[:, :, None] * case.log.torque[0]
+        values, _ = sosfilt(sections, case.log.torque, axis=0, zi=start)
+        return with_channels(case, torque=values)
+
+    return fault
+
+
+def without_velocity(case: Experiment, rng: np.random.Generator) -> Experiment:
+    """Log no velocities."""
+    return replace(case, log=replace(case.log, velocity=None))
 
 
 def part_of_torque(*, gravity: bool, inertial: bool, friction: bool) -> Fault:
