@@ -17,6 +17,7 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +28,7 @@ from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
 import consistent_id as ci
+from consistent_id.problems.log_check import check_problem
 
 WRONG = 0.05  # held-out error, over the torque, from which on an estimate is wrong
 _TIMES = 1.5  # times the error from the clean log: a fault that does no harm is none
@@ -118,30 +120,35 @@ def written(case: Experiment, folder: Path) -> tuple[Path, Path]:
     return model, log
 
 
-def worked(trial: Trial) -> Outcome:
-    """Work a trial through in Python."""
+def worked(trial: Trial, *, quick: bool = False) -> Outcome:
+    """Work a trial through in Python; without an estimate if `quick` and one is found.
+
+    With a finding that is no note, the verdict is not `use`.
+    """
     case = case_of(trial)
     with tempfile.TemporaryDirectory() as folder, threadpool_limits(1):
         model, log = written(case, Path(folder))
         try:
-            study = ci.run_study(ci.draft_problem(model, log).problem())
+            problem = ci.draft_problem(model, log).problem()
+            found = check_problem(problem)
+            kinds = tuple(dict.fromkeys(f.kind for f in found.suspicious))
+            named = tuple(dict.fromkeys(f.kind for f in found.faults))
+            if kinds and quick:
+                word = "do not use" if named else "use with care"
+                said = "; ".join(f"{f.kind}: {f.statement}" for f in found.suspicious)
+                return Outcome(trial, word, kinds, named, np.nan, said[:600])
+            study = ci.run_study(problem)
         except ci.ConsistentIdError as error:
             return Outcome(trial, "refused", (), (), np.nan, str(error)[:300])
-    found = study.diagnosis
     hidden = case.hidden(np.random.default_rng([trial.seed, 99]))
     estimate = study.recommended.estimate
     states = hidden.of(estimate.model.robot.joint_names)
     predicted = estimate.predict(states)
     measured = states.of(estimate.model.torque_joints).torque
     error = float(np.linalg.norm(predicted - measured) / np.linalg.norm(measured))
-    return Outcome(
-        trial,
-        study.verdict.word,
-        tuple(dict.fromkeys(f.kind for f in found.suspicious)),
-        tuple(dict.fromkeys(f.kind for f in found.faults)),
-        error,
-        "; ".join(f"{r.kind}: {r.statement}" for r in study.verdict.reasons[:3])[:600],
-    )
+    reasons = (f"{r.kind}: {r.statement}" for r in study.verdict.reasons[:3])
+    said = "; ".join(reasons)[:600]
+    return Outcome(trial, study.verdict.word, kinds, named, error, said)
 
 
 def shelled(trial: Trial) -> int:
@@ -181,12 +188,13 @@ def kept(file: Path | None) -> dict[Trial, Outcome]:
 
 
 def work_through(
-    every: Sequence[Trial], pool: ProcessPoolExecutor, file: Path | None
+    every: Sequence[Trial], pool: ProcessPoolExecutor, file: Path | None, *, quick: bool
 ) -> list[Outcome]:
     """Work the trials through that `file` does not hold, and append them to it."""
+    work = partial(worked, quick=quick)
     done = kept(file)
     missing = [trial for trial in every if trial not in done]
-    for outcome in tqdm(pool.map(worked, missing), total=len(missing)):
+    for outcome in tqdm(pool.map(work, missing), total=len(missing)):
         done[outcome.trial] = outcome
         if file:
             with file.open("a") as stream:
@@ -259,12 +267,15 @@ def main() -> None:
     parser.add_argument("--shell", action="store_true", help="exit codes of the shell")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--show", action="store_true", help="every log in words")
+    parser.add_argument(
+        "--quick", action="store_true", help="estimate only where nothing is found"
+    )
     parser.add_argument("--results", type=Path, help="lines of JSON, to resume from")
     parser.add_argument("--write", type=Path)
     options = parser.parse_args()
     every = list(trials(options.faults, options.robots, options.seeds))
     with ProcessPoolExecutor(options.workers) as pool:
-        outcomes = work_through(every, pool, options.results)
+        outcomes = work_through(every, pool, options.results, quick=options.quick)
         codes = list(pool.map(shelled, every)) if options.shell else []
     clean = baselines(outcomes)
     for outcome in outcomes:

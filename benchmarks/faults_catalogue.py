@@ -27,6 +27,7 @@ from faults_channels import (
     together,
     without_velocity,
     wrapped,
+    zeros,
 )
 from faults_experiment import Fault, with_channels
 from faults_robots import RATE
@@ -94,10 +95,10 @@ CATALOGUE: dict[str, tuple[tuple[str, ...], Fault]] = {
         (*ORDER, *ROBOT),
         exchanged("position", "velocity", "torque"),
     ),
-    "zero off by 90 degrees": (ZERO, of_one("position", lambda v, _: v + np.pi / 2)),
-    "zero off by 25 degrees": (ZERO, of_one("position", lambda v, _: v + 0.436)),
-    "zero off by 10 degrees": (ZERO, of_one("position", lambda v, _: v + 0.175)),
-    "zeros of all off by 6 degrees": (ZERO, channel("position", lambda q: q + 0.105)),
+    "zero off by 90 degrees": (ZERO, zeros(90.0)),
+    "zero off by 25 degrees": (ZERO, zeros(25.0)),
+    "zero off by 10 degrees": (ZERO, zeros(10.0)),
+    "zeros of all off by 6 degrees": (ZERO, zeros(6.0, every=True)),
     "encoder scale 10 % off": (
         ("encoder scale", "degrees"),
         together(

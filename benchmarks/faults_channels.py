@@ -118,6 +118,21 @@ def without_velocity(case: Experiment, rng: np.random.Generator) -> Experiment:
     return replace(case, log=replace(case.log, velocity=None))
 
 
+def zeros(degrees_: float, *, every: bool = False) -> Fault:
+    """Let the encoder of a joint, or all, read more than the URDF's angle."""
+
+    def fault(case: Experiment, rng: np.random.Generator) -> Experiment:
+        joints = len(case.robot.parts)
+        moved = np.zeros(joints)
+        moved[range(joints) if every else strong_joint(case, rng)] = np.radians(
+            degrees_
+        )
+        off = with_channels(case, position=case.log.position + moved)
+        return replace(off, reads=moved)
+
+    return fault
+
+
 def part_of_torque(*, gravity: bool, inertial: bool, friction: bool) -> Fault:
     """Log only some parts of the torque, as a controller's own model splits it."""
 

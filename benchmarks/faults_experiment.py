@@ -42,6 +42,8 @@ class Experiment:
         Position, velocity and torque, as logged.
     besides : callable, optional
         Torque that no model knows, from a motion.
+    reads : ndarray, shape (joints,), [rad or m]
+        What encoders read where the URDF's zero is: of all logs of the robot.
     """
 
     robot: Robot
@@ -53,11 +55,17 @@ class Experiment:
     text: str
     log: ci.Recording
     besides: Callable[[ci.Recording], np.ndarray] | None = None
+    reads: np.ndarray | float = 0.0
 
     def hidden(self, rng: np.random.Generator) -> ci.Recording:
-        """Return another motion with its true torque, free of noise."""
+        """Return another motion, as encoders read it, with its true torque.
+
+        A zero is a convention between the encoder and the model: what parameters take
+        over predicts torque as well.
+        """
         motion = random_motion(self.robot, rng).at(self.robot.joints, times(12.0))
-        return self.true_torque(motion)
+        log = self.true_torque(motion)
+        return replace(log, position=log.position + self.reads)
 
     def true_torque(self, motion: ci.Recording) -> ci.Recording:
         """Return a motion with the torque that it takes."""

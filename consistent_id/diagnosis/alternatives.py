@@ -179,9 +179,11 @@ def _other_clock(as_is: FittedLog) -> Iterator[Candidate]:
 
     tried = [left(float(s)) for s in np.log(_SPEEDS)]
     k = int(np.argmin(tried))
-    if _SPEEDS[k] == 1.0 or min(tried) * _OF_TIME > tried[_SPEEDS.index(1.0)]:
+    if k in (0, len(tried) - 1) or _SPEEDS[k] == 1.0:
+        return  # at the ends there is no inertial torque, or nothing else
+    if min(tried) * _OF_TIME > tried[_SPEEDS.index(1.0)]:
         return
-    inner = np.log(_SPEEDS)[[max(k - 1, 0), min(k + 1, len(_SPEEDS) - 1)]]
+    inner = np.log(_SPEEDS)[[k - 1, k + 1]]
     speed = float(np.exp(minimize_scalar(left, bounds=inner, method="bounded").x))
     cause = Cause(
         "clock",

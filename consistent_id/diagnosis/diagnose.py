@@ -34,6 +34,11 @@ from consistent_id.diagnosis.linearise import Linearised, linearised
 from consistent_id.diagnosis.model_faults import model_findings, placeholders
 from consistent_id.diagnosis.motion_noise import motion_noise_findings
 from consistent_id.diagnosis.repeats import leak_findings
+from consistent_id.diagnosis.shift_findings import (
+    hidden_zeros,
+    lag_findings,
+    shift_findings,
+)
 from consistent_id.diagnosis.signal_faults import (
     frozen_findings,
     jump_findings,
@@ -42,12 +47,7 @@ from consistent_id.diagnosis.signal_faults import (
     resolution_findings,
     spike_findings,
 )
-from consistent_id.diagnosis.small_shifts import (
-    hidden_zeros,
-    lag_findings,
-    moved_channels,
-    shift_findings,
-)
+from consistent_id.diagnosis.small_shifts import moved_channels
 from consistent_id.diagnosis.torque_channel import channel_findings, nothing_findings
 from consistent_id.diagnosis.torque_parts import torque_parts
 from consistent_id.errors import InfeasibleError, SolverError

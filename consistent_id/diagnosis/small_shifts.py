@@ -10,39 +10,35 @@ parameters and lag.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import reduce
 from operator import add
 
 import numpy as np
 
 from consistent_id._support.arrays import Vector
-from consistent_id.diagnosis.findings import Finding
 from consistent_id.diagnosis.jackknife import Fitted, Jackknife
 from consistent_id.diagnosis.linearise import Linearised
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.robot.model import Joint
 
 # Twenty segments leave Student's t 19 degrees of freedom: it exceeds five once in ten
 # thousand times by chance.
-_SURE = 5.0  # estimates over their standard errors that are reported
+SURE = 5.0
+"""Estimates over their standard errors that are reported."""
 # Zeros of clean logs seem to be off by up to 2 degrees, and gains by 0.1
 # (benchmarks/faults_named.py): friction and the smoothing of its edges are not the
 # model's.
 _ANGLE = np.radians(3.0)
 _SLIDE = 0.015  # m
 _LARGEST = np.radians(30.0)  # beyond, a linearisation has to prove itself:
+_FACTORS = (0.25, 4.0)  # of a torque; beyond, it is another quantity
 _SETTLED = 0.1  # of the zero, that it may still move about the corrected log
 _ROUNDS = 8  # of linearisation, at the most, beyond one for each that is off
+_SHARE = (
+    0.1  # of the squared misfit that is left: on clean logs up to 0.09 is explained
+)
 _ALIKE = 0.9  # of what the best explains, that its rivals explain
 _GAIN = 0.15  # relative
-_BLIND = 10.0  # times these sizes, from which on a zero that hides is worth a note
-_LAG = 0.012  # s: less is what filters of currents do
-_LONG = 0.04  # s: a drive's filters and a bus reach 15 to 40 ms in real robots
-_LATE = 0.05  # s: more makes estimates wrong
-# Of the torque, that a shorter lag changes: in real robots filters of currents reach
-# 0.03, in their usual motions.
-_EFFECT = 0.04
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -127,7 +123,7 @@ def moved_channels(
     linearised_at : callable
         From sizes of all shifts to the rows of all recordings, so corrected.
     """
-    least = _small(model)
+    least = small_shifts(model)
     joints = len(model.robot)
     sizes = np.zeros(len(least))
     off: list[int] = []
@@ -137,12 +133,16 @@ def moved_channels(
         pooled = reduce(add, (system.without_lag for system in systems))
         shifts = estimate_shifts(pooled, tuple(off))
         found = _composed(sizes, shifts.sizes, joints)
+        found[joints:] = np.clip(1.0 + found[joints:], *_FACTORS) - 1.0
         scores = _scores(found, least, shifts.errors)
-        rest = [k for k in range(len(least)) if k not in off and scores[k] >= 1.0]
+        as_is = pooled.fitted(off).misfit
+        worth = shifts.misfits**2 <= (1.0 - _SHARE) * as_is**2
+        fresh = (scores >= 1.0) & worth & ~np.isin(range(len(least)), off)
+        rest = [int(k) for k in np.flatnonzero(fresh)]
         settled = abs(found - sizes) <= _SETTLED * abs(found)
         if rest:
             best = min(rest, key=lambda k: shifts.misfits[k])
-            rivals[best] = _rivals(pooled, shifts, rest, best, off)
+            rivals[best] = _rivals(as_is, shifts, rest, best)
             off.append(best)
         elif not off and (several := _together(pooled, shifts, least[:joints])):
             off = list(several)
@@ -151,17 +151,17 @@ def moved_channels(
             break
         sizes[off] = found[off]
     shown = (abs(found) <= _LARGEST) | settled
-    shown[joints:] = True
+    low, high = _FACTORS
+    shown[joints:] = (found[joints:] > low - 1.0) & (found[joints:] < high - 1.0)
     sure = np.isin(range(len(least)), off) & (scores >= 1.0) & shown
     return Moved(np.where(sure, found, 0.0), scores, rivals, shifts, systems)
 
 
 def _rivals(
-    system: Jackknife, shifts: Shifts, rest: list[int], best: int, off: list[int]
+    as_is: float, shifts: Shifts, rest: list[int], best: int
 ) -> tuple[int, ...]:
     """Return the others that would explain about as much as the best."""
-    as_is = system.fitted(off).misfit ** 2
-    explained = as_is - shifts.misfits**2
+    explained = as_is**2 - shifts.misfits**2
     return tuple(
         k for k in rest if k != best and explained[k] >= _ALIKE * explained[best]
     )
@@ -178,6 +178,8 @@ def _together(system: Jackknife, alone: Shifts, least: Vector) -> dict[int, floa
     """Return zeros that are sure only beside each other: opposite ones hide."""
     seen = np.flatnonzero(np.isfinite(alone.errors[: len(least)]))
     fit = system.fitted(seen.tolist())
+    if fit.misfit**2 > (1.0 - _SHARE) * system.fitted([]).misfit ** 2:
+        return {}
     scores = _scores(fit.solution, least[seen], fit.errors)
     return {
         int(j): float(d)
@@ -186,7 +188,7 @@ def _together(system: Jackknife, alone: Shifts, least: Vector) -> dict[int, floa
     }
 
 
-def _small(model: TorqueModel) -> Vector:
+def small_shifts(model: TorqueModel) -> Vector:
     """Return what of each shift is too small to be reported, [rad or m; 1]."""
     slides = [joint.kind == "prismatic" for joint in model.robot.driven]
     zeros = np.where(slides, _SLIDE, _ANGLE)
@@ -195,120 +197,4 @@ def _small(model: TorqueModel) -> Vector:
 
 def _scores(sizes: Vector, least: Vector, errors: Vector) -> Vector:
     """Return how far sizes are beyond what is small, and beyond what is unsure."""
-    return np.minimum(abs(sizes) / least, abs(sizes) / (_SURE * errors))
-
-
-def shift_findings(model: TorqueModel, moved: Moved) -> list[Finding]:
-    """Report zeros and gains that are off.
-
-    Where zeros and gains explain a log alike, neither is named as the cause.
-    """
-    found = []
-    for k in np.flatnonzero(moved.sizes):
-        finding = _shift(model, moved, int(k))
-        others = [_shift(model, moved, i) for i in moved.rivals.get(int(k), ())]
-        names = ", ".join(dict.fromkeys(f.where for f in (finding, *others)))
-        if {f.kind for f in others} - {finding.kind}:
-            finding = replace(
-                finding,
-                kind="model does not explain",
-                where=names,
-                statement=f"{finding.statement}; or what looks alike: {names}",
-            )
-        elif others:
-            finding = replace(
-                finding,
-                where=names,
-                statement=f"{finding.statement}; or another of {names} is off instead",
-            )
-        found.append(finding)
-    return found
-
-
-def _shift(model: TorqueModel, moved: Moved, place: int) -> Finding:
-    joints = model.robot.driven
-    size, score = float(moved.sizes[place]), float(moved.scores[place])
-    if place < len(joints):
-        return _zero(joints[place], size, score)
-    return _gain(model.torque_joints[place - len(joints)], size, score)
-
-
-def hidden_zeros(model: TorqueModel, moved: Moved) -> list[Finding]:
-    """Note the joints whose zero offset the recordings do not identify."""
-    joints = model.robot.driven
-    reach = _SURE * moved.shifts.errors
-    hidden = [
-        f"{joint.name} ({_from_where(joint, size)})"
-        for joint, size, least in zip(joints, reach, _small(model), strict=False)
-        if size >= _BLIND * least
-    ]
-    if not hidden:
-        return []
-    return [
-        Finding(
-            "hidden zero",
-            "note",
-            "some joints",
-            f"the log does not identify the zero offsets of {', '.join(hidden)}",
-            "where it matters, move more widely and faster; no motion identifies the "
-            "zero of an axis along gravity at the base, nor that of the last joint",
-        )
-    ]
-
-
-def _from_where(joint: Joint, size: float) -> str:
-    if joint.kind == "prismatic":
-        return f"below {size:.2g} m" if np.isfinite(size) else "any length"
-    degrees = float(np.degrees(size))
-    return f"below {degrees:.2g} degrees" if degrees < 90.0 else "any angle"
-
-
-def _zero(joint: Joint, d: float, score: float) -> Finding:
-    slides = joint.kind == "prismatic"
-    size = f"{abs(d):.2g} m" if slides else f"{np.degrees(abs(d)):.2g} degrees"
-    larger, change = ("larger", "add {} to") if d > 0.0 else ("smaller", "take {} from")
-    return Finding(
-        "offset zero",
-        "fault",
-        joint.name,
-        f"{joint.name}: its torque fits a position some {size} {larger}",
-        f"{change.format(size)} the position of {joint.name}, or calibrate its zero; "
-        "check again afterwards",
-        float(score),
-    )
-
-
-def _gain(joint: str, c: float, score: float) -> Finding:
-    return Finding(
-        "torque gain",
-        "fault",
-        joint,
-        f"{joint}: its torque is {1.0 + c:.3g} times what the other joints' torque "
-        "says",
-        f"check the gain and gear ratio of {joint} (times {1.0 / (1.0 + c):.3g} would "
-        "fit)",
-        float(score),
-    )
-
-
-def lag_findings(system: Linearised) -> list[Finding]:
-    """Report torque that is later or earlier than the motion."""
-    fit = estimate_lag(system)
-    lag, error = abs(float(fit.solution[0])), float(fit.errors[0])
-    score = min(lag / _LAG, lag / (_SURE * error))
-    if score < 1.0:
-        return []
-    effect = lag * system.quickness
-    matters = lag >= _LONG or effect >= _EFFECT
-    later = "later" if fit.solution[0] > 0.0 else "earlier"
-    return [
-        Finding(
-            "lag",
-            "fault" if lag >= _LATE else "warning" if matters else "note",
-            "all joints",
-            f"the torque is {1e3 * lag:.3g} ms {later} than the motion, which changes "
-            f"it by {effect:.1%}",
-            "shift one against the other before filtering",
-            score,
-        )
-    ]
+    return np.minimum(abs(sizes) / least, abs(sizes) / (SURE * errors))
