@@ -190,10 +190,15 @@ def kept(file: Path | None) -> dict[Trial, Outcome]:
 def work_through(
     every: Sequence[Trial], pool: ProcessPoolExecutor, file: Path | None, *, quick: bool
 ) -> list[Outcome]:
-    """Work the trials through that `file` does not hold, and append them to it."""
+    """Work the trials through that `file` does not hold, and append them to it.
+
+    They are taken at random, so that what is done of a run is a fair share of it.
+    """
     work = partial(worked, quick=quick)
     done = kept(file)
     missing = [trial for trial in every if trial not in done]
+    np.random.default_rng(0).shuffle(missing)
+    missing.sort(key=lambda trial: not trial.clean)  # others are compared with these
     for outcome in tqdm(pool.map(work, missing), total=len(missing)):
         done[outcome.trial] = outcome
         if file:
@@ -271,9 +276,14 @@ def main() -> None:
         "--quick", action="store_true", help="estimate only where nothing is found"
     )
     parser.add_argument("--results", type=Path, help="lines of JSON, to resume from")
+    parser.add_argument(
+        "--done", action="store_true", help="count what --results holds, run nothing"
+    )
     parser.add_argument("--write", type=Path)
     options = parser.parse_args()
     every = list(trials(options.faults, options.robots, options.seeds))
+    if options.done:
+        every = [trial for trial in every if trial in kept(options.results)]
     with ProcessPoolExecutor(options.workers) as pool:
         outcomes = work_through(every, pool, options.results, quick=options.quick)
         codes = list(pool.map(shelled, every)) if options.shell else []
