@@ -138,8 +138,8 @@ def worked(trial: Trial, *, quick: bool = False) -> Outcome:
                 said = "; ".join(f"{f.kind}: {f.statement}" for f in found.suspicious)
                 return Outcome(trial, word, kinds, named, np.nan, said[:600])
             study = ci.run_study(problem)
-        except ci.ConsistentIdError as error:
-            return Outcome(trial, "refused", (), (), np.nan, str(error)[:300])
+        except ci.ConsistentIdError as refusal:
+            return Outcome(trial, "refused", (), (), np.nan, str(refusal)[:300])
     hidden = case.hidden(np.random.default_rng([trial.seed, 99]))
     estimate = study.recommended.estimate
     states = hidden.of(estimate.model.robot.joint_names)

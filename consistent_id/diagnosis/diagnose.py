@@ -50,6 +50,7 @@ from consistent_id.diagnosis.signal_faults import (
 from consistent_id.diagnosis.small_shifts import moved_channels
 from consistent_id.diagnosis.torque_channel import channel_findings, nothing_findings
 from consistent_id.diagnosis.torque_parts import torque_parts
+from consistent_id.diagnosis.travel import travel_findings
 from consistent_id.errors import InfeasibleError, SolverError
 from consistent_id.estimation.penalised import penalised_fit
 from consistent_id.recordings.recording import Recording
@@ -167,7 +168,7 @@ def _of_one(
         return clock
     found = standstill_findings(log)
     signals = [*frozen_findings(_with_torque_of(log, model)), *jump_findings(log)]
-    found += signals or velocity_findings(log)
+    found += signals or velocity_findings(log) or travel_findings(model.robot, log)
     if signals:
         return found
     whole = prepare(log).of(model.robot.joint_names)
