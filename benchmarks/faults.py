@@ -30,6 +30,9 @@ from tqdm import tqdm
 import consistent_id as ci
 from consistent_id.problems.log_check import check_problem
 
+UNNAMED = ("model does not explain",)
+"""Kinds that say that something is wrong, and not what."""
+
 WRONG = 0.05  # held-out error, over the torque, from which on an estimate is wrong
 _TIMES = 1.5  # times the error from the clean log: a fault that does no harm is none
 
@@ -75,10 +78,15 @@ class Outcome:
     words: str
 
     @property
+    def causes(self) -> tuple[str, ...]:
+        """What is named as the cause."""
+        return tuple(kind for kind in self.named if kind not in UNNAMED)
+
+    @property
     def right(self) -> bool:
         """Whether each cause that is named is one that it may be called."""
         kinds = () if self.trial.clean else CATALOGUE[self.trial.label][0]
-        return set(self.named) <= set(kinds)
+        return set(self.causes) <= set(kinds)
 
 
 def loaded(text: str) -> ci.RobotModel:
@@ -210,7 +218,7 @@ def work_through(
 def row(label: str, outcomes: Sequence[Outcome], wrong: int) -> str:
     """Return a fault's line of the table."""
     said = [o.said for o in outcomes]
-    named = [o for o in outcomes if o.named]
+    named = [o for o in outcomes if o.causes]
     counts = [said.count(w) for w in ("use", "use with care", "do not use", "refused")]
     error = np.nanmedian([o.error for o in outcomes] or [np.nan])
     right = f"{sum(o.right for o in named)} of {len(named)}" if named else "-"
@@ -224,7 +232,7 @@ def page(outcomes: Sequence[Outcome], seeds: Sequence[int]) -> str:
     labels = list(dict.fromkeys(o.trial.label for o in outcomes))
     faulty = [o for o in outcomes if not o.trial.clean]
     whole = [o for o in outcomes if o.trial.clean]
-    named = [o for o in faulty if o.named]
+    named = [o for o in faulty if o.causes]
     quiet = [o for o in faulty if silent(o, clean)]
     numbers = " ".join(map(str, seeds))
     lines = [
@@ -289,7 +297,7 @@ def main() -> None:
         codes = list(pool.map(shelled, every)) if options.shell else []
     clean = baselines(outcomes)
     for outcome in outcomes:
-        wrong = silent(outcome, clean) or (outcome.named and not outcome.right)
+        wrong = silent(outcome, clean) or not outcome.right
         alarm = outcome.trial.clean and (outcome.kinds or outcome.said != "use")
         if options.show or wrong or alarm:
             print(json.dumps([str(outcome.trial), outcome.said, *outcome.named]))

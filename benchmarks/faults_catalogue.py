@@ -51,7 +51,8 @@ from faults_setup import (
 
 SIGN = ("torque sign", "torque channel")
 ORDER = ("channel order", "channel exchange", "exchanged channels")
-ZERO = ("offset zero", "joint zero offset")
+# About a level axis, the zero of the first joint and a leaning base are the same.
+ZERO = ("offset zero", "joint zero offset", "gravity")
 GAIN = ("torque gain", "torque unit", "torque channel", "masses or gain")
 CHANNEL = ("torque channel", "gravity", *GAIN)
 LAG = ("lag", "delay", "drive filter")

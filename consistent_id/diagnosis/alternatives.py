@@ -65,8 +65,9 @@ def _other_gravity(as_is: FittedLog) -> Iterator[Candidate]:
         "gravity",
         "base",
         f"with gravity along ({text}) m/s^2, {np.degrees(angle):.0f} degrees from the "
-        "model's,",
-        "turn the base in the model, or its gravity, as the robot is mounted",
+        "model's",
+        "turn the base in the model, or its gravity, as the robot is mounted; or check "
+        "the zero of the first joint, if its axis is level",
         _THRESHOLD,
     )
     other = replace(model, robot=replace(robot, gravity=turned))
