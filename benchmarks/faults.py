@@ -16,16 +16,22 @@ import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
-from faults_catalogue import CATALOGUE, CLEAN, Experiment, experiment
+from faults_catalogue import CATALOGUE, CLEAN
+from faults_experiment import Experiment, experiment
 from faults_robots import robots
 from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
 import consistent_id as ci
+from consistent_id.problems.log_check import check_problem
+
+UNNAMED = ("model does not explain",)
+"""Kinds that say that something is wrong, and not what."""
 
 WRONG = 0.05  # held-out error, over the torque, from which on an estimate is wrong
 _TIMES = 1.5  # times the error from the clean log: a fault that does no harm is none
@@ -72,10 +78,15 @@ class Outcome:
     words: str
 
     @property
+    def causes(self) -> tuple[str, ...]:
+        """What is named as the cause."""
+        return tuple(kind for kind in self.named if kind not in UNNAMED)
+
+    @property
     def right(self) -> bool:
         """Whether each cause that is named is one that it may be called."""
         kinds = () if self.trial.clean else CATALOGUE[self.trial.label][0]
-        return set(self.named) <= set(kinds)
+        return set(self.causes) <= set(kinds)
 
 
 def loaded(text: str) -> ci.RobotModel:
@@ -117,30 +128,35 @@ def written(case: Experiment, folder: Path) -> tuple[Path, Path]:
     return model, log
 
 
-def worked(trial: Trial) -> Outcome:
-    """Work a trial through in Python."""
+def worked(trial: Trial, *, quick: bool = False) -> Outcome:
+    """Work a trial through in Python; without an estimate if `quick` and one is found.
+
+    With a finding that is no note, the verdict is not `use`.
+    """
     case = case_of(trial)
     with tempfile.TemporaryDirectory() as folder, threadpool_limits(1):
         model, log = written(case, Path(folder))
         try:
-            study = ci.run_study(ci.draft_problem(model, log).problem())
-        except ci.ConsistentIdError as error:
-            return Outcome(trial, "refused", (), (), np.nan, str(error)[:120])
-    found = study.diagnosis
+            problem = ci.draft_problem(model, log).problem()
+            found = check_problem(problem)
+            kinds = tuple(dict.fromkeys(f.kind for f in found.suspicious))
+            named = tuple(dict.fromkeys(f.kind for f in found.faults))
+            if kinds and quick:
+                word = "do not use" if named else "use with care"
+                said = "; ".join(f"{f.kind}: {f.statement}" for f in found.suspicious)
+                return Outcome(trial, word, kinds, named, np.nan, said[:600])
+            study = ci.run_study(problem)
+        except ci.ConsistentIdError as refusal:
+            return Outcome(trial, "refused", (), (), np.nan, str(refusal)[:300])
     hidden = case.hidden(np.random.default_rng([trial.seed, 99]))
     estimate = study.recommended.estimate
     states = hidden.of(estimate.model.robot.joint_names)
     predicted = estimate.predict(states)
     measured = states.of(estimate.model.torque_joints).torque
     error = float(np.linalg.norm(predicted - measured) / np.linalg.norm(measured))
-    return Outcome(
-        trial,
-        study.verdict.word,
-        tuple(dict.fromkeys(f.kind for f in found.suspicious)),
-        tuple(dict.fromkeys(f.kind for f in found.faults)),
-        error,
-        "; ".join(f"{r.kind}: {r.statement}" for r in study.verdict.reasons[:2])[:200],
-    )
+    reasons = (f"{r.kind}: {r.statement}" for r in study.verdict.reasons[:3])
+    said = "; ".join(reasons)[:600]
+    return Outcome(trial, study.verdict.word, kinds, named, error, said)
 
 
 def shelled(trial: Trial) -> int:
@@ -167,10 +183,42 @@ def silent(outcome: Outcome, clean: dict[tuple[str, int], float]) -> bool:
     return not trial.clean and outcome.said == "use" and outcome.error > least
 
 
+def kept(file: Path | None) -> dict[Trial, Outcome]:
+    """Return the outcomes that an earlier run has written."""
+    lines = file.read_text().splitlines() if file and file.exists() else ()
+    found = {}
+    for line in lines:
+        values = json.loads(line)
+        trial = Trial(**values.pop("trial"))
+        kinds, named = (tuple(values.pop(name)) for name in ("kinds", "named"))
+        found[trial] = Outcome(trial, kinds=kinds, named=named, **values)
+    return found
+
+
+def work_through(
+    every: Sequence[Trial], pool: ProcessPoolExecutor, file: Path | None, *, quick: bool
+) -> list[Outcome]:
+    """Work the trials through that `file` does not hold, and append them to it.
+
+    They are taken at random, so that what is done of a run is a fair share of it.
+    """
+    work = partial(worked, quick=quick)
+    done = kept(file)
+    missing = [trial for trial in every if trial not in done]
+    np.random.default_rng(0).shuffle(missing)
+    missing.sort(key=lambda trial: not trial.clean)  # others are compared with these
+    for outcome in tqdm(pool.map(work, missing), total=len(missing)):
+        done[outcome.trial] = outcome
+        if file:
+            with file.open("a") as stream:
+                print(json.dumps(asdict(outcome)), file=stream)
+    return [done[trial] for trial in every]
+
+
 def row(label: str, outcomes: Sequence[Outcome], wrong: int) -> str:
     """Return a fault's line of the table."""
     said = [o.said for o in outcomes]
-    named = [o for o in outcomes if o.named]
+    named = [o for o in outcomes if o.causes]
     counts = [said.count(w) for w in ("use", "use with care", "do not use", "refused")]
     error = np.nanmedian([o.error for o in outcomes] or [np.nan])
     right = f"{sum(o.right for o in named)} of {len(named)}" if named else "-"
@@ -184,7 +232,7 @@ def page(outcomes: Sequence[Outcome], seeds: Sequence[int]) -> str:
     labels = list(dict.fromkeys(o.trial.label for o in outcomes))
     faulty = [o for o in outcomes if not o.trial.clean]
     whole = [o for o in outcomes if o.trial.clean]
-    named = [o for o in faulty if o.named]
+    named = [o for o in faulty if o.causes]
     quiet = [o for o in faulty if silent(o, clean)]
     numbers = " ".join(map(str, seeds))
     lines = [
@@ -232,15 +280,24 @@ def main() -> None:
     parser.add_argument("--shell", action="store_true", help="exit codes of the shell")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--show", action="store_true", help="every log in words")
+    parser.add_argument(
+        "--quick", action="store_true", help="estimate only where nothing is found"
+    )
+    parser.add_argument("--results", type=Path, help="lines of JSON, to resume from")
+    parser.add_argument(
+        "--done", action="store_true", help="count what --results holds, run nothing"
+    )
     parser.add_argument("--write", type=Path)
     options = parser.parse_args()
     every = list(trials(options.faults, options.robots, options.seeds))
+    if options.done:
+        every = [trial for trial in every if trial in kept(options.results)]
     with ProcessPoolExecutor(options.workers) as pool:
-        outcomes = list(tqdm(pool.map(worked, every, chunksize=2), total=len(every)))
+        outcomes = work_through(every, pool, options.results, quick=options.quick)
         codes = list(pool.map(shelled, every)) if options.shell else []
     clean = baselines(outcomes)
     for outcome in outcomes:
-        wrong = silent(outcome, clean) or (outcome.named and not outcome.right)
+        wrong = silent(outcome, clean) or not outcome.right
         alarm = outcome.trial.clean and (outcome.kinds or outcome.said != "use")
         if options.show or wrong or alarm:
             print(json.dumps([str(outcome.trial), outcome.said, *outcome.named]))

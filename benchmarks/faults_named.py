@@ -16,16 +16,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from faults_catalogue import CATALOGUE, CLEAN, experiment
+from faults import UNNAMED
+from faults_catalogue import CATALOGUE, CLEAN
+from faults_experiment import experiment
 from faults_robots import robots
 
 import consistent_id as ci
 from consistent_id.cli.checks import smoothed
 from consistent_id.diagnosis import diagnose
 from consistent_id.problems.model import DEFAULT_DRIVE
-
-UNNAMED = ("model does not explain",)
-"""Kinds that say that something is wrong, and not what."""
 
 
 @dataclass(frozen=True)

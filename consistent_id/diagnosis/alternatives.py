@@ -7,10 +7,11 @@ import numpy as np
 
 from consistent_id._support.arrays import IntArray, Matrix, Vector
 from consistent_id.constraints import FixedMasses
-from consistent_id.diagnosis.channel_factors import channel_factors
+from consistent_id.diagnosis.channel_factors import ChannelFactors, channel_factors
 from consistent_id.diagnosis.corrections import Cause
-from consistent_id.diagnosis.explain import Candidate, FittedLog
+from consistent_id.diagnosis.explain import Candidate, FittedLog, thinned
 from consistent_id.diagnosis.jackknife import solution
+from consistent_id.diagnosis.late_torque import late_torque
 from consistent_id.diagnosis.missing_parts import missing_parts
 from consistent_id.diagnosis.torque_parts import nominal_parts
 from consistent_id.recordings.recording import Recording
@@ -18,8 +19,15 @@ from consistent_id.regression.base import base_parameters
 from consistent_id.regression.regressor import TorqueModel
 
 _THRESHOLD = 1.3  # ratio of misfits, as in the table of corrections
+_EXPLAINED = 0.03  # of the torque: misfit below which the following are not asked for
+# Ratio of misfits for the clock: its speed also moves the edge of smooth Coulomb
+# friction, which brings clean logs up to 1.45.
+_OF_TIME = 1.6
 _TURNED = np.radians(5.0)  # of gravity: less is a floor that is not level
 _G = (0.7, 1.4)  # ratio of its size to the model's within which it is gravity
+_GAINS = (0.4, 0.55, 0.7, 0.85, 1.2, 1.4, 1.8, 2.5)
+_FEW = 300  # samples that choose the speed of a clock
+_SPEEDS = (0.1, 0.2, 0.35, 0.5, 0.7, 0.85, 1.0, 1.2, 1.4, 2.0, 2.8, 5.0, 10.0)
 _CREEP = 0.02  # rad/s or m/s, of the smooth Coulomb term
 
 
@@ -29,6 +37,9 @@ def alternatives(as_is: FittedLog) -> list[Candidate]:
         *_other_gravity(as_is),
         *_other_masses(as_is),
         *_other_channels(as_is),
+        *_other_gain(as_is),
+        *_other_clock(as_is),
+        *late_torque(as_is),
         *missing_parts(as_is),
     ]
 
@@ -54,8 +65,9 @@ def _other_gravity(as_is: FittedLog) -> Iterator[Candidate]:
         "gravity",
         "base",
         f"with gravity along ({text}) m/s^2, {np.degrees(angle):.0f} degrees from the "
-        "model's,",
-        "turn the base in the model, or its gravity, as the robot is mounted",
+        "model's",
+        "turn the base in the model, or its gravity, as the robot is mounted; or check "
+        "the zero of the first joint, if its axis is level",
         _THRESHOLD,
     )
     other = replace(model, robot=replace(robot, gravity=turned))
@@ -89,19 +101,107 @@ def gravity_in(model: TorqueModel, recording: Recording) -> Vector:
 
 
 def _other_masses(as_is: FittedLog) -> Iterator[Candidate]:
-    """Yield the log with masses that are not known."""
+    """Yield the log with masses that are not known.
+
+    A gain that all torques share does to a robot what it does to its masses.
+    """
     free = [c for c in as_is.constraints if not isinstance(c, FixedMasses)]
     if len(free) == len(as_is.constraints):
         return
     cause = Cause(
-        "datasheet",
-        "masses",
-        "with masses that are not the model's",
-        'masses = "free" (--masses free); check load, tool, model and gains',
+        "masses or gain",
+        "all joints",
+        "with masses that are not the model's, or gains that are not the log's,",
+        'check load, tool, model and gains; if these are right, masses = "free" '
+        "(--masses free)",
         _THRESHOLD,
         excuse=1,
     )
     yield Candidate(cause, as_is.factors, free)
+
+
+def _other_gain(as_is: FittedLog) -> Iterator[Candidate]:
+    """Yield the log with another factor for the one torque that profits most.
+
+    Several joints carry one body: what they say of it has to agree.
+    """
+    from scipy.optimize import minimize_scalar
+
+    if as_is.misfit < _EXPLAINED:
+        return
+    factors = as_is.factors
+    everyone, names = factors.model.robot.joint_names, factors.model.torque_joints
+
+    def changed(name: str, logarithm: float) -> ChannelFactors:
+        scale = np.ones(len(everyone))
+        scale[everyone.index(name)] = np.exp(logarithm)
+        return factors.changed(np.diag(scale))
+
+    tried = {
+        (name, float(np.log(g))): changed(name, float(np.log(g))).least_misfit()
+        for name in names
+        for g in _GAINS
+    }
+    name, start = min(tried, key=lambda key: tried[key])
+    if tried[name, start] * _THRESHOLD > factors.least_misfit():
+        return
+    near = minimize_scalar(
+        lambda logarithm: changed(name, logarithm).least_misfit(),
+        bounds=(start - 0.4, start + 0.4),
+        method="bounded",
+        options={"xatol": 0.005},
+    )
+    factor = float(np.exp(near.x))
+    cause = Cause(
+        "torque gain",
+        name,
+        f"with the torque of {name} times {factor:.3g}",
+        f"check the gain and gear ratio of {name}",
+        _THRESHOLD,
+    )
+    yield Candidate(cause, changed(name, float(near.x)), as_is.constraints)
+
+
+def _other_clock(as_is: FittedLog) -> Iterator[Candidate]:
+    """Yield the log with the clock's speed that fits best.
+
+    Gravity knows no time: what weighs in it accelerates in the inertial torque.
+    """
+    from scipy.optimize import minimize_scalar
+
+    if as_is.misfit < _EXPLAINED:
+        return
+    model, base = as_is.factors.model, as_is.factors.base
+    few = thinned(as_is.recording, _FEW)
+
+    def left(logarithm: float) -> float:
+        log = _at_speed(few, float(np.exp(logarithm)))
+        return channel_factors(model, base, [log])[0].least_misfit()
+
+    tried = [left(float(s)) for s in np.log(_SPEEDS)]
+    k = int(np.argmin(tried))
+    if k in (0, len(tried) - 1) or _SPEEDS[k] == 1.0:
+        return  # at the ends there is no inertial torque, or nothing else
+    if min(tried) * _OF_TIME > tried[_SPEEDS.index(1.0)]:
+        return
+    inner = np.log(_SPEEDS)[[k - 1, k + 1]]
+    speed = float(np.exp(minimize_scalar(left, bounds=inner, method="bounded").x))
+    cause = Cause(
+        "clock",
+        "time",
+        f"with a clock {speed:.3g} times as fast",
+        f"divide the time by {speed:.3g}: find out in which unit, or at which rate, it "
+        "was logged",
+        _OF_TIME,
+    )
+    (factors,) = channel_factors(model, base, [_at_speed(as_is.recording, speed)])
+    yield Candidate(cause, factors, as_is.constraints)
+
+
+def _at_speed(log: Recording, speed: float) -> Recording:
+    """Return a prepared recording of which the clock runs faster."""
+    velocity, acceleration = np.asarray(log.velocity), np.asarray(log.acceleration)
+    return replace(log, velocity=speed * velocity, acceleration=speed**2 * acceleration)
 
 
 def _other_channels(as_is: FittedLog) -> Iterator[Candidate]:

@@ -116,12 +116,12 @@ def channel_factors(
         Y = model.regressor(*states)[:, list(base.independent)]
         ends = np.cumsum([len(m.q) for m in group])
         for motion, rows in zip(group, np.split(Y, ends[:-1], axis=2), strict=True):
-            factors = tuple(_factor(of_joint, motion.torque) for of_joint in rows)
+            factors = tuple(joint_factor(of_joint, motion.torque) for of_joint in rows)
             found.append(ChannelFactors(model, base, factors, len(motion.q)))
     return found
 
 
-def _factor(Y: Array, torque: Array) -> Matrix:
+def joint_factor(Y: Array, torque: Array) -> Matrix:
     """Return a joint's factor; columns that are zero are left out of the work."""
     kept = Y.any(axis=1)
     R = triangle(np.asfortranarray(np.column_stack([Y[kept].T, torque])))

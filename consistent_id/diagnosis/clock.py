@@ -60,9 +60,10 @@ def velocity_findings(recording: Recording) -> list[Finding]:
     from_position = np.gradient(recording.position, recording.time, axis=0)
     # Steps of an encoder average out over a while; they would make ratios too small.
     span = max(int(_SPAN * recording.rate), 1)
-    ratios, agreed = _ratios(
+    ratios, correlation = _ratios(
         _averaged(recording.velocity, span), _averaged(from_position, span)
     )
+    agreed = abs(correlation) >= _AGREED
     known = [np.inf] if not agreed.any() else ratios[agreed]
     common = float(np.median(known))
     for ratio, (kind, statement, advice) in _RATIOS.items():
@@ -75,7 +76,7 @@ def velocity_findings(recording: Recording) -> list[Finding]:
         or [
             *_signs(recording, ratios, agreed),
             *_swaps(recording, recording.velocity, from_position, agreed),
-            *_scales(recording, ratios, agreed),
+            *_scales(recording, ratios, correlation),
         ]
     )
 
@@ -115,21 +116,30 @@ def _common_ratio(ratios: Vector) -> list[Finding]:
     ]
 
 
-def _scales(recording: Recording, ratios: Vector, agreed: BoolArray) -> list[Finding]:
-    """Find joints whose position and velocity have different scales."""
-    return [
-        Finding(
-            "encoder scale",
-            "fault",
-            joint,
-            f"{joint}: velocity is {ratio:.4g} times the position's rate, in other "
-            "joints it is not",
-            "check the gear ratio and the unit of both channels",
-            abs(float(np.log(ratio))) / _SAME,
-        )
-        for joint, ratio, sure in zip(recording.joints, ratios, agreed, strict=True)
-        if sure and ratio > 0.0 and abs(np.log(ratio)) > 2.0 * _SAME
-    ]
+def _scales(recording: Recording, ratios: Vector, correlation: Vector) -> list[Finding]:
+    """Find joints whose position and velocity have different scales.
+
+    Noise of the position's rate makes a ratio smaller, down by the squared correlation;
+    noise of the velocity does not.  A scale is one if either may explain it.
+    """
+    found = []
+    for joint, ratio, r in zip(recording.joints, ratios, correlation, strict=True):
+        if r < _AGREED:
+            continue
+        scale = float(np.clip(1.0, ratio, ratio / r**2))
+        if abs(np.log(scale)) > 2.0 * _SAME:
+            found.append(
+                Finding(
+                    "encoder scale",
+                    "fault",
+                    joint,
+                    f"{joint}: velocity is {ratio:.4g} times the position's rate, in "
+                    "other joints it is not",
+                    "check the gear ratio and the unit of both channels",
+                    abs(float(np.log(scale))) / _SAME,
+                )
+            )
+    return found
 
 
 def _late(recording: Recording, velocity: Array, rate: Array) -> list[Finding]:
@@ -166,14 +176,14 @@ def _late(recording: Recording, velocity: Array, rate: Array) -> list[Finding]:
     ]
 
 
-def _ratios(velocity: Array, rate: Array) -> tuple[Vector, BoolArray]:
-    """Return velocity over rate of each joint, and whether they are correlated."""
+def _ratios(velocity: Array, rate: Array) -> tuple[Vector, Vector]:
+    """Return velocity over rate of each joint, and their correlation."""
     both = np.sum(velocity * rate, axis=0)
     sizes = np.linalg.norm(velocity, axis=0) * np.linalg.norm(rate, axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):
         correlation = np.nan_to_num(both / sizes)
         ratios = np.nan_to_num(both / np.sum(rate**2, axis=0))
-    return ratios, abs(correlation) >= _AGREED
+    return ratios, correlation
 
 
 def _signs(recording: Recording, ratios: Vector, agreed: BoolArray) -> list[Finding]:

@@ -1,7 +1,7 @@
 """All detectors, one after another."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -34,6 +34,11 @@ from consistent_id.diagnosis.linearise import Linearised, linearised
 from consistent_id.diagnosis.model_faults import model_findings, placeholders
 from consistent_id.diagnosis.motion_noise import motion_noise_findings
 from consistent_id.diagnosis.repeats import leak_findings
+from consistent_id.diagnosis.shift_findings import (
+    hidden_zeros,
+    lag_findings,
+    shift_findings,
+)
 from consistent_id.diagnosis.signal_faults import (
     frozen_findings,
     jump_findings,
@@ -42,13 +47,10 @@ from consistent_id.diagnosis.signal_faults import (
     resolution_findings,
     spike_findings,
 )
-from consistent_id.diagnosis.small_shifts import (
-    hidden_zeros,
-    moved_zeros,
-    shift_findings,
-)
+from consistent_id.diagnosis.small_shifts import moved_channels
 from consistent_id.diagnosis.torque_channel import channel_findings, nothing_findings
 from consistent_id.diagnosis.torque_parts import torque_parts
+from consistent_id.diagnosis.travel import travel_findings
 from consistent_id.errors import InfeasibleError, SolverError
 from consistent_id.estimation.penalised import penalised_fit
 from consistent_id.recordings.recording import Recording
@@ -58,9 +60,9 @@ from consistent_id.regression.regressor import TorqueModel
 Prepare = Callable[[Recording], Recording]
 
 _LITTLE = ("standstill", "small motion", "slow motion")  # nothing more can be told
-# Ratio of misfits from which on a zero that is moved explains something: on clean logs
-# of robots with friction that no model knows it reaches 1.2 (benchmarks/faults_named).
-_WORTH = 1.25
+# Of the torque, that zeros and gains have to explain: friction that no model knows
+# leaves 0.3 to 2 %, of which a zero may take 0.6 % where little else shows it.
+_WORTH = 0.008
 _PULL = 1e-4  # squared misfit that a typical distance to the nominal robot weighs
 
 
@@ -108,11 +110,51 @@ def diagnose(
     if any(f.kind == "units" for f in found):
         return Diagnosis(tuple(found), tuple(log.name for log in training))
     looked_at = [*training, *(v for v in validation if v.torque is not None)]
+    open_: list[_Open] = []
     for recording in looked_at:
         log = recording.of(model.robot.joint_names)
         of_one = _of_one(model, log, constraints, base, ready)
-        found += [replace(f, recording=log.name) for f in of_one]
+        if isinstance(of_one, _Open):
+            open_.append(of_one)
+        else:
+            found += [replace(f, recording=log.name) for f in of_one]
+    found += _of_all(open_) if open_ else []
     return Diagnosis(tuple(found), tuple(log.name for log in looked_at))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Open:
+    """A log without a fault so far.
+
+    Parameters
+    ----------
+    as_is : FittedLog
+    signals : tuple of Finding
+        Of its channels by themselves.
+    odd : tuple of Finding
+        What a zero, a gain or a lag may be the cause of.
+    """
+
+    as_is: FittedLog
+    signals: tuple[Finding, ...]
+    odd: tuple[Finding, ...]
+
+
+def _of_all(open_: Sequence[_Open]) -> list[Finding]:
+    """Return what is found in the logs without a fault, taken together.
+
+    What explains a log stands before what is odd about it; about a log that no robot
+    explains, a small lag means nothing.
+    """
+    shifts = _shifts(open_)
+    shown = any(f.severity == "fault" for f in shifts)
+    lost = not shown and any(f.severity == "fault" for o in open_ for f in o.odd)
+    found = [f for f in shifts if not (lost and f.severity == "warning")]
+    for one in open_:
+        odd = () if shown else one.odd
+        name = one.as_is.recording.name
+        found += [replace(f, recording=name) for f in (*one.signals, *odd)]
+    return found
 
 
 def _of_one(
@@ -121,17 +163,19 @@ def _of_one(
     constraints: Sequence[Constraint],
     base: BaseParameters,
     prepare: Prepare,
-) -> list[Finding]:
+) -> list[Finding] | _Open:
     """Return what is found in one recording: of signals first, of their sense last."""
     torque = log.of(model.torque_joints)
     clock = clock_findings(log)
     if clock:
         return clock
-    whole = prepare(log).of(model.robot.joint_names)
-    prepared = thinned(whole, SAMPLES)
     found = standstill_findings(log)
     signals = [*frozen_findings(_with_torque_of(log, model)), *jump_findings(log)]
-    found += signals or velocity_findings(log)
+    found += signals or velocity_findings(log) or travel_findings(model.robot, log)
+    if signals:
+        return found
+    whole = prepare(log).of(model.robot.joint_names)
+    prepared = thinned(whole, SAMPLES)
     found += [] if found else extent_findings(prepared)
     ranks = rank_findings(model, prepared, base)
     found += ranks
@@ -147,7 +191,10 @@ def _of_one(
     if any(f.severity == "fault" for f in found):
         return found
     noise = float(np.sqrt(np.mean(noise_share(np.asarray(torque.torque)) ** 2)))
-    return found + _dynamic(model, prepared, constraints, base, noise)
+    more = _dynamic(model, prepared, constraints, base, noise)
+    if isinstance(more, list):
+        return found + more
+    return replace(more, signals=tuple(found))
 
 
 def _with_torque_of(log: Recording, model: TorqueModel) -> Recording:
@@ -165,7 +212,7 @@ def _dynamic(
     constraints: Sequence[Constraint],
     base: BaseParameters,
     noise: float,
-) -> list[Finding]:
+) -> list[Finding] | _Open:
     """Return what only torque and motion together show."""
     known = model.robot.nominal is not None and not placeholders(model.robot)
     parts = torque_parts(model, prepared) if known else None
@@ -181,44 +228,65 @@ def _dynamic(
     candidates = corrected(as_is, corrections(model.robot, model.torque_joints))
     candidates += alternatives(as_is)
     found = explanations(as_is, candidates, noise)
-    if found.best is not None:
-        return [explanation_finding(found.best)]
+    best = found.best
+    if best is not None and not best.cause.excuse:
+        return [explanation_finding(best)]
     missing = unexplained_findings(as_is, found, noise)
     if missing and parts is not None and (nothing := nothing_findings(parts)):
         return nothing
-    shifts = _shifts(as_is, found.floor)
-    if any(f.severity == "fault" for f in shifts):
-        return shifts
-    return [*missing, *shifts, *channel]
+    excuse = [] if best is None else [explanation_finding(best)]
+    return _Open(as_is, (), tuple(excuse or [*missing, *channel]))
 
 
-def _shifts(as_is: FittedLog, floor: float) -> list[Finding]:
-    """Return zeros that are off and a lag.
+def _shifts(open_: Sequence[_Open]) -> list[Finding]:
+    """Return zeros and gains that are off in all logs together, and each log's lag."""
+    logs = [o.as_is for o in open_]
+    model = logs[0].factors.model
+    try:
+        moved = moved_channels(
+            model, lambda sizes: [_linearised(_moved(log, sizes)) for log in logs]
+        )
+    except (InfeasibleError, SolverError):
+        return []  # a correction that no robot explains is none
+    lags = [
+        replace(f, recording=log.recording.name)
+        for log, system in zip(logs, moved.systems, strict=True)
+        for f in lag_findings(system)
+    ]
+    if any(f.severity == "fault" for f in lags):
+        return lags  # beyond which linearisation tells little
+    found = shift_findings(model, moved)
+    if found and _explained(logs, moved.sizes) < _WORTH:
+        found = [replace(f, severity="note", statement=_unsure(f)) for f in found]
+    return [*found, *hidden_zeros(model, moved), *lags]
 
-    Zeros whose correction explains little are notes: unmodelled friction does as much.
-    """
-    model = as_is.factors.model
-    zeros = moved_zeros(model, lambda offsets: _linearised(_moved(as_is, offsets)))
-    found = shift_findings(model, zeros)
-    left = _moved(as_is, zeros.offsets).misfit
-    if left > min(as_is.misfit / _WORTH, floor):
-        off = [f for f in found if f.kind == "offset zero"]
-        notes = [replace(f, severity="note", statement=_unsure(f)) for f in off]
-        found = [*notes, *(f for f in found if f not in off)]
-    return found + hidden_zeros(model, zeros)
+
+def _explained(logs: Sequence[FittedLog], sizes: Vector) -> float:
+    """Return the part of the torque that shifts explain, relative to it."""
+    left = [_moved(log, sizes).misfit for log in logs]
+    gain = [log.misfit**2 - rest**2 for log, rest in zip(logs, left, strict=True)]
+    return float(np.sqrt(max(np.mean(gain), 0.0)))
 
 
 def _unsure(finding: Finding) -> str:
     return f"{finding.statement}, if nothing else is missing in the model"
 
 
-def _moved(log: FittedLog, offsets: Vector) -> FittedLog:
-    """Return a log with its joint zeros moved, fitted anew."""
-    if not offsets.any():
+def _moved(log: FittedLog, sizes: Vector) -> FittedLog:
+    """Return a log with its zeros and gains moved, fitted anew."""
+    if not sizes.any():
         return log
-    recording = log.recording
-    moved = replace(recording, position=recording.position + offsets)
-    return fitted_log(log.factors.model, moved, log.constraints, log.factors.base)
+    model, recording = log.factors.model, log.recording
+    count = len(model.robot)
+    factor = np.ones(count)
+    places = [model.robot.joint_names.index(name) for name in model.torque_joints]
+    factor[places] += sizes[count:]
+    moved = replace(
+        recording,
+        position=recording.position + sizes[:count],
+        torque=np.asarray(recording.torque) / factor,
+    )
+    return fitted_log(model, moved, log.constraints, log.factors.base)
 
 
 def _linearised(log: FittedLog) -> Linearised:

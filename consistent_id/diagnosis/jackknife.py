@@ -5,6 +5,9 @@ each segment of the log pulls the estimate shows how sure it is.  The plain sand
 takes the misfit that is left, which is too small where there are as many parameters as
 segments; the jackknife takes the misfit that the fit of the other segments leaves.
 
+Of a motion that repeats itself a segment is a phase, in all periods: errors of the
+model repeat as well, and no period would miss another.
+
 Segments are compressed once, and columns that all fits share are eliminated once; fits
 of many choices of the other columns then cost next to nothing.
 """
@@ -62,7 +65,7 @@ class Jackknife:
         """
         A, z = self.whole[:, columns], self.whole[:, -1]
         _, s, Vt = np.linalg.svd(A / _sizes(A), full_matrices=False)
-        kept = Vt[s > _RANK * s[0]]
+        kept = Vt[s > _RANK * s.max(initial=0.0)]
         x = solution(A, z)
         moves = [solution(F[:, columns], F[:, -1]) - x for F in self.others]
         share = (len(moves) - 1) / len(moves)
@@ -70,6 +73,11 @@ class Jackknife:
         lost = 1.0 - np.sum(kept**2, axis=0) > _LOST
         errors = np.where(lost, np.inf, np.maximum(errors, _TINY))
         return Fitted(x, errors, float(np.linalg.norm(z - A @ x)))
+
+    def __add__(self, other: "Jackknife") -> "Jackknife":
+        """Return the factors of both together; segments are left out in pairs."""
+        others = map(_factor, self.others, other.others)
+        return Jackknife(_factor(self.whole, other.whole), tuple(others))
 
     def without(self, count: int) -> "Jackknife":
         """Eliminate the first columns: what is left is orthogonal to them.
@@ -89,16 +97,19 @@ class Jackknife:
         return Jackknife(whole, tuple(others))
 
 
-def jackknife(A: Array, z: Matrix) -> Jackknife:
+def jackknife(A: Array, z: Matrix, phase: Vector | None = None) -> Jackknife:
     """Compress segments, and all but one of them.
 
     Parameters
     ----------
     A : ndarray, shape (joints, samples, columns)
     z : ndarray, shape (joints, samples)
+    phase : ndarray, shape (samples,), optional
+        In the order of which samples are cut into segments; by default as they come.
     """
     rows = np.concatenate([A, z[:, :, None]], axis=2)
-    cuts = [c for c in np.array_split(np.arange(rows.shape[1]), _SEGMENTS) if len(c)]
+    order = np.arange(rows.shape[1]) if phase is None else np.argsort(phase)
+    cuts = [c for c in np.array_split(order, _SEGMENTS) if len(c)]
     parts = [_factor(rows[:, c].reshape(-1, rows.shape[2])) for c in cuts]
     none = np.zeros((0, rows.shape[2]))
     before = list(accumulate(parts, _factor, initial=none))

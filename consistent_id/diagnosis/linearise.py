@@ -1,4 +1,8 @@
-"""How the torque changes with parameters, joint zeros and lag, near an estimate."""
+"""How the torque changes with joint zeros, gains and lag, near an estimate.
+
+Beside them stand the base parameters, and friction that the model may lack: friction
+that changes with speed, or with the load, else passes for a zero that is off.
+"""
 
 from dataclasses import dataclass
 
@@ -6,16 +10,21 @@ import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector
 from consistent_id.diagnosis.jackknife import Jackknife, jackknife, solution
+from consistent_id.errors import RecordingError
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.butterworth import zero_phase
+from consistent_id.recordings.signals.period import estimated_period
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.regression import triangle
 from consistent_id.regression.regressor import TorqueModel
 
+_HARMONICS = 10  # of the series that finds a period well enough for phases
+_PERIODS = 20  # at the most: of more, single ones are segments enough
 _STEP = 1e-4  # rad or m, of the finite differences
 _PAD = 15  # samples by which the filter continues either end
 _BAND = 8.0  # times the motion's bandwidth: torque beyond it is noise and friction's
 _POWER = 0.99  # of the velocity, within the bandwidth
+_SPEEDS = (0.01, 0.05, 0.25)  # of top speed, within which friction changes
 _LEAST = 1e-3  # of a joint's torque, below which its misfit is not believed
 
 
@@ -26,19 +35,28 @@ class Linearised:
     Parameters
     ----------
     factors : Jackknife
-        Columns of the joints' zeros and of the lag; base parameters are eliminated.
+        Columns of the lag, of the joints' zeros, and of the gains of the torque joints;
+        base parameters and friction are eliminated.
     joints : int
         Number of joints.
+    quickness : float, [1/s]
+        Rate of change of the torque over the torque: what a lag does to it.
     """
 
     factors: Jackknife
     joints: int
+    quickness: float
+
+    @property
+    def without_lag(self) -> Jackknife:
+        """Columns of zeros and gains, the lag eliminated."""
+        return self.factors.without(1)
 
 
 def linearised(
     model: TorqueModel, x: Vector, recording: Recording, base: BaseParameters
 ) -> Linearised:
-    """Return how the torque changes with zeros and lag, beside the base parameters.
+    """Return how the torque changes with zeros, gains and lag.
 
     Columns and torque go through one low-pass filter, so that it drops out, and noise
     and friction's edges, which preparation rounded in the torque alone, with it.
@@ -55,18 +73,53 @@ def linearised(
     recording = recording.of(model.robot.joint_names)
     rate, states = recording.rate, _states(recording)
     columns = model.regressor(*states)
-    torque = np.asarray(recording.of(model.torque_joints).torque).T
-    lag = -np.gradient(np.einsum("jps,p->js", columns, x), 1.0 / rate, axis=1)
-    slopes = _by_position(model, x, *states)
-    rows = np.concatenate(
-        [columns[:, list(base.independent)], slopes, lag[:, None], torque[:, None]],
-        axis=1,
-    )
+    driven = recording.of(model.torque_joints)
+    torque = np.asarray(driven.torque).T
+    predicted = np.einsum("jps,p->js", columns, x)
+    lag = -np.gradient(predicted, 1.0 / rate, axis=1)
+    friction = _of_own_row(_frictions(np.asarray(driven.velocity).T, predicted))
+    known = [columns[:, list(base.independent)], friction]
+    unknown = [lag[:, None], _by_position(model, x, *states)]
+    gains = _of_own_row(predicted[:, None])
+    rows = np.concatenate([*known, *unknown, gains, torque[:, None]], axis=1)
     cutoff = _BAND * _bandwidth(states[1], rate)
     rows = np.swapaxes(_smooth(rows, cutoff, rate), 1, 2)
-    rows = rows / _misfits(rows[:, :, : len(base)], rows[:, :, -1])[:, None, None]
-    factors = jackknife(rows[:, :, :-1], rows[:, :, -1]).without(len(base))
-    return Linearised(factors, len(model.robot))
+    count = sum(part.shape[1] for part in known)
+    rows = rows / _misfits(rows[:, :, :count], rows[:, :, -1])[:, None, None]
+    phase = _phase(recording)
+    factors = jackknife(rows[:, :, :-1], rows[:, :, -1], phase).without(count)
+    sizes = np.maximum(np.linalg.norm(torque, axis=1), 1e-300)
+    quickness = np.sqrt(np.mean((np.linalg.norm(lag, axis=1) / sizes) ** 2))
+    return Linearised(factors, len(model.robot), float(quickness))
+
+
+def _phase(recording: Recording) -> Vector | None:
+    """Return where in its period each sample is, 0 to 1; None without a period."""
+    try:
+        shortest = recording.duration / _PERIODS
+        period = estimated_period(recording, shortest=shortest, harmonics=_HARMONICS)
+    except RecordingError:
+        return None
+    return np.asarray(recording.time / period % 1.0)
+
+
+def _frictions(speed: Matrix, torque: Matrix) -> Array:
+    """Return shapes of friction that models may lack, (joints, shapes, samples).
+
+    Friction at several speeds, whose differences are that of Stribeck, and friction
+    that grows with the transmitted torque.
+    """
+    fastest = np.maximum(abs(speed).max(axis=1, keepdims=True), 1e-300)
+    shapes = [np.tanh(speed / (share * fastest)) for share in _SPEEDS]
+    return np.stack([*shapes, abs(torque) * shapes[0]], axis=1)
+
+
+def _of_own_row(columns: Array) -> Array:
+    """Return columns that are in their joints' rows only, (joints, all, samples)."""
+    joints, shapes, samples = columns.shape
+    rows = np.zeros((joints, joints, shapes, samples))
+    rows[range(joints), range(joints)] = columns
+    return rows.reshape(joints, joints * shapes, samples)
 
 
 def _states(recording: Recording) -> tuple[Array, Array, Array]:

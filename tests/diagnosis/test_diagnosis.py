@@ -26,7 +26,7 @@ from consistent_id.diagnosis.coverage import (
 from consistent_id.diagnosis.jackknife import jackknife
 from consistent_id.diagnosis.linearise import linearised
 from consistent_id.diagnosis.repeats import leak_findings, repeated_share
-from consistent_id.diagnosis.small_shifts import estimate_shifts
+from consistent_id.diagnosis.small_shifts import estimate_lag, estimate_shifts
 
 
 @cache
@@ -37,13 +37,13 @@ def _partly():
 
 @cache
 def _estimated(seed, spoil):
-    """Return shifts of a spoilt and prepared log, and the log."""
+    """Return the rows of a spoilt and prepared log, linearised."""
     model, log = arm(), logs().prepared(spoil(clean_log(seed)))
     base = base_parameters(model)
     regression = build_regression(model, log)
     weighted = regression.weighted(regression.torque_rms)
     x = constrained_least_squares(model, weighted, base=base).parameters
-    return estimate_shifts(linearised(model, x, log, base))
+    return linearised(model, x, log, base)
 
 
 def _diagnosed(log, validation=(), model=None):
@@ -82,12 +82,14 @@ def _three_degrees(log):
 
 
 def test_a_zero_off_by_a_known_angle_is_measured():
-    shifts = _estimated(2, _three_degrees)
-    assert np.degrees(shifts.offsets[1]) == pytest.approx(-3.0, abs=0.3)
-    assert shifts.offset_errors[1] < np.radians(0.3)
+    shifts = estimate_shifts(_estimated(2, _three_degrees).without_lag)
+    assert np.degrees(shifts.sizes[1]) == pytest.approx(-3.0, abs=0.3)
+    assert shifts.errors[1] < np.radians(0.3)
     assert int(np.argmin(shifts.misfits)) == 1
     # About gravity, or of the last link, no zero offset is identifiable.
-    assert np.isinf(shifts.offset_errors[[0, 3]]).all()
+    assert np.isinf(shifts.errors[[0, 3]]).all()
+    # No gain is off, by five standard errors.
+    assert (abs(shifts.sizes[4:]) < 5.0 * shifts.errors[4:]).all()
 
 
 def test_zero_offsets_that_the_log_does_not_identify_are_noted():
@@ -115,7 +117,8 @@ def test_a_lag_is_measured_with_its_sign(late):
         return rolled.samples(slice(10, -10))
 
     # Six samples at 200 Hz; linearisation and friction leave a fifth.
-    assert _estimated(4, delayed).lag == pytest.approx(late / 200.0, rel=0.2)
+    lag = estimate_lag(_estimated(4, delayed)).solution[0]
+    assert lag == pytest.approx(late / 200.0, rel=0.2)
     words = [f.statement for f in _diagnosed(delayed(clean_log(4))).of("lag")]
     assert words and ("later" if late > 0 else "earlier") in words[0]
 

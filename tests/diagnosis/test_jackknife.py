@@ -52,3 +52,37 @@ def test_a_column_that_the_eliminated_ones_span_is_lost():
     fit = jackknife(A, z).without(3).fitted([0, 3])
     assert np.isfinite(fit.errors[0])
     assert np.isinf(fit.errors[1])
+
+
+def test_two_systems_together_are_one_with_their_rows_interleaved():
+    (A, z), (B, y) = _system(3), _system(4)
+    both = (jackknife(A, z) + jackknife(B, y)).fitted(list(range(6)))
+    # Segments of twenty: those of the first log beside those of the second.
+    cuts = np.array_split(np.arange(410), 20)
+    rows = [np.concatenate([A[:, c], B[:, c]], axis=1) for c in cuts]
+    right = [np.concatenate([z[:, c], y[:, c]], axis=1) for c in cuts]
+    whole = np.linalg.lstsq(
+        np.concatenate(rows, 1).reshape(-1, 6), np.concatenate(right, 1).ravel()
+    )[0]
+    np.testing.assert_allclose(both.solution, whole, rtol=1e-8)
+    moves = [
+        np.linalg.lstsq(
+            np.concatenate(rows[:g] + rows[g + 1 :], 1).reshape(-1, 6),
+            np.concatenate(right[:g] + right[g + 1 :], 1).ravel(),
+        )[0]
+        - whole
+        for g in range(20)
+    ]
+    errors = np.sqrt(19 / 20 * np.sum(np.square(moves), axis=0))
+    np.testing.assert_allclose(both.errors, errors, rtol=1e-8)
+
+
+def test_errors_that_repeat_with_a_period_are_not_halved_by_its_repetitions():
+    rng = np.random.default_rng(0)
+    A, z = rng.normal(size=(1, 200, 4)), rng.normal(size=(1, 200))
+    once = jackknife(A, z).fitted(list(range(4)))
+    phase = np.tile(np.arange(200), 4)
+    A4, z4 = np.tile(A, (1, 4, 1)), np.tile(z, (1, 4))
+    four = jackknife(A4, z4, phase).fitted(list(range(4)))
+    np.testing.assert_allclose(four.errors, once.errors, rtol=1e-8)
+    assert (jackknife(A4, z4).fitted(list(range(4))).errors < 0.8 * once.errors).any()

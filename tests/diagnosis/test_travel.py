@@ -1,0 +1,48 @@
+"""Positions in degrees, seen by the limits of the joints."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from faulty_logs import arm
+
+from consistent_id import Recording
+from consistent_id.diagnosis.travel import travel_findings
+from consistent_id.robot.model import JointLimits
+
+
+def _robot(limits):
+    robot = arm().robot
+    joints = tuple(replace(joint, limits=limits) for joint in robot.joints)
+    return replace(robot, joints=joints)
+
+
+def _swing(factor):
+    """Return a log in which all joints travel 3 rad, times a factor."""
+    time = np.linspace(0.0, 10.0, 500)
+    q = 1.5 * factor * np.sin(time)[:, None] * np.ones(4)
+    return Recording(arm().robot.joint_names, time, q)
+
+
+@pytest.mark.parametrize(
+    ("limits", "factor", "found"),
+    [
+        (JointLimits(-2.0, 2.0), 1.0, False),
+        (JointLimits(-2.0, 2.0), 180.0 / np.pi, True),
+        # Limits that were drawn too narrow, and none at all.
+        (JointLimits(-1.0, 1.0), 1.0, False),
+        (JointLimits(), 180.0 / np.pi, False),
+        (JointLimits(0.0, 0.0), 1.0, False),
+        # Counts of an encoder are no degrees.
+        (JointLimits(-2.0, 2.0), 1e4, False),
+    ],
+)
+def test_travel_in_degrees_is_far_beyond_the_limits(limits, factor, found):
+    findings = travel_findings(_robot(limits), _swing(factor))
+    assert [f.kind for f in findings] == (["degrees"] if found else [])
+
+
+def test_one_joint_of_four_in_degrees_is_not_all_of_them():
+    log = _swing(1.0)
+    one = replace(log, position=log.position * [180.0 / np.pi, 1.0, 1.0, 1.0])
+    assert travel_findings(_robot(JointLimits(-2.0, 2.0)), one) == []
