@@ -21,7 +21,9 @@ from consistent_id.regression.base import base_parameters
 
 
 def main() -> None:
-    print("| robot | objective | harmonics | iterations | work | processor [s] | ratio |")
+    print(
+        "| robot | objective | harmonics | iterations | work | processor [s] | ratio |"
+    )
     print("|---|---|---:|---:|---:|---:|---:|")
     for case in (
         cases.rx60(),

@@ -1,8 +1,8 @@
-"""``consistent-id init robot.urdf log.csv``: its options, and what it prints."""
+"""``consistent-id init robot.urdf [log.csv]``: its options, and what it prints."""
 
 import argparse
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from consistent_id.cli.answers import Answer, show
 from consistent_id.cli.log_options import add_draft_options, draft_of
@@ -10,10 +10,16 @@ from consistent_id.cli.options import add_command, add_dry_run
 from consistent_id.errors import ProblemError
 from consistent_id.recordings.log_formats import LOG_FORMATS
 
+if TYPE_CHECKING:
+    from consistent_id.problems.draft import Draft
+    from consistent_id.problems.robot_draft import RobotDraft
+
 _MORE = """Joints and columns are matched by name; the rate, the rows that move and the
-cut-off are found in the log. What is a guess says so in a comment."""
+cut-off are found in the log. What is a guess says so in a comment. Without a log, the
+file says what motion to record first."""
 _EXAMPLES = """
 consistent-id init robot.urdf log.csv
+consistent-id init robot.urdf
 consistent-id init robot.urdf log.csv --output study/problem.toml --masses free
 consistent-id init robot.urdf log.parquet --torque current{number} --torque-gain 10.5
 consistent-id init robot.urdf log.csv --dry-run
@@ -25,14 +31,17 @@ def add_init(commands: Any) -> None:
     command = add_command(
         commands,
         "init",
-        "write a commented problem file for a robot and a log",
+        "write a commented problem file for a robot, and a log if there is one",
         run_init,
         more=_MORE,
         examples=_EXAMPLES,
     )
     command.add_argument("model", type=Path, help="URDF or MJCF file")
     command.add_argument(
-        "log", type=Path, help=", ".join(known.name for known in LOG_FORMATS)
+        "log",
+        type=Path,
+        nargs="?",
+        help=", ".join(known.name for known in LOG_FORMATS),
     )
     command.add_argument(
         "--output",
@@ -55,16 +64,31 @@ def run_init(options: argparse.Namespace) -> int:
         raise ProblemError(
             f"{file} is there already; name another with --output, or say --force"
         )
-    draft = draft_of(options, options.model, options.log)
+    draft = _draft(options)
     text = draft.text(file.parent)
     outside = any(names_outside(draft.table(file.parent), file))
     shown = text
     if not options.dry_run:
         shown += f"\nwritten: {write_atomically(file, text)}"
-        shown += f"\nnext: consistent-id compare {file}{' --trust' * outside}"
+        command = "excite" if options.log is None else "compare"
+        shown += f"\nnext: consistent-id {command} {file}{' --trust' * outside}"
     record = {
         "problem": draft.name,
         "text": text,
         "written": None if options.dry_run else str(file),
     }
     return show(options, Answer(0, shown, record, whole=options.dry_run))
+
+
+def _draft(options: argparse.Namespace) -> "Draft | RobotDraft":
+    from consistent_id.problems.robot_draft import robot_draft
+    from consistent_id.robot.chains import Selection
+
+    if options.log is not None:
+        return draft_of(options, options.model, options.log)
+    channels = ("time", "position", "velocity", "torque", "torque_joints")
+    given = [name for name in (*channels, "torque_gain") if getattr(options, name)]
+    if given or options.masses != "model":
+        flag = "--" + (given or ["masses"])[0].replace("_", "-")
+        raise ProblemError(f"{flag} describes a log; name the log after the robot")
+    return robot_draft(options.model, None, Selection(options.base, options.tip))

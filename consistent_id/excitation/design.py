@@ -1,9 +1,9 @@
 """Design of exciting trajectories: from a robot and its limits to a proven path.
 
-Many searches for the least standard errors; or for the least condition number, and then
-from the best of them for the least standard errors under a bound on it.  Every path that
-is returned is proven to keep its limits at all times, and none is worse than the best
-of the random paths.
+Many searches for the least standard errors; or for the least condition number, and
+then from the best of them for the least standard errors under a bound on it.  Every
+path that is returned is proven to keep its limits at all times, and none is worse than
+the best of the random paths.
 """
 
 import os
@@ -176,9 +176,7 @@ def _useful(
     return relative
 
 
-def _notes(
-    aim: Aim, stages: tuple[Stage, ...], interrupted: bool
-) -> tuple[str, ...]:
+def _notes(aim: Aim, stages: tuple[Stage, ...], interrupted: bool) -> tuple[str, ...]:
     """Return what a user should know of how the design was found."""
     notes: tuple[str, ...] = ()
     for stage in stages:

@@ -48,8 +48,6 @@ def run_lane(
         show()
 
 
-
-
 @contextmanager
 def helped(
     problem: SearchProblem,

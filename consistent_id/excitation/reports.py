@@ -3,6 +3,7 @@
 import os
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -10,8 +11,8 @@ from consistent_id.excitation.search import Candidate
 
 
 def begun(folder: Path, number: int) -> None:
-    """Note that a search has begun."""
-    (folder / f"{number}.begun").touch()
+    """Note that a search has begun, and in which process."""
+    (folder / f"{number}.begun").write_text(str(os.getpid()))
 
 
 def has_begun(folder: Path, number: int) -> bool:
@@ -19,7 +20,9 @@ def has_begun(folder: Path, number: int) -> bool:
     return (folder / f"{number}.begun").exists()
 
 
-def write_report(folder: Path, found: Candidate, *, complete: bool | None = None) -> None:
+def write_report(
+    folder: Path, found: Candidate, *, complete: bool | None = None
+) -> None:
     """Write what a search has found, at once or not at all.
 
     Parameters
@@ -30,18 +33,18 @@ def write_report(folder: Path, found: Candidate, *, complete: bool | None = None
         In place of the candidate's own: a search under way is not complete.
     """
     temporary = folder / f"{found.number}-{os.getpid()}.partial"
-    known = {} if found.variables is None else {"variables": found.variables}
+    known: dict[str, Any] = {
+        "score": found.score,
+        "complete": found.complete if complete is None else complete,
+        "ended": complete is None,
+        "obstacle": found.obstacle,
+        "iterations": found.iterations,
+        "work": found.work,
+    }
+    if found.variables is not None:
+        known["variables"] = found.variables
     with temporary.open("wb") as file:
-        np.savez(
-            file,
-            score=found.score,
-            complete=found.complete if complete is None else complete,
-            ended=complete is None,
-            obstacle=found.obstacle,
-            iterations=found.iterations,
-            work=found.work,
-            **known,
-        )
+        np.savez(file, **known)
     temporary.replace(folder / f"{found.number}.npz")
 
 

@@ -72,10 +72,12 @@ def design_request(problem: Problem) -> DesignRequest:
         )
     limits = _limits(table.limits, problem.model.robot)
     forms = _forms(table, limits)
-    refine: Objective | Literal["default"] | None = table.refine or "default"
+    refine: Objective | Literal["default"] | None = "default"
+    if table.refine is not None:
+        refine = None if table.refine == "none" else table.refine
     aim = Aim(
         objective=table.objective,
-        refine=None if refine == "none" else refine,
+        refine=refine,
         growth=table.growth,
         condition_at_most=table.condition_at_most,
         scaling=table.scaling,
@@ -110,14 +112,24 @@ def _forms(table: ExcitationTable, limits: MotionLimits) -> tuple[PathForm, ...]
 
 
 def _limits(given: LimitsTable, robot: RobotModel) -> MotionLimits:
-    limits = motion_limits(
-        robot,
-        position={name: (low, high) for name, (low, high) in given.position.items()},
-        velocity=given.velocity,
-        acceleration=given.acceleration,
-        jerk=given.jerk,
-        effort=given.effort,
-    )
+    try:
+        limits = motion_limits(
+            robot,
+            position={
+                name: (low, high) for name, (low, high) in given.position.items()
+            },
+            velocity=given.velocity,
+            acceleration=given.acceleration,
+            jerk=given.jerk,
+            effort=given.effort,
+        )
+    except ProblemError as cause:
+        raise ProblemError(
+            f"[excitation.limits] {cause}. Its keys: position = {{ "
+            f"{robot.joint_names[0]} = [-1.0, 1.0] }}, velocity = 1.0, acceleration = "
+            "5.0, jerk, effort, one for all joints or by name; in the shell "
+            "--velocity, --acceleration"
+        ) from None
     return limits.within(given.share)
 
 

@@ -71,9 +71,7 @@ class Means:
             progress=self.progress,
         )
 
-    def spent(
-        self, found: Sequence[Candidate], starts: Sequence[Candidate]
-    ) -> float:
+    def spent(self, found: Sequence[Candidate], starts: Sequence[Candidate]) -> float:
         """Return the work of the process that did most."""
         return lane_work(found, starts, self.workers)
 
@@ -117,12 +115,9 @@ def design_stages(
     search = _Search(aim, means, meter, prove)
     random = [Candidate(number) for number in range(means.starts)]
     last = len(objectives) == 1
-    first = search.stage(
-        replace(problem, objective=objectives[0]),
-        random,
-        compared_paths(problem, means.starts),
-        _LAST if last else _FIRST,
-    )
+    problem = replace(problem, objective=objectives[0])
+    known = compared_paths(problem, means.starts)
+    first = search.stage(problem, random, known, _LAST if last else _FIRST)
     if last or means.interrupted():
         return (first,)
     best = first.candidates[:_REFINED]
@@ -173,6 +168,7 @@ def _unchanged(first: Stage, problem: SearchProblem) -> Stage:
         first,
         objective=problem.objective,
         value=_value(problem, first.accuracy),
+        candidates=(replace(first.candidates[0], iterations=0),),
         improved=False,
     )
 

@@ -212,7 +212,7 @@ def test_the_table_says_what_errors_are_of():
 def test_a_design_for_a_noise_is_the_better_one_under_it(noise):
     model = TorqueModel(arm(3))
     base = base_parameters(model)
-    aim, equal = (Aim(refine=None, noise=n) for n in (noise, None))
+    aim, equal = (Aim("condition", refine=None, noise=n) for n in (noise, None))
     # The better of two searches: where one ends depends on the machine's rounding.
     for_it, for_equal = (designed(arm(3), a, starts=2).trajectory for a in (aim, equal))
 

@@ -168,9 +168,7 @@ def test_every_improvement_is_reported():
 
 def test_searches_come_back_best_first():
     starts = [Candidate(number) for number in range(3)]
-    found = run_searches(
-        problem_of(), starts, workers=1, work=np.inf, interrupted=bool
-    )
+    found = run_searches(problem_of(), starts, workers=1, work=np.inf, interrupted=bool)
     scores = [one.score for one in found]
     assert scores == sorted(scores) and len(scores) == 3
     assert all(one.complete for one in found)
