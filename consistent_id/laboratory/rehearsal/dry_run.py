@@ -1,6 +1,6 @@
 """The dry run of a problem: its design, and rivals, played by planted robots."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,6 +11,7 @@ from consistent_id.errors import ModelError
 from consistent_id.excitation.accuracy import predicted_accuracy
 from consistent_id.excitation.aims import Aim, PathForm
 from consistent_id.excitation.basis import FourierBasis
+from consistent_id.excitation.criteria import Objective
 from consistent_id.excitation.default_noise import with_default_noise
 from consistent_id.excitation.design import design_trajectory
 from consistent_id.excitation.designed import ExcitationDesign
@@ -27,7 +28,6 @@ from consistent_id.laboratory.rehearsal.rehearsal import (
 from consistent_id.motion.limits import MotionLimits
 from consistent_id.problems.problem import Problem
 from consistent_id.recordings.trajectory import FourierTrajectory
-from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.regressor import TorqueModel
 
 DESIGN = "design"
@@ -44,9 +44,9 @@ class DryRun:
     ----------
     design : ExcitationDesign
     rehearsals : mapping of str to tuple of Rehearsal
-        By motion; ``"design"`` is the design's.
+        By motion; ``"design"`` is the design's, and ``"random paths"`` are several.
     conditions : mapping of str to float
-        Condition number of each motion.
+        Condition number of each motion; the median of several.
     """
 
     design: ExcitationDesign
@@ -72,9 +72,7 @@ class DryRun:
         """Return what came of the design's predictions."""
         name = self.design.model.robot.name
         table = rehearsal_table(f"Rehearsal of {name} in MuJoCo", self.rehearsals)
-        rows = tuple(
-            (*row, f"{self.conditions[row[0]]:.4g}") for row in table.rows
-        )
+        rows = tuple((*row, f"{self.conditions[row[0]]:.4g}") for row in table.rows)
         table = replace(table, header=(*table.header, "condition"), rows=rows)
         limits = Table(
             "Largest share of a limit, as the design was played",
@@ -83,7 +81,7 @@ class DryRun:
                 (quantity, f"{100.0 * share:.1f} %", _kept(share))
                 for quantity, share in self.beyond.items()
             ),
-            ("the design is proven for the wanted motion; a controller lags behind it",),
+            ("proven is the wanted motion; a controller lags behind it",),
         )
         return [table, limits]
 
@@ -166,14 +164,14 @@ def dry_run(
         )  # fmt: skip
 
     design = designed(aim, request.forms)
-    paths = {DESIGN: design.trajectory}
+    paths: dict[str, list[FourierTrajectory]] = {DESIGN: [design.trajectory]}
     if rivals:
-        other = "D" if aim.objective == "condition" else "condition"
+        other: Objective = "D" if aim.objective == "condition" else "condition"
         rival = designed(replace(aim, objective=other), (design.form,))
         names = [f"{stage.objective} alone" for stage in rival.stages[:1]]
         names += [f"{other} first, then {s.objective}" for s in rival.stages[1:]]
         paths |= {
-            name: stage.trajectory
+            name: [stage.trajectory]
             for name, stage in zip(names, rival.stages, strict=True)
         }
         paths |= _simple_motions(design, aim, seed)
@@ -183,7 +181,7 @@ def dry_run(
 def _played(
     design: ExcitationDesign,
     request: DesignRequest,
-    paths: Mapping[str, FourierTrajectory],
+    paths: Mapping[str, Sequence[FourierTrajectory]],
     robots: int,
     seed: int,
 ) -> DryRun:
@@ -191,31 +189,28 @@ def _played(
     model, aim, limits = design.model, design.aim, request.limits
     noise = aim.noise_of(model.torque_joints)
     validation = validation_trajectory(design, seed=seed).trajectory
-    accuracies = {
-        name: predicted_accuracy(model, design.base, path, aim)
-        for name, path in paths.items()
-    }
     planted = [
         planted_robot(model.robot, limits, np.random.default_rng((seed, k)))
         for k in range(robots)
     ]
-    rehearsals = {
-        name: tuple(
+    rehearsals, conditions = {}, {}
+    for name, alike in paths.items():
+        accuracies = [predicted_accuracy(model, design.base, p, aim) for p in alike]
+        conditions[name] = float(np.median([a.condition.value for a in accuracies]))
+        rehearsals[name] = tuple(
             rehearse(
-                robot, accuracies[name], path, validation, limits, noise,
+                robot, accuracy, path, validation, limits, noise,
                 np.random.default_rng((seed, k, 1)),
                 highest=float(design.form.frequencies[-1]), rate=aim.rate,
             )
+            for accuracy, path in zip(accuracies, alike, strict=True)
             for k, robot in enumerate(planted)
-        )
-        for name, path in paths.items()
-    }  # fmt: skip
-    conditions = {name: a.condition.value for name, a in accuracies.items()}
+        )  # fmt: skip
     return DryRun(design, rehearsals, conditions)
 
 
 def _with_noise(aim: Aim, model: TorqueModel, limits: MotionLimits) -> Aim:
-    """Return the aim with noise: half a percent of effort, of one newton metre if not."""
+    """Return the aim with noise: as stated, half a percent of effort, or 1 N m."""
     assumed = with_default_noise(replace(aim, objective="D"), model, limits)
     noise: Vector = assumed.noise_of(model.torque_joints)
     if aim.noise is not None or aim.objective == "condition":
@@ -225,16 +220,13 @@ def _with_noise(aim: Aim, model: TorqueModel, limits: MotionLimits) -> Aim:
 
 def _simple_motions(
     design: ExcitationDesign, aim: Aim, seed: int
-) -> dict[str, FourierTrajectory]:
+) -> dict[str, list[FourierTrajectory]]:
     """Return random paths, and one sinusoid for each joint."""
     model, form, limits = design.model, design.form, design.limits
-    base: BaseParameters = base_parameters(model)
-    problem = search_problem(model, base, form, aim, limits, seed=seed)
-    motions = {
-        f"random path {k + 1}": problem.basis.trajectory(problem.random(k))
-        for k in range(_RANDOM)
-    }
-    return motions | {"sinusoids": _sinusoids(form, limits)}
+    problem = search_problem(model, design.base, form, aim, limits, seed=seed)
+    random = [problem.basis.trajectory(problem.random(k)) for k in range(_RANDOM)]
+    sinusoids = _sinusoids(form, limits)
+    return {"random paths": random, "sinusoids": [sinusoids]}
 
 
 def _sinusoids(form: PathForm, limits: MotionLimits) -> FourierTrajectory:

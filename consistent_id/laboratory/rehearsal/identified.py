@@ -17,6 +17,7 @@ from consistent_id.regression.regression import build_regression
 
 _CUTOFF = 8.0  # times the highest frequency of the motion
 _LOWEST, _HIGHEST = 6.0, 0.2  # Hz; share of the rate
+_MIXED = 0.05  # s of which rows are mixed to one
 _TRIM = 0.1  # s at either end, where filters have no neighbours
 
 
@@ -37,13 +38,11 @@ class Identified:
 
     def errors(self, robot: PlantedRobot, base: BaseParameters) -> Vector:
         """Return the errors of the base parameters by least squares."""
-        return np.asarray(
-            self.plain.base_values - base.projection @ robot.parameters
-        )
+        return np.asarray(self.plain.base_values - base.projection @ robot.parameters)
 
 
 def prepared(log: Recording, highest: float) -> Recording:
-    """Return a log with velocity and acceleration, without what is too fast.
+    """Return a log with velocity and acceleration, its motion low-passed.
 
     Parameters
     ----------
@@ -78,7 +77,9 @@ def identified(
         Frequency of the motion.
     """
     model = robot.model
-    regression = build_regression(model, prepared(log, highest)).weighted(noise)
+    ready = prepared(log, highest)
+    mixed = max(1, round(_MIXED * ready.rate))
+    regression = build_regression(model, ready, decimate=mixed).weighted(noise)
     plain = least_squares(model, regression, base=base)
     constraints = (PhysicalConsistency(), NonNegativeDrive())
     constrained = constrained_least_squares(

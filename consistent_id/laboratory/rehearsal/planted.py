@@ -87,7 +87,7 @@ def planted_robot(
     J = pseudo_inertia(nominal.reshape(links, 10))
     bodies = inertial_vector(stretch @ J @ stretch.transpose(0, 2, 1)).ravel()
     model, controlled = TorqueModel(robot, DRIVE), TorqueModel(robot, _CONTROL)
-    strength = _strength(robot, limits)
+    strength = _strength(TorqueModel(robot), nominal, limits)
     dry = _FRICTION * strength * rng.uniform(0.5, 1.5, len(robot))
     speed = np.where(np.isfinite(limits.velocity), limits.velocity, 1.0)
     drives = {
@@ -105,15 +105,15 @@ def planted_robot(
     return PlantedRobot(model, x, controlled, believed, limits.effort)
 
 
-def _strength(robot: RobotModel, limits: MotionLimits) -> Vector:
+def _strength(model: TorqueModel, nominal: Vector, limits: MotionLimits) -> Vector:
     """Return effort limits; where there is none, twice the largest gravity torque.
 
     Of joints that carry little, a third of that of the joint that carries most.
     """
     rng = np.random.default_rng(0)
-    poses = rng.uniform(limits.lower, limits.upper, (_POSES, len(robot)))
+    poses = rng.uniform(limits.lower, limits.upper, (_POSES, len(model.robot)))
     still = np.zeros_like(poses)
-    torque = TorqueModel(robot).predict(robot.nominal, poses, still, still)
+    torque = model.predict(nominal, poses, still, still)
     needed = 2.0 * abs(torque).max(axis=0)
     known = np.isfinite(limits.effort)
     return np.where(known, limits.effort, np.maximum(needed, needed.max() / 3.0))

@@ -14,7 +14,7 @@ from consistent_id.recordings.recording import Recording
 
 _TICK = 2e-3  # s; of the controller
 _STEPS = 2  # of the integrator in a tick
-_BANDWIDTH = 5.0  # Hz; of the controller
+_BANDWIDTH = 10.0  # Hz; of the controller
 _ENCODER = 2e-5  # rad or m; step of a reading
 _AWAY = 1e3  # rad or m, beyond which the robot is out of control
 
@@ -53,8 +53,10 @@ def play(
 ) -> PlayedMotion:
     """Play a path by computed torque of the believed model, and PD feedback.
 
-    The robot begins in the path's first state.  The log has the mean torque of the
-    ticks around each of its samples, as drives average their currents.
+    The robot begins in the path's first state.  Feedback is that of `Controller`; here
+    it is written out, since MuJoCo moves the robot from tick to tick.  The log has the
+    mean torque of the ticks around each of its samples, as drives average their
+    currents.
 
     Parameters
     ----------
@@ -78,7 +80,7 @@ def play(
     q, dq, torque = _followed(simulated, controller, wanted, robot.effort)
     names = robot.model.robot.joint_names
     truth = Recording(names, wanted.time, q, dq, torque=torque, name="as it was")
-    readings = np.floor(q / _ENCODER + 0.5) * _ENCODER
+    readings = np.asarray(np.floor(q / _ENCODER + 0.5) * _ENCODER, dtype=np.float64)
     read = torque + noise * np.sqrt(every) * rng.normal(size=torque.shape)
     log = Recording(
         names,

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from consistent_id._support.arrays import Array, Vector
+from consistent_id._support.arrays import Vector
 from consistent_id._support.tables import Table
+from consistent_id.estimation.torque_error import torque_errors
 from consistent_id.excitation.accuracy import PredictedAccuracy
 from consistent_id.laboratory.rehearsal.holding import Holding, held_poses
 from consistent_id.laboratory.rehearsal.identified import identified, prepared
@@ -98,26 +99,17 @@ def rehearse(
     """
     played = play(robot, path, SENSED * noise, rng, rate=rate)
     found = identified(robot, accuracy.base, played.log, noise, highest)
-    other = prepared(
-        play(robot, validation, np.zeros_like(noise), rng, rate=rate).log, highest
-    )
-    torque = robot.model.predict(
-        found.constrained.parameters, *_states(other)
-    )
-    away = (torque - other.torque) / noise
+    unseen = play(robot, validation, np.zeros_like(noise), rng, rate=rate).log
+    (unexplained,) = torque_errors([found.constrained], prepared(unseen, highest))
     return Rehearsal(
         base=accuracy.base,
         errors=found.errors(robot, accuracy.base),
         predicted=accuracy.standard_errors(),
-        held_out=float(np.sqrt(np.mean(away**2))),
+        held_out=float(np.sqrt(np.mean((unexplained.rms / noise) ** 2))),
         holding=held_poses(robot, found.constrained, limits, rng),
         reached=_reached(played, limits),
         tracking=float(played.tracking_error.max()),
     )
-
-
-def _states(log: object) -> tuple[Array, Array, Array]:
-    return log.position, log.velocity, log.acceleration  # type: ignore[attr-defined]
 
 
 def _reached(played: PlayedMotion, limits: MotionLimits) -> dict[str, Vector]:
@@ -153,7 +145,7 @@ def rehearsal_table(title: str, rehearsals: Mapping[str, Sequence[Rehearsal]]) -
                 f"{sum(one.holding.held for one in some)} of {poses}",
             )
         )
-    count = max(len(some) for some in rehearsals.values())
+    count = min(len(some) for some in rehearsals.values())
     return Table(
         title,
         ("motion", "error", "held-out", "over predicted", "in 95 %", "poses held"),
