@@ -80,7 +80,7 @@ def play(
     q, dq, torque = _followed(simulated, controller, wanted, robot.effort)
     names = robot.model.robot.joint_names
     truth = Recording(names, wanted.time, q, dq, torque=torque, name="as it was")
-    readings = np.asarray(np.floor(q / _ENCODER + 0.5) * _ENCODER, dtype=np.float64)
+    readings: Array = np.floor(q / _ENCODER + 0.5) * _ENCODER
     read = torque + noise * np.sqrt(every) * rng.normal(size=torque.shape)
     log = Recording(
         names,
@@ -96,7 +96,8 @@ def _sampled(path: JointPath) -> Recording:
     count = round(path.duration / _TICK)
     time = path.start + np.arange(count + 1) * _TICK
     q, dq, ddq = path.evaluate(np.minimum(time, path.start + path.duration))
-    return Recording(path.joints, time - path.start, q, dq, ddq, name="wanted")
+    elapsed = np.asarray(time - path.start, dtype=np.float64)
+    return Recording(path.joints, elapsed, q, dq, ddq, name="wanted")
 
 
 def _followed(
