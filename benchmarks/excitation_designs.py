@@ -83,7 +83,12 @@ def designed(
 ) -> Timed:
     """Design for a time; by default for the condition number alone."""
     at_work = calm(effort.patience)
-    asked = {"refine": None, "rate": RATE, "scaling": scaling} | aim
+    asked = {
+        "objective": "condition",
+        "refine": None,
+        "rate": RATE,
+        "scaling": scaling,
+    } | aim
     design = design_trajectory(
         case.model,
         case.form,

@@ -32,7 +32,10 @@ def test_the_python_of_the_readme_runs_and_finds_consistent_links(capsys):
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].startswith("least squares")
     assert lines[1] == "constrained use (True, True, True)"
-    assert lines[2].endswith("column scaling: none) True")
+    # Designs: each objective brings what it aims at.
+    least = [[float(n) for n in NUMBER.findall(line)][:2] for line in lines[2:4]]
+    assert [line.split()[0] for line in lines[2:4]] == ["D", "condition"]
+    assert least[0][0] < least[1][0] and least[1][1] < least[0][1]
 
 
 def test_there_are_two_commands_to_run_and_one_to_test():

@@ -1,4 +1,4 @@
-"""``consistent-id excite PROBLEM``: its options, and what it prints."""
+"""``consistent-id excite PROBLEM | ROBOT``: its options, and what it prints."""
 
 import argparse
 from dataclasses import asdict
@@ -6,10 +6,20 @@ from pathlib import Path
 from typing import Any
 
 from consistent_id.cli.answers import Answer, answered, shows_progress
+from consistent_id.cli.excite_options import (
+    add_motion_options,
+    add_part,
+    motion_changes,
+)
 from consistent_id.cli.options import add_command, add_output, add_problem, positive
 
+_MORE = """With a URDF or MJCF file in place of PROBLEM no problem file is needed; the
+folder of results gets one. What is searched for in so many seconds on an idle machine
+is searched for on a busy one too, in more. Exit code 1: something cannot be played."""
 _EXAMPLES = """
+consistent-id excite robot.urdf --acceleration 5 --duration 20
 consistent-id excite problems/rx60 --time-limit 3 --output results/motion
+consistent-id excite problems/rx60 --objective D --output results/least-errors
 consistent-id excite problems/ur10e --sequential --starts 8 --seed 1
 """
 
@@ -21,9 +31,12 @@ def add_excite(commands: Any) -> None:
         "excite",
         "design an exciting trajectory within the robot's limits",
         run_excite,
+        more=_MORE,
         examples=_EXAMPLES,
     )
     add_problem(command)
+    add_part(command)
+    add_motion_options(command)
     command.add_argument(
         "--seed", type=int, default=0, help="of the random starts (default: 0)"
     )
@@ -35,7 +48,7 @@ def add_excite(commands: Any) -> None:
         type=positive,
         default=10.0,
         metavar="SECONDS",
-        help="of the search (default: 10)",
+        help="of the search, on an idle machine and each process (default: 10)",
     )
     command.add_argument(
         "--workers", type=int, help="processes (default: one per processor)"
@@ -69,9 +82,12 @@ def _excite(options: argparse.Namespace) -> Answer:
     from consistent_id.excitation import output
     from consistent_id.excitation.playable import TRAINING, playable_design
     from consistent_id.excitation.replay import require_viewer
-    from consistent_id.problems.problem import load_problem
+    from consistent_id.excitation.sources import problem_to_excite
+    from consistent_id.robot.chains import Selection
 
-    problem = load_problem(options.problem)
+    formats = output.checked_formats(options.format)
+    part = Selection(options.base, options.tip)
+    problem = problem_to_excite(options.problem, motion_changes(options), part)
     folder = options.output or Path("results") / problem.name
     if options.replay:
         require_viewer(folder / output.REPLAY)
@@ -79,7 +95,6 @@ def _excite(options: argparse.Namespace) -> Answer:
         plan = output.planned_tables(problem)
         text = "\n\n".join(table.text() for table in plan)
         return Answer(0, text, [asdict(table) for table in plan])
-    formats = output.checked_formats(options.format)
     output.require_places(folder, formats)
     playable = playable_design(
         problem,
@@ -90,10 +105,27 @@ def _excite(options: argparse.Namespace) -> Answer:
         sequential=options.sequential,
         progress=shows_progress(options),
     )
-    written = output.write_design(playable, folder, formats)
+    written = [*_drafted(options, folder)]
+    written += output.write_design(playable, folder, formats)
     if options.replay and TRAINING in playable.moves:
         written.append(output.replay_design(problem, playable, folder))
     text = "\n\n".join(table.text() for table in output.playable_tables(playable))
     text += "\n\nwritten: " + ", ".join(str(path) for path in written)
     record = output.playable_record(playable)
     return Answer(1 if playable.refusals else 0, text, record)
+
+
+def _drafted(options: argparse.Namespace, folder: Path) -> list[Path]:
+    """Write the problem file of a robot that has none; return it."""
+    from consistent_id._support.files import write_atomically
+    from consistent_id.excitation.sources import changed, is_robot
+    from consistent_id.problems.excitation_tables import ExcitationTable
+    from consistent_id.problems.robot_draft import robot_draft
+    from consistent_id.robot.chains import Selection
+
+    if not is_robot(options.problem):
+        return []
+    table = changed(ExcitationTable(), motion_changes(options))
+    part = Selection(options.base, options.tip)
+    text = robot_draft(options.problem, table, part).text(folder)
+    return [write_atomically(folder / "problem.toml", text)]

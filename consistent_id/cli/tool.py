@@ -18,6 +18,7 @@ from consistent_id.cli.identify import add_identify
 from consistent_id.cli.info import add_info
 from consistent_id.cli.init import add_init
 from consistent_id.cli.lint import add_lint
+from consistent_id.cli.rehearse import add_rehearse
 from consistent_id.cli.repair import add_repair
 from consistent_id.cli.report import add_report
 from consistent_id.cli.reproduce import add_reproduce
@@ -30,6 +31,7 @@ _COMMANDS = (
     add_check,
     add_select,
     add_excite,
+    add_rehearse,
     add_identify,
     add_compare,
     add_report,

@@ -44,14 +44,17 @@ class PredictedAccuracy:
     earlier : ndarray, shape (rows, base)
         ``E^T E`` is the information there is already.
     condition : ConditionNumber
-        Of one repetition's base regressor.
+        Of one repetition's base regressor; its rows are divided by the noise where
+        that was stated.
     duration : float, [s]
         Of one repetition.
     unit_noise : bool
         Whether no noise was given, so that errors are per N m (or N) of it.
     correlation : float
         Samples that determine as much as one with white noise: the mean over joints of
-        earlier recordings, or one.
+        earlier recordings, or those in the aim's correlation time.
+    noise_note : str
+        What noise is taken to be.
     """
 
     base: BaseParameters
@@ -61,6 +64,7 @@ class PredictedAccuracy:
     duration: float
     unit_noise: bool
     correlation: float = 1.0
+    noise_note: str = ""
 
     def standard_errors(self, repetitions: float = 1.0) -> Vector:
         """Return the standard error of each base parameter, in its own unit.
@@ -146,20 +150,6 @@ class PredictedAccuracy:
             np.where(abs(direction) > _PART, direction, 0.0), self.base.names, digits=2
         )
 
-    @property
-    def noise_note(self) -> str:
-        """What noise is taken to be, and what that is worth on a real robot."""
-        if self.correlation > 1.0:
-            return (
-                f"noise is correlated over {self.correlation:.0f} samples, as in "
-                "earlier recordings, whose rate is taken to be the same"
-            )
-        return (
-            "noise is taken to be independent from sample to sample; on real robots "
-            "it is correlated over 0.1 to 0.35 s: errors are then as many times "
-            "larger as the root of the samples in that time, at any rate"
-        )
-
     def _place(self, name: str) -> int:
         if name not in self.base.names:
             near = did_you_mean(name, self.base.names)
@@ -211,12 +201,13 @@ def predicted_accuracy(
     aim = aim or Aim()
     columns, noise = list(base.independent), aim.noise_of(model.torque_joints)
     earlier = earlier_rows(model, base, aim)
-    W = path_regressor(model, base, path, aim.rate) / noise[:, None, None]
-    factor = triangle(W.reshape(-1, len(columns)))
-    weighted = "" if aim.noise is None else ", rows divided by the noise"
+    rows = path_regressor(model, base, path, aim.rate)
+    factor = triangle((rows / noise[:, None, None]).reshape(-1, len(columns)))
+    stated = aim.noise is not None and not aim.assumed_noise
+    plain = factor if stated else triangle(rows.reshape(-1, len(columns)))
     condition = condition_number(
-        factor,
-        basis=f"{len(base)} base parameters{weighted}",
+        plain,
+        basis=f"{len(base)} base parameters" + ", rows divided by the noise" * stated,
         unit_columns=aim.scaling == "unit columns",
     )
     return PredictedAccuracy(
@@ -227,19 +218,41 @@ def predicted_accuracy(
         duration=path.duration,
         unit_noise=aim.noise is None,
         correlation=_correlation(aim),
+        noise_note=_noise_note(aim),
     )
 
 
 def _correlation(aim: Aim) -> float:
     """Return samples that determine as much as one with white noise.
 
-    As in earlier recordings together, over all joints; one where there are none, or
-    where their residuals are white.
+    As in earlier recordings together, over all joints; else as many as there are in the
+    aim's correlation time.
     """
+    if not aim.recordings:
+        return max(aim.correlation_time * aim.rate, 1.0)
     counts = sum(sum(r.counts) for r in aim.recordings)
     effective = sum(float(r.effective.sum()) for r in aim.recordings)
-    length = counts / effective if aim.recordings else 1.0
+    length = counts / effective
     return length if length > WHITE else 1.0
+
+
+def _noise_note(aim: Aim) -> str:
+    """Say what noise is taken to be, and what that is worth on a real robot."""
+    size = (
+        "noise is taken to be half a percent of each effort limit, as nobody stated it"
+        if aim.assumed_noise
+        else "noise has a standard deviation of 1 N m or N, as nobody stated it"
+        if aim.noise is None
+        else "noise is as stated"
+    )
+    length = _correlation(aim)
+    if length == 1.0:
+        return (
+            f"{size}; independent from sample to sample, as on no real robot: there it "
+            "is correlated over 0.1 to 0.35 s"
+        )
+    whence = "as in earlier recordings" if aim.recordings else "as on real robots"
+    return f"{size}; correlated over {length:.0f} samples, {whence}"
 
 
 def earlier_rows(model: TorqueModel, base: BaseParameters, aim: Aim) -> Matrix:

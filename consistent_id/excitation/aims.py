@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import get_args
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,6 +15,8 @@ from consistent_id.recordings.trajectory import harmonics_of
 from consistent_id.regression.regression import Regression
 from consistent_id.robot.parameters import did_you_mean
 
+CORRELATION_TIME = 0.2
+"""Seconds over which residuals of real robots are alike: 0.1 to 0.35."""
 _COMMON = 1e-9  # relative difference below which two frequencies are one
 
 
@@ -86,41 +88,57 @@ class Aim:
 
     Parameters
     ----------
-    objective : {"condition", "D", "A", "E", "task"}
-        The condition number of the base regressor; or, of the standard errors of the
-        base parameters, the mean logarithm, the root sum of squares, the largest; or
-        the predicted torque error on `task`.
-    refine : {"D", "A", "E", "task"}, optional
+    objective : {"D", "condition", "A", "E", "task"}
+        Of the standard errors of the base parameters, the mean logarithm (D), the root
+        sum of squares (A), the largest (E); the condition number of the base
+        regressor; or the predicted torque error on `task`.
+    refine : {"D", "A", "E", "task", "default"}, optional
         Objective of a second stage, which may let the condition number grow to
-        `growth` times the best.
+        `growth` times the best.  By default D after the condition number, and no
+        second stage after other objectives.
     growth : float
+    condition_at_most : float, optional
+        Condition number that the design may not exceed: the least one is looked for
+        first, then the objective under this bound.
     scaling : {"none", "unit columns"}
         Of the regressor's columns in condition numbers; errors are those of the
         parameters in their own units.
     noise : array_like or mapping, optional, [N m or N]
         Standard deviation of each torque joint's noise; its rows are divided by it.  By
-        default one for all.
+        default, where no condition number is asked for, half a percent of each joint's
+        effort limit (what is left of a UR10e's torque is 0.4 to 0.7 % of it); else one
+        for all.
     rate : float, [Hz]
         At which the path will be recorded.
+    correlation_time : float, [s]
+        Over which what a torque model leaves is alike, friction's errors included, as
+        on real robots; 0 for white noise.  Earlier recordings state their own.
     earlier : Regression or sequence of Regression
         Recordings there are already, whose information is added.
     task : Recording, optional
         Motion whose torque is to be predicted.
+    assumed_noise : bool
+        Whether the noise is the default one, which nobody has stated.
     """
 
-    objective: Objective = "condition"
-    refine: Objective | None = "D"
+    objective: Objective = "D"
+    refine: Objective | Literal["default"] | None = "default"
     growth: float = 1.5
+    condition_at_most: float | None = None
     scaling: Scaling = "none"
     noise: ArrayLike | dict[str, float] | None = None
     rate: float = 100.0
+    correlation_time: float = CORRELATION_TIME
     earlier: Regression | Sequence[Regression] = ()
     task: Recording | None = None
+    assumed_noise: bool = False
 
     def __post_init__(self) -> None:
         for name in ("objective", "refine"):
             value = getattr(self, name)
-            if value is not None and value not in get_args(Objective):
+            if name == "refine" and value in (None, "default"):
+                continue
+            if value not in get_args(Objective):
                 known = ", ".join(get_args(Objective))
                 raise ProblemError(f"{name} is {value!r}, expected one of {known}")
             if value == "task" and self.task is None:
@@ -135,6 +153,13 @@ class Aim:
             raise ProblemError(f"growth is {self.growth}, expected 1 or more")
         if not 0.0 < number(self.rate, "rate") < np.inf:
             raise ProblemError(f"rate is {self.rate} Hz, expected more than 0")
+        if not 0.0 <= number(self.correlation_time, "correlation_time") < np.inf:
+            raise ProblemError(
+                f"correlation_time is {self.correlation_time} s, expected 0 or more"
+            )
+        most = self.condition_at_most
+        if most is not None and not 1.0 <= number(most, "condition_at_most") < np.inf:
+            raise ProblemError(f"condition_at_most is {most}, expected 1 or more")
         if self.task is not None and not isinstance(self.task, Recording):
             raise ProblemError(
                 f"task is {type(self.task).__name__}, expected a Recording"
@@ -167,6 +192,18 @@ class Aim:
         if not (noise > 0.0).all():
             raise ProblemError(f"noise is {noise.tolist()}, expected positive values")
         return noise
+
+    @property
+    def objectives(self) -> tuple[Objective, ...]:
+        """The objectives of its stages, one or two."""
+        refine = self.refine
+        if refine == "default":
+            refine = "D" if self.objective == "condition" else None
+        if self.condition_at_most is not None and self.objective != "condition":
+            return "condition", refine or self.objective
+        if refine in (None, self.objective):
+            return (self.objective,)
+        return self.objective, refine
 
     @property
     def recordings(self) -> tuple[Regression, ...]:

@@ -22,6 +22,7 @@ from consistent_id.robot.kinematics import link_places
 
 _CLOSE = 0.1  # m; unit of distances, and beyond it they need not be known well
 _FURTHER = 0.01  # m; distance added where a proof has failed
+_QUERY = 1e-5  # s of work per pair and time
 _SHARP = 20.0  # one over the distance, in tenths of a metre, at which a row is blunt
 
 
@@ -38,6 +39,11 @@ class ClearanceGuard:
 
     scene: Scene
     spare: float = 0.002
+
+    @property
+    def seconds(self) -> float:
+        """Work of all distances at one time."""
+        return _QUERY * len(self.scene.pairs)
 
     def measure(self, motion: Array) -> Matrix:
         """Return how much nearer than allowed each pair of bodies is."""

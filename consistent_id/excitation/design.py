@@ -1,39 +1,53 @@
 """Design of exciting trajectories: from a robot and its limits to a proven path.
 
-First many searches for the least condition number, then from the best of them for the
-least standard errors under a bound on it.  Every path that is returned is proven to
-keep its limits at all times.
+Many searches for the least standard errors; or for the least condition number, and
+then from the best of them for the least standard errors under a bound on it.  Every
+path that is returned is proven to keep its limits at all times, and none is worse than
+the best of the random paths.
 """
 
 import os
 import time as clock
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.interrupts import noted_interrupts
 from consistent_id._support.threads import single_threaded
-from consistent_id.errors import ProblemError
+from consistent_id.errors import NotExcitedError, ProblemError
 from consistent_id.excitation.accuracy import PredictedAccuracy, predicted_accuracy
 from consistent_id.excitation.aims import Aim, PathForm
+from consistent_id.excitation.default_noise import with_default_noise
 from consistent_id.excitation.designed import ExcitationDesign, Stage
+from consistent_id.excitation.forms import forms_to_try
+from consistent_id.excitation.relative_accuracy import (
+    RelativeAccuracy,
+    relative_accuracy,
+)
 from consistent_id.excitation.search_problem import SearchProblem, search_problem
-from consistent_id.excitation.stages import design_stages
+from consistent_id.excitation.stages import (
+    Means,
+    best_form,
+    compared_paths,
+    design_stages,
+)
 from consistent_id.excitation.verification import demands
+from consistent_id.excitation.work import Meter
 from consistent_id.motion.collisions.scene import Scene
 from consistent_id.motion.limits import MotionLimits, motion_limits
 from consistent_id.regression.base import base_parameters
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.model import RobotModel
 
-_COMPARED = 8  # random paths at most that the design is compared with
 _LEAST = 0.01  # rad or m; a joint that can move less is not excited
 
 
 @single_threaded
 def design_trajectory(
     model: TorqueModel | RobotModel,
-    form: PathForm | None = None,
+    form: PathForm | Sequence[PathForm] | None = None,
     aim: Aim | None = None,
     *,
     limits: MotionLimits | None = None,
@@ -51,10 +65,11 @@ def design_trajectory(
     ----------
     model : TorqueModel or RobotModel
         A robot alone has rigid-body columns only.
-    form : PathForm, optional
-        By default 10 s, five harmonics, from rest to rest.
+    form : PathForm or sequence of PathForm, optional
+        Of several, each is tried for a tenth of the work, and the one that promises
+        most is taken.  By default 10 s from rest to rest, and `forms_to_try`.
     aim : Aim, optional
-        By default the least condition number, then D-optimality.
+        By default D-optimality, the least geometric mean of the standard errors.
     limits : MotionLimits, optional
         By default the robot file's.
     parameters : array_like, shape (parameters,) or (members, parameters), optional
@@ -65,9 +80,11 @@ def design_trajectory(
     starts : int
         Searches from random paths.
     time_limit : float, [s]
-        For the searches; a proof that fails adds to it.
+        For the searches, in work: seconds of an idle processor like ours, on each of
+        the workers.  A busy machine takes longer and finds the same.  A proof that
+        fails adds to it.
     seed : int
-        Same seed, same design, unless time ran out (a note says so).
+        Same seed, limit and number of workers: same design on one machine.
     workers : int, optional
         Processes; by default one for each processor, at most one for each start.
     progress : bool
@@ -84,31 +101,31 @@ def design_trajectory(
     """
     began = clock.monotonic()
     model = TorqueModel(model) if isinstance(model, RobotModel) else model
-    form, aim = form or PathForm(), aim or Aim()
     limits = motion_limits(model.robot) if limits is None else limits
     workers = _require_sensible(starts, time_limit, seed, workers)
     required = demands(model, limits, parameters, scene)
-    _require_long_enough(form, aim, required.limits)
+    limits = required.limits
+    forms = _forms(form, limits)
+    aim = with_default_noise(aim or Aim(), model, limits)
+    for one in forms:
+        _require_long_enough(one, aim, limits)
     base = base_parameters(model)
-    guards = required.guards
-    problem = search_problem(model, base, form, aim, required.limits, guards, seed=seed)
+    problems = {
+        one: search_problem(model, base, one, aim, limits, required.guards, seed=seed)
+        for one in forms
+    }
+    meter = Meter(time_limit)
     with noted_interrupts() as interrupted:
-        stages = design_stages(
-            problem,
-            required,
-            aim,
-            starts=starts,
-            workers=workers,
-            time_limit=time_limit,
-            interrupted=interrupted,
-            progress=progress,
-        )
-        unoptimised = _unoptimised(problem, aim, starts)
+        means = Means(starts, workers, time_limit, interrupted, progress)
+        chosen = best_form(list(problems.values()), means, meter)
+        stages = design_stages(chosen, required, aim, means, meter)
+        unoptimised = _unoptimised(chosen, aim, starts)
+    relative = _useful(model, stages[-1].accuracy, parameters, aim)
     return ExcitationDesign(
         model=model,
         base=base,
         demands=required,
-        form=form,
+        form=next(one for one, problem in problems.items() if problem is chosen),
         aim=aim,
         stages=stages,
         unoptimised=unoptimised,
@@ -116,15 +133,59 @@ def design_trajectory(
         seconds=clock.monotonic() - began,
         notes=required.notes + _notes(aim, stages, interrupted()),
         interrupted=interrupted(),
+        relative=relative,
+        tried=forms,
     )
+
+
+def _forms(
+    form: PathForm | Sequence[PathForm] | None, limits: MotionLimits
+) -> tuple[PathForm, ...]:
+    if form is None:
+        return forms_to_try(limits)
+    forms = (form,) if isinstance(form, PathForm) else tuple(form)
+    if not forms:
+        raise ProblemError("form is an empty sequence, expected one form or more")
+    return tuple(dict.fromkeys(forms))
+
+
+def _useful(
+    model: TorqueModel,
+    accuracy: PredictedAccuracy,
+    parameters: ArrayLike | None,
+    aim: Aim,
+) -> RelativeAccuracy | None:
+    """Return predicted errors beside the parameters.
+
+    Raises
+    ------
+    NotExcitedError
+        If noise is stated, and above most of what the motion shows.
+    """
+    reference = None
+    if parameters is not None:
+        reference = np.atleast_2d(np.asarray(parameters, dtype=float)).mean(axis=0)
+    relative = relative_accuracy(model, accuracy, reference)
+    if relative is not None and relative.useless and not aim.assumed_noise:
+        raise NotExcitedError(
+            f"the best motion found is of no use: the standard errors of "
+            f"{relative.unknown} of the {len(relative.matter)} base parameters that "
+            "make up 1 % of the torque are above the parameters themselves. Move "
+            "longer or within wider limits, or check the noise that is stated"
+        )
+    return relative
 
 
 def _notes(aim: Aim, stages: tuple[Stage, ...], interrupted: bool) -> tuple[str, ...]:
     """Return what a user should know of how the design was found."""
     notes: tuple[str, ...] = ()
-    if aim.refine not in (None, aim.objective) and len(stages) == 1:
-        notes += (f"no path better by {aim.refine} was found within the limits",)
-    if aim.scaling == "unit columns" and aim.refine is None:
+    for stage in stages:
+        if not stage.improved:
+            notes += (
+                f"{stage.objective}: no improvement in {stage.iterations} iterations; "
+                "the path is the one that the search began with",
+            )
+    if aim.scaling == "unit columns" and aim.objectives == ("condition",):
         notes += (
             "with unit columns a condition number alone may leave a joint almost "
             "still; refine with D, A or E",
@@ -132,7 +193,7 @@ def _notes(aim: Aim, stages: tuple[Stage, ...], interrupted: bool) -> tuple[str,
     if interrupted:
         notes += ("interrupted: the user ended the search; this is the best so far",)
     elif any(stage.cut_short for stage in stages):
-        notes += ("time ended the search; another run may differ",)
+        notes += ("the time limit ended the search; a longer one may find better",)
     return notes
 
 
@@ -176,14 +237,16 @@ def _require_long_enough(form: PathForm, aim: Aim, limits: MotionLimits) -> None
 
 
 def _unoptimised(problem: SearchProblem, aim: Aim, starts: int) -> PredictedAccuracy:
-    """Return the accuracy of the best conditioned of the random paths."""
+    """Return the accuracy of the best of the random paths by the aim's objective.
+
+    Of those that keep all limits, if there are any.
+    """
     model, base = problem.information.model, problem.information.base
-    paths = [
-        problem.basis.trajectory(problem.random(number))
-        for number in range(min(starts, _COMPARED))
-    ]
-    found = [predicted_accuracy(model, base, path, aim) for path in paths]
-    return min(found, key=lambda accuracy: accuracy.condition.value)
+    known = compared_paths(replace(problem, objective=aim.objective), starts)[0]
+    variables = known.variables
+    if variables is None:
+        variables = problem.random(known.number)
+    return predicted_accuracy(model, base, problem.basis.trajectory(variables), aim)
 
 
 def _processors() -> int:

@@ -14,6 +14,8 @@ from consistent_id.motion.limits import MotionLimits
 from consistent_id.motion.proofs.margins import Margin
 from consistent_id.regression.base import ConditionNumber
 
+_ENDS = ("lower", "upper")
+_BOUNDED = ("velocity", "acceleration", "jerk", "torque")
 _MOVES = {"trajectory": "whole_move", "validation": "validation_move"}
 """Names of the moves, and the keys of their clearances in a record."""
 
@@ -46,18 +48,23 @@ def design_record(
         },
         "aim": {
             "objective": aim.objective,
-            "refine": aim.refine,
+            "refine": aim.objectives[1] if len(aim.objectives) == 2 else None,
             "growth": aim.growth,
+            "condition_at_most": aim.condition_at_most,
             "column_scaling": aim.scaling,
             "noise": None
             if aim.noise is None
             else aim.noise_of(design.model.torque_joints).tolist(),
+            "noise_is_assumed": aim.assumed_noise,
             "rate_hz": aim.rate,
+            "correlation_time_s": aim.correlation_time,
             "earlier_recordings": len(aim.recordings),
         },
         "limits": _limits(design.limits),
         "scene": _scene(design, proofs or {}),
         "before": _condition(design.unoptimised.condition),
+        "forms_tried": [form.frequencies.tolist() for form in design.tried],
+        "relative_accuracy": _relative(design),
         "stages": [_stage(stage) for stage in design.stages],
         "base_parameters": list(design.base.groupings),
         "validation": None
@@ -82,7 +89,8 @@ def design_tables(
     proofs : mapping of str to Proof, optional
         As `design_record`.
     """
-    rows = [("random path", "-", f"{design.unoptimised.condition.value:.4g}", "-")]
+    random = design.unoptimised
+    rows = [("random path", "-", f"{random.condition.value:.4g}", "-")]
     rows += [
         (
             f"{stage.objective}, search {stage.number + 1}",
@@ -101,11 +109,55 @@ def design_tables(
             f"condition number of {design.condition.basis}; column scaling: "
             f"{design.condition.scaling}",
             f"{design.starts} starts from seed {design.seed}, {design.seconds:.1f} s",
+            *_tried(design),
+            *([] if design.relative is None else [design.relative.note]),
             *design.notes,
         ),
     )
-    margins = design.proof.margins.table()
-    return [found, margins, *_clearances(design, proofs or {}), design.accuracy.table()]
+    return [
+        found,
+        used_limits(design),
+        *_clearances(design, proofs or {}),
+        design.accuracy.table(),
+        design.proof.margins.table(),
+    ]
+
+
+def used_limits(design: ExcitationDesign) -> Table:
+    """Return the share of each limit that a design uses, joint by joint."""
+    limits = design.limits
+    margins = {(m.joint, m.quantity): m for m in design.proof.margins.margins}
+    rows = []
+    for j, joint in enumerate(limits.joints):
+        low, high = (margins.get((joint, f"{end} position")) for end in _ENDS)
+        cells = ["-"] * (1 + len(_BOUNDED))
+        if low is not None and high is not None:
+            span = limits.upper[j] - limits.lower[j]
+            cells[0] = f"{100.0 * (high.bound - low.bound) / span:.0f} %"
+        for k, quantity in enumerate(_BOUNDED, start=1):
+            if (margin := margins.get((joint, quantity))) is not None:
+                cells[k] = f"{100.0 * margin.bound / margin.limit:.0f} %"
+        rows.append((joint, *cells))
+    return Table(
+        "Share of each limit that is used",
+        ("joint", "range", *_BOUNDED),
+        tuple(rows),
+        (f"torque: {_torque_of(design)}",),
+    )
+
+
+def _torque_of(design: ExcitationDesign) -> str:
+    """Say whose torque is compared with the limits."""
+    if design.demands.parameters is None:
+        return "not checked"
+    return design.demands.torque_of
+
+
+def _tried(design: ExcitationDesign) -> list[str]:
+    if len(design.tried) < 2:
+        return []
+    counts = ", ".join(str(len(form.frequencies)) for form in design.tried)
+    return [f"of {counts} frequencies the number that promised most"]
 
 
 def _clearances(design: ExcitationDesign, proofs: Mapping[str, Proof]) -> list[Table]:
@@ -173,6 +225,18 @@ def _clearance(report: ClearanceReport | None) -> dict[str, Any] | None:
     }
 
 
+def _relative(design: ExcitationDesign) -> dict[str, Any] | None:
+    found = design.relative
+    if found is None:
+        return None
+    return {
+        "base_parameters_that_matter": list(found.matter),
+        "within_5_percent": found.accurate,
+        "unknown": found.unknown,
+        "repetitions_for_5_percent": found.repetitions,
+    }
+
+
 def _stage(stage: Stage) -> dict[str, Any]:
     return {
         "objective": stage.objective,
@@ -187,6 +251,8 @@ def _stage(stage: Stage) -> dict[str, Any]:
         "margins": [_margin(m) for m in stage.proof.margins.margins],
         "clearance": _clearance(stage.proof.clearance),
         "proven": stage.proof.holds,
+        "improved": stage.improved,
+        "iterations": stage.iterations,
         "trajectory": stage.trajectory.to_dict(),
     }
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from consistent_id._support.tables import Table
 from consistent_id.excitation.accuracy import PredictedAccuracy
 from consistent_id.excitation.aims import Aim, PathForm
+from consistent_id.excitation.relative_accuracy import RelativeAccuracy
 from consistent_id.excitation.search import Candidate
 from consistent_id.excitation.verification import Demands, Proof
 from consistent_id.motion.limits import MotionLimits
@@ -31,7 +32,9 @@ class Stage:
     searches : int
         That were run from the stage's starts.
     cut_short : bool
-        Whether time or the user ended a search.
+        Whether its allowance or the user ended a search.
+    improved : bool
+        Whether it found a better path than those it knew before.
     """
 
     objective: str
@@ -42,6 +45,12 @@ class Stage:
     candidates: tuple[Candidate, ...]
     searches: int
     cut_short: bool
+    improved: bool = True
+
+    @property
+    def iterations(self) -> int:
+        """Of the solver in all of its searches."""
+        return sum(one.iterations for one in self.candidates)
 
     @property
     def number(self) -> int:
@@ -69,6 +78,10 @@ class ExcitationDesign:
     notes : tuple of str
     interrupted : bool
         Whether the user ended the search; the design is the best so far.
+    relative : RelativeAccuracy, optional
+        Its errors beside the parameters of the robot, if these are known.
+    tried : tuple of PathForm
+        Forms that `form` was chosen from.
     """
 
     model: TorqueModel
@@ -82,6 +95,8 @@ class ExcitationDesign:
     seconds: float
     notes: tuple[str, ...]
     interrupted: bool = False
+    relative: RelativeAccuracy | None = None
+    tried: tuple[PathForm, ...] = ()
 
     def __repr__(self) -> str:
         verdict = "all limits proven" if self.proof.holds else "limits not proven"

@@ -17,6 +17,7 @@ from consistent_id.excitation.kernels import TorqueKernel
 from consistent_id.regression.regressor import TorqueModel
 
 _TIGHTER = 0.03  # share of a limit given up where a proof has failed
+_TORQUE = 1e-7  # s of work per joint, joint before it, and member
 _NEAR = 0.05  # share of what is allowed within which an item gets a row
 
 
@@ -32,7 +33,17 @@ class ItemRows(NamedTuple):
 
 
 class Guard(Protocol):
-    """What a path must not do, item by item."""
+    """What a path must not do, item by item.
+
+    Attributes
+    ----------
+    seconds : float
+        Work of measuring all items at one time, see `work`.
+    """
+
+    @property
+    def seconds(self) -> float:
+        """Work of measuring all items at one time."""
 
     def measure(self, motion: Array) -> Matrix:
         """Return how far each item is above what is allowed, (samples, items)."""
@@ -70,6 +81,11 @@ class TorqueGuard:
     effort: Vector
     reach: float
     slow: Vector | None = None
+
+    @property
+    def seconds(self) -> float:
+        """Work of all torques at one time."""
+        return _TORQUE * len(self.effort) ** 2 * len(self.parameters)
 
     def measure(self, motion: Array) -> Matrix:
         """Return how far each torque is above its limit."""

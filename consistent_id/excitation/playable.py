@@ -74,7 +74,7 @@ def playable_design(
     aim = _with_recordings(problem, request.aim) if sequential else request.aim
     design = design_trajectory(
         problem.model,
-        request.form,
+        request.forms,
         aim,
         limits=request.limits,
         scene=request.scene,

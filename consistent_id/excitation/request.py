@@ -1,31 +1,36 @@
 """What the ``[excitation]`` table of a problem requests, as values of a design."""
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from consistent_id.errors import ProblemError
 from consistent_id.excitation.aims import Aim, PathForm
+from consistent_id.excitation.criteria import Objective
+from consistent_id.excitation.forms import forms_to_try
 from consistent_id.excitation.request_scene import requested_scene
 from consistent_id.motion.collisions.scene import Scene
 from consistent_id.motion.collisions.separation import nearest
 from consistent_id.motion.limits import MotionLimits, motion_limits
-from consistent_id.problems.excitation_tables import LimitsTable
+from consistent_id.problems.excitation_tables import ExcitationTable, LimitsTable
 from consistent_id.problems.problem import Problem
 from consistent_id.recordings.trajectory import FourierTrajectory
 from consistent_id.robot.model import RobotModel
 from consistent_id.robot.parameters import did_you_mean
 
 _TABLE = "[excitation]"
+_HARMONICS = 5  # of base frequencies that are requested without a number
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DesignRequest:
-    """Form, aim, limits and surroundings of a path, and how it is to be played.
+    """Forms, aim, limits and surroundings of a path, and how it is to be played.
 
     Parameters
     ----------
-    form : PathForm
+    forms : tuple of PathForm
+        To choose from: one, if the number of harmonics is requested.
     aim : Aim
     limits : MotionLimits
     scene : Scene, optional
@@ -35,12 +40,17 @@ class DesignRequest:
         How often a periodic path is repeated; None to play its duration once.
     """
 
-    form: PathForm
+    forms: tuple[PathForm, ...]
     aim: Aim
     limits: MotionLimits
     scene: Scene | None
     start_pose: dict[str, float] | None
     periods: int | None
+
+    @property
+    def form(self) -> PathForm:
+        """The first of the forms."""
+        return self.forms[0]
 
 
 def design_request(problem: Problem) -> DesignRequest:
@@ -61,20 +71,19 @@ def design_request(problem: Problem) -> DesignRequest:
             "often as you like"
         )
     limits = _limits(table.limits, problem.model.robot)
-    bases = table.base_frequencies
-    form = PathForm(
-        table.duration,
-        table.harmonics,
-        None if bases is None else tuple(bases),
-        table.rest,
-    )
+    forms = _forms(table, limits)
+    refine: Objective | Literal["default"] | None = "default"
+    if table.refine is not None:
+        refine = None if table.refine == "none" else table.refine
     aim = Aim(
         objective=table.objective,
-        refine=None if table.refine == "none" else table.refine,
+        refine=refine,
         growth=table.growth,
+        condition_at_most=table.condition_at_most,
         scaling=table.scaling,
         noise=table.noise,
         rate=table.rate,
+        correlation_time=table.correlation_time,
     )
     scene = requested_scene(problem)
     pose = _pose(table.start_pose, limits) if table.start_pose else None
@@ -82,19 +91,45 @@ def design_request(problem: Problem) -> DesignRequest:
         _require_clear(scene, pose)
     periods = None if table.periods == 1 else table.periods
     if periods is not None:
-        _require_whole_period(form, periods)
-    return DesignRequest(form, aim, limits, scene, pose, periods)
+        for form in forms:
+            _require_whole_period(form, periods)
+    return DesignRequest(forms, aim, limits, scene, pose, periods)
+
+
+def _forms(table: ExcitationTable, limits: MotionLimits) -> tuple[PathForm, ...]:
+    """Return the form that is requested, or those to try."""
+    bases = table.base_frequencies
+    if table.harmonics is None and bases is None:
+        return forms_to_try(limits, table.duration, rest=table.rest)
+    return (
+        PathForm(
+            table.duration,
+            _HARMONICS if table.harmonics is None else table.harmonics,
+            None if bases is None else tuple(bases),
+            table.rest,
+        ),
+    )
 
 
 def _limits(given: LimitsTable, robot: RobotModel) -> MotionLimits:
-    limits = motion_limits(
-        robot,
-        position={name: (low, high) for name, (low, high) in given.position.items()},
-        velocity=given.velocity,
-        acceleration=given.acceleration,
-        jerk=given.jerk,
-        effort=given.effort,
-    )
+    try:
+        limits = motion_limits(
+            robot,
+            position={
+                name: (low, high) for name, (low, high) in given.position.items()
+            },
+            velocity=given.velocity,
+            acceleration=given.acceleration,
+            jerk=given.jerk,
+            effort=given.effort,
+        )
+    except ProblemError as cause:
+        raise ProblemError(
+            f"[excitation.limits] {cause}. Its keys: position = {{ "
+            f"{robot.joint_names[0]} = [-1.0, 1.0] }}, velocity = 1.0, acceleration = "
+            "5.0, jerk, effort, one for all joints or by name; in the shell "
+            "--velocity, --acceleration"
+        ) from None
     return limits.within(given.share)
 
 

@@ -12,18 +12,23 @@ def request_tables(
 ) -> list[Table]:
     """Return form, aim, limits and demands of a path that is requested."""
     form, aim = request.form, request.aim
-    refine = "no second stage" if aim.refine is None else f"then {aim.refine}"
-    growth = "" if aim.refine is None else f", condition up to {aim.growth:g} times"
+    tried = " Hz; or ".join(
+        ", ".join(f"{f:.4g}" for f in one.frequencies) for one in request.forms
+    )
+    bound = f", condition number up to {aim.growth:g} times the least"
+    if aim.condition_at_most is not None:
+        bound = f", condition number up to {aim.condition_at_most:g}"
+    objectives = ", then ".join(aim.objectives) + bound * (len(aim.objectives) > 1)
     pose, times = request.start_pose, request.periods or 1
     rows = [
         ("duration", f"{form.duration:g} s"),
-        ("frequencies", ", ".join(f"{f:.4g}" for f in form.frequencies) + " Hz"),
+        ("frequencies", f"{tried} Hz"),
         ("ends", "from rest to rest" if form.rest else "periodic"),
         ("played", "once" if times == 1 else f"{times} times"),
         ("start pose", "any" if pose is None else _pose(pose)),
-        ("objective", f"{aim.objective}, {refine}{growth}"),
+        ("objective", objectives),
         ("column scaling", aim.scaling),
-        ("noise", "1 N m or N for all joints" if aim.noise is None else "as given"),
+        ("noise", "by default" if aim.noise is None else "as given"),
         ("samples", f"{aim.rate:g} Hz"),
         ("parameters", f"{len(model.layout)} of {len(model.robot)} joints"),
     ]

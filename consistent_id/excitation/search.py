@@ -11,14 +11,18 @@ from consistent_id.excitation.criteria import Criterion, scaled, spread
 from consistent_id.excitation.guards import EVERY, guard_rows, near_places
 from consistent_id.excitation.programme import Programme, minimise
 from consistent_id.excitation.search_problem import SearchProblem
+from consistent_id.excitation.work import Meter
 
 _SHARPENING = ((2.0, 40), (8.0, 120), (20.0, 80))  # power, iterations
+_SMOOTH = ((1.0, 160),)  # of objectives that no power makes sharper
+_SHARPENED = ("condition", "E")
 _BOUND_POWER = 20.0  # of the smooth condition number, never below the true one
 _ROUNDING = 1e-7  # by which a row may be missed
 _AIM = 0.01  # by which the programme is made to do better than a row demands
+_AGAIN = 60  # iterations at most from where the round before ended
 _ROUNDS = 8  # of adding rows where a guard was violated
 
-Report = Callable[[float, Matrix], None]
+Report = Callable[["Candidate"], None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,9 +39,14 @@ class Candidate:
     score : float
         The objective's own value, without smoothing.
     complete : bool
-        Whether the search came to its end, and neither time nor the user ended it.
+        Whether the search came to its end, and neither its allowance nor the user
+        ended it.
     obstacle : str
         The limit that was violated most, if nothing was found.
+    iterations : int
+        Of the solver.
+    work : float
+        That was done, see `Meter`.
     """
 
     number: int
@@ -45,14 +54,25 @@ class Candidate:
     score: float = np.inf
     complete: bool = True
     obstacle: str = ""
+    iterations: int = 0
+    work: float = 0.0
 
 
 def _never() -> bool:
     return False
 
 
-def _unreported(score: float, variables: Matrix) -> None:
+def _unreported(best: Candidate) -> None:
     pass
+
+
+def random_candidate(problem: SearchProblem, number: int) -> Candidate:
+    """Return a random path as a candidate; without variables if it violates a limit."""
+    variables = problem.random(number)
+    if any(measure.max() > _ROUNDING for measure in problem.measures(variables)):
+        return Candidate(number)
+    score = problem.score(problem.objective, variables)
+    return Candidate(number, variables, score)
 
 
 @single_threaded
@@ -60,6 +80,7 @@ def search(
     problem: SearchProblem,
     start: Candidate,
     *,
+    work: float = np.inf,
     ended: Callable[[], bool] = _never,
     report: Report = _unreported,
 ) -> Candidate:
@@ -69,23 +90,38 @@ def search(
     ----------
     problem : SearchProblem
     start : Candidate
+    work : float
+        That may be done, see `Meter`; the same work gives the same result.
     ended : callable
-        Returns whether the search is to end with what it has.
+        Returns whether the search is to end at once with what it has.
     report : callable
-        Called with score and variables of each improvement.
+        Called with each improvement.
     """
     given = start.variables is not None
     variables = problem.random(start.number) if not given else start.variables
-    run = _Run(problem, Candidate(start.number), ended, report)
+    run = _Run(problem, Candidate(start.number), Meter(work), ended, report)
     run.consider(np.asarray(variables))
-    for power, iterations in _SHARPENING[1:] if given else _SHARPENING:
+    for power, iterations in _phases(problem.objective, given):
         variables = run.sharpened(np.asarray(variables), power, iterations)
-        if ended():
+        if run.over:
             break
     obstacle = ""
     if run.best.variables is None:
         obstacle = _obstacle(problem, problem.limits.within(np.asarray(variables)))
-    return replace(run.best, complete=not ended(), obstacle=obstacle)
+    return replace(
+        run.best,
+        complete=not run.over,
+        obstacle=obstacle,
+        iterations=run.iterations,
+        work=run.meter.spent,
+    )
+
+
+def _phases(objective: str, given: bool) -> tuple[tuple[float, int], ...]:
+    """Return powers and iterations; a path that is given is no longer in the rough."""
+    if objective not in _SHARPENED:
+        return _SMOOTH
+    return _SHARPENING[1:] if given else _SHARPENING
 
 
 class _Run:
@@ -95,17 +131,24 @@ class _Run:
         self,
         problem: SearchProblem,
         best: Candidate,
+        meter: Meter,
         ended: Callable[[], bool],
         report: Report,
     ) -> None:
-        self.best = best
+        self.best, self.meter, self.iterations = best, meter, 0
         self._problem, self._ended, self._report = problem, ended, report
+        self._costs = problem.costs
         times = len(problem.grid)
         self._places = [guard.initial_places(times) for guard in problem.guards]
 
+    @property
+    def over(self) -> bool:
+        """Whether the allowance is spent, or the search is to end."""
+        return self.meter.over or self._ended()
+
     def consider(self, variables: Matrix) -> bool:
         """Keep a path if it is better than the best, and violates nothing."""
-        measures = self._problem.measures(variables)
+        measures = self._measures(variables)
         violated = any(measure.max() > _ROUNDING for measure in measures)
         if violated or not self._within_bound(variables):
             return False
@@ -115,14 +158,15 @@ class _Run:
     def sharpened(self, start: Matrix, power: float, iterations: int) -> Matrix:
         """Minimise at one power, with more rows for as long as a guard is violated."""
         self._add_places(start)
-        for _ in range(_ROUNDS):
-            candidate, end = self._minimised(start, power, iterations)
+        for round_ in range(_ROUNDS):
+            few = min(iterations, _AGAIN) if round_ else iterations
+            candidate, end = self._minimised(start, power, few)
             if candidate is None:
                 candidate = self._problem.limits.within(end)
             if self.consider(candidate):
                 return candidate
             grown = self._add_places(candidate) | self._add_places(end)
-            if not grown or self._ended():
+            if not grown or self.over:
                 return end
             start = end
         return start
@@ -137,20 +181,23 @@ class _Run:
         score = np.inf
 
         def objective(x: Vector) -> tuple[float, Array]:
+            self.meter.spent += self._costs.gradient
             value, gradient = problem.value(criterion, x.reshape(shape))
             return value, gradient.ravel()
 
         def watch(x: Vector) -> bool:
             nonlocal best, score
+            self.iterations += 1
+            self.meter.spent += self._costs.iteration + self._costs.value
             candidate = problem.limits.within(x.reshape(shape))
             seen = problem.score(problem.objective, candidate)
             if seen < score and self._within_bound(candidate):
-                measures = problem.measures(candidate)
+                measures = self._measures(candidate)
                 if self._keeps_rows(measures):
                     best, score = candidate, seen
                     if all(measure.max() <= _ROUNDING for measure in measures):
                         self._keep(candidate)
-            return self._ended()
+            return self.over
 
         count = sum(map(len, self._places)) + bool(np.isfinite(problem.spread_bound))
         end = minimise(
@@ -168,6 +215,7 @@ class _Run:
 
     def _rows(self, variables: Matrix) -> tuple[Vector, Matrix]:
         problem = self._problem
+        self.meter.spent += self._costs.row * sum(map(len, self._places))
         values, jacobians = [np.zeros(0)], [np.zeros((0, variables.size))]
         for guard, places in zip(problem.guards, self._places, strict=True):
             if places:
@@ -204,18 +252,28 @@ class _Run:
     def _add_places(self, variables: Matrix) -> bool:
         """Add rows where guards are near their limits; return whether any is new."""
         grown = False
-        measures = self._problem.measures(variables)
+        measures = self._measures(variables)
         for places, measure in zip(self._places, measures, strict=True):
             before = len(places)
             places |= near_places(measure)
             grown |= len(places) > before
         return grown
 
+    def _measures(self, variables: Matrix) -> list[Matrix]:
+        self.meter.spent += self._costs.measure
+        return self._problem.measures(variables)
+
     def _keep(self, variables: Matrix) -> None:
         score = self._problem.score(self._problem.objective, variables)
         if score < self.best.score:
-            self.best = replace(self.best, variables=variables, score=score)
-            self._report(score, variables)
+            self.best = replace(
+                self.best,
+                variables=variables,
+                score=score,
+                iterations=self.iterations,
+                work=self.meter.spent,
+            )
+            self._report(self.best)
 
 
 def _obstacle(problem: SearchProblem, variables: Matrix) -> str:

@@ -22,6 +22,7 @@ from consistent_id.excitation.guards import Guard
 from consistent_id.excitation.information import PathInformation
 from consistent_id.excitation.limit_rows import LimitRows, limit_rows
 from consistent_id.excitation.verification import robot_limits
+from consistent_id.excitation.work import Costs, search_costs
 from consistent_id.motion.limits import MotionLimits
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.regressor import TorqueModel
@@ -70,6 +71,19 @@ class SearchProblem:
     def basis(self) -> FourierBasis:
         """All paths of the form."""
         return self.information.basis
+
+    @property
+    def costs(self) -> Costs:
+        """Work of what a search repeats."""
+        of, joints = self.information, len(self.basis.unit)
+        queries = [guard.seconds for guard in self.guards]
+        return search_costs(
+            len(of.model.torque_joints) * of.samples * len(of.base),
+            self.limits.matrix.nnz,
+            len(self.limits.time) * joints,
+            measure=len(self.grid) * sum(queries),
+            row=max(queries, default=0.0),
+        )
 
     @property
     def shape(self) -> tuple[int, int]:

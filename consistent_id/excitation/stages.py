@@ -1,9 +1,7 @@
 """Stages of a design: searches, and the proof of what they find."""
 
-import time as clock
 from collections.abc import Callable, Sequence
-from dataclasses import replace
-from functools import partial
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,39 +10,98 @@ from consistent_id.errors import InfeasibleError, NotExcitedError
 from consistent_id.excitation.accuracy import PredictedAccuracy, predicted_accuracy
 from consistent_id.excitation.aims import Aim
 from consistent_id.excitation.designed import Stage
-from consistent_id.excitation.search import Candidate
+from consistent_id.excitation.search import Candidate, random_candidate
 from consistent_id.excitation.search_problem import SearchProblem
-from consistent_id.excitation.searches import run_searches
+from consistent_id.excitation.searches import lane_work, run_searches
 from consistent_id.excitation.verification import Demands, Proof
+from consistent_id.excitation.work import Meter
 from consistent_id.recordings.trajectory import FourierTrajectory
 
-_FIRST = 0.6  # share of the time limit after which the first of two stages ends
-_LAST = 0.9  # share after which the last stage ends
+_TRIAL = 0.1  # share of the work in which one of several forms is tried
+_FIRST = 0.6  # share of the work after which the first of two stages ends
+_LAST = 0.9  # share after which the last stage ends; the rest is for proofs
 _MORE = 0.3  # share that searches get at least after a proof has failed
 _REFINED = 2  # paths that go on to the second stage, however many workers there are
 _ATTEMPTS = 4  # at a proof, each with less of the limits to use
+_EQUAL = 1e-9  # difference of logarithms below which two paths are equally good
+_COMPARED = 8  # random paths at most that a design must be better than
 
 
 class _NothingYet(KeyboardInterrupt):
     """The user ended a search before it had anything to keep."""
 
 
-RunSearches = Callable[..., tuple[Candidate, ...]]
 Prove = Callable[[FourierTrajectory], Proof]
 
 
+@dataclass(frozen=True, slots=True)
+class Means:
+    """By what means to search.
+
+    Parameters
+    ----------
+    starts : int
+        Random paths to search from.
+    workers : int
+        Processes.
+    work : float
+        That each process may do, see `Meter`.
+    interrupted : callable
+        Returns whether the user has asked to end.
+    progress : bool
+        Show a bar.
+    """
+
+    starts: int
+    workers: int
+    work: float
+    interrupted: Interrupted
+    progress: bool = False
+
+    def run(
+        self, problem: SearchProblem, starts: Sequence[Candidate], work: float
+    ) -> tuple[Candidate, ...]:
+        """Run searches, each process with so much work."""
+        return run_searches(
+            problem,
+            starts,
+            workers=self.workers,
+            work=work,
+            interrupted=self.interrupted,
+            progress=self.progress,
+        )
+
+    def spent(self, found: Sequence[Candidate], starts: Sequence[Candidate]) -> float:
+        """Return the work of the process that did most."""
+        return lane_work(found, starts, self.workers)
+
+
+def compared_paths(problem: SearchProblem, starts: int) -> list[Candidate]:
+    """Return the random paths that a design must be better than, best first."""
+    count = min(starts, _COMPARED)
+    found = [random_candidate(problem, number) for number in range(count)]
+    return sorted(found, key=lambda one: (one.score, one.number))
+
+
+def best_form(
+    problems: Sequence[SearchProblem], means: Means, meter: Meter
+) -> SearchProblem:
+    """Return the problem whose form promises most: by a short search of each."""
+    if len(problems) == 1:
+        return problems[0]
+    starts = [Candidate(number) for number in range(min(means.starts, means.workers))]
+    scores = []
+    for problem in problems:
+        found = means.run(problem, starts, _TRIAL * means.work)
+        meter.spent += means.spent(found, starts)
+        scores.append(min((one.score for one in found), default=np.inf))
+    return problems[int(np.argmin(scores))]
+
+
 def design_stages(
-    problem: SearchProblem,
-    demands: Demands,
-    aim: Aim,
-    *,
-    starts: int,
-    workers: int,
-    time_limit: float,
-    interrupted: Interrupted,
-    progress: bool,
+    problem: SearchProblem, demands: Demands, aim: Aim, means: Means, meter: Meter
 ) -> tuple[Stage, ...]:
-    """Search for the aim's objective, then from the best paths for the second one.
+    """Search for the aim's objectives one after another, each from the best so far.
 
     Raises
     ------
@@ -53,29 +110,67 @@ def design_stages(
     NotExcitedError
         If no motion within the limits identifies all base parameters.
     """
-    began = clock.monotonic()
-    run = partial(
-        run_searches, workers=workers, interrupted=interrupted, progress=progress
-    )
     prove = _proving_once(demands)
-
-    def stage(problem: SearchProblem, starts: Sequence[Candidate], end: float) -> Stage:
-        deadline, more = began + end * time_limit, _MORE * time_limit
-        return _stage(problem, starts, prove, aim, run, interrupted, deadline, more)
-
-    refine = None if aim.refine == aim.objective else aim.refine
-    random = [Candidate(number) for number in range(starts)]
-    first = stage(problem, random, _LAST if refine is None else _FIRST)
-    if refine is None or interrupted():
+    objectives = aim.objectives
+    search = _Search(aim, means, meter, prove)
+    random = [Candidate(number) for number in range(means.starts)]
+    last = len(objectives) == 1
+    problem = replace(problem, objective=objectives[0])
+    known = compared_paths(problem, means.starts)
+    first = search.stage(problem, random, known, _LAST if last else _FIRST)
+    if last or means.interrupted():
         return (first,)
     best = first.candidates[:_REFINED]
-    spread = problem.score("condition", np.asarray(best[0].variables))
-    bound = spread + float(np.log(aim.growth))
+    reached = problem.score("condition", np.asarray(best[0].variables))
+    second = replace(
+        problem, objective=objectives[1], spread_bound=_bound(aim, reached)
+    )
     try:
-        second = replace(problem, objective=refine, spread_bound=bound)
-        return first, stage(second, best, _LAST)
+        return first, search.stage(second, best, _scored(second, best[:1]), _LAST)
     except (InfeasibleError, _NothingYet):
-        return (first,)  # a proven path is there already
+        return first, _unchanged(first, second)
+
+
+def _scored(
+    problem: SearchProblem, paths: Sequence[Candidate]
+) -> tuple[Candidate, ...]:
+    """Return candidates of another objective with this one's scores."""
+    objective = problem.objective
+    return tuple(
+        replace(one, score=problem.score(objective, np.asarray(one.variables)))
+        for one in paths
+    )
+
+
+def _bound(aim: Aim, reached: float) -> float:
+    """Return the logarithm that the condition number may not exceed.
+
+    Raises
+    ------
+    InfeasibleError
+        If it is above what the aim allows.
+    """
+    if aim.condition_at_most is None:
+        return reached + float(np.log(aim.growth))
+    bound = float(np.log(aim.condition_at_most))
+    if reached > bound:
+        raise InfeasibleError(
+            f"the least condition number found is {np.exp(reached):.4g}, above the "
+            f"{aim.condition_at_most:g} that is allowed; allow more, give a longer "
+            "time_limit, or wider limits"
+        )
+    return bound
+
+
+def _unchanged(first: Stage, problem: SearchProblem) -> Stage:
+    """Return a stage that ends where it began."""
+    return replace(
+        first,
+        objective=problem.objective,
+        value=_value(problem, first.accuracy),
+        candidates=(replace(first.candidates[0], iterations=0),),
+        improved=False,
+    )
 
 
 def _proving_once(demands: Demands) -> Prove:
@@ -91,70 +186,96 @@ def _proving_once(demands: Demands) -> Prove:
     return prove
 
 
-def _stage(
-    problem: SearchProblem,
-    starts: Sequence[Candidate],
-    prove: Prove,
-    aim: Aim,
-    run: RunSearches,
-    interrupted: Interrupted,
-    deadline: float,
-    more: float,
-) -> Stage:
-    """Search; where no path can be proven, search on with less of the limits."""
-    searches, cut_short = 0, False
-    proofs: list[Proof] = []
-    for _ in range(_ATTEMPTS):
-        found = run(problem, starts, deadline=deadline)
-        searches = searches or len(found)
-        early = len(found) < len(starts) or not all(one.complete for one in found)
-        cut_short |= early
-        usable = [one for one in found if one.variables is not None]
-        if not usable and interrupted():
-            raise _NothingYet
-        if not usable:
-            raise _nothing_found(found, early)
-        paths = [problem.basis.trajectory(np.asarray(c.variables)) for c in usable]
-        proofs = []
-        for one, path in zip(usable, paths, strict=True):
-            proofs.append(prove(path))
-            if proofs[-1].holds:
-                others = (other for other in usable if other is not one)
-                candidates = (one, *others)
-                return _proven(
-                    problem, path, proofs[-1], aim, candidates, searches, cut_short
-                )
-        if interrupted():
-            break
-        guards = tuple(guard.tightened() for guard in problem.guards)
-        problem, starts = replace(problem, guards=guards), usable[:_REFINED]
-        deadline = max(deadline, clock.monotonic() + more)
-    proofs[0].require()
-    raise InfeasibleError("no path was found that keeps all limits")
+@dataclass(frozen=True, slots=True)
+class _Search:
+    """What the stages of one design have in common."""
+
+    aim: Aim
+    means: Means
+    meter: Meter
+    prove: Prove
+
+    def stage(
+        self,
+        problem: SearchProblem,
+        starts: Sequence[Candidate],
+        known: Sequence[Candidate],
+        share: float,
+    ) -> Stage:
+        """Search; where no path can be proven, search on with less of the limits.
+
+        `known` are paths that keep the limits already: no worse one is returned.
+        """
+        means, meter = self.means, self.meter
+        work = max(share * means.work - meter.spent, 0.0)
+        searches, cut_short = 0, False
+        proofs: list[Proof] = []
+        for _ in range(_ATTEMPTS):
+            found = means.run(problem, starts, work)
+            meter.spent += means.spent(found, starts)
+            searches = searches or len(found)
+            early = len(found) < len(starts) or not all(one.complete for one in found)
+            cut_short |= early
+            usable = _usable([*found, *known])
+            if not usable and means.interrupted():
+                raise _NothingYet
+            if not usable:
+                raise _nothing_found(found, early)
+            for one in usable:
+                path = problem.basis.trajectory(np.asarray(one.variables))
+                proof = self.prove(path)
+                proofs.append(proof)
+                if proof.holds:
+                    best = min((path.score for path in known), default=np.inf)
+                    accuracy = self._accuracy(problem, path)
+                    return Stage(
+                        objective=problem.objective,
+                        trajectory=path,
+                        value=_value(problem, accuracy),
+                        accuracy=accuracy,
+                        proof=proof,
+                        candidates=(one, *_others(one, found)),
+                        searches=searches,
+                        cut_short=cut_short,
+                        improved=one.score < best - _EQUAL,
+                    )
+            if means.interrupted():
+                break
+            guards = tuple(guard.tightened() for guard in problem.guards)
+            problem, starts = replace(problem, guards=guards), usable[:_REFINED]
+            known = ()
+            work = max(share * means.work - meter.spent, _MORE * means.work)
+        proofs[0].require()
+        raise InfeasibleError("no path was found that keeps all limits")
+
+    def _accuracy(
+        self, problem: SearchProblem, path: FourierTrajectory
+    ) -> PredictedAccuracy:
+        """Return the accuracy of the whole recording of a proven path."""
+        model, base = problem.information.model, problem.information.base
+        accuracy = predicted_accuracy(model, base, path, self.aim)
+        if not np.isfinite(accuracy.condition.value) and not self.aim.recordings:
+            raise NotExcitedError(
+                "no motion within the limits identifies all base parameters; nothing "
+                f"is known of {accuracy.weakest}. Look at the ranges and velocities of "
+                "the joints that these belong to, and at their friction terms"
+            )
+        return accuracy
 
 
-def _proven(
-    problem: SearchProblem,
-    path: FourierTrajectory,
-    proof: Proof,
-    aim: Aim,
-    candidates: tuple[Candidate, ...],
-    searches: int,
-    cut_short: bool,
-) -> Stage:
-    """Return the stage of a proven path, with the accuracy of its whole recording."""
-    model, base = problem.information.model, problem.information.base
-    accuracy = predicted_accuracy(model, base, path, aim)
-    if not np.isfinite(accuracy.condition.value) and not aim.recordings:
-        raise NotExcitedError(
-            "no motion within the limits identifies all base parameters; nothing is "
-            f"known of {accuracy.weakest}. Look at the ranges and velocities of the "
-            "joints that these belong to, and at their friction terms"
-        )
-    value = _value(problem, accuracy)
-    return Stage(
-        problem.objective, path, value, accuracy, proof, candidates, searches, cut_short
-    )
+def _usable(found: Sequence[Candidate]) -> list[Candidate]:
+    """Return the candidates with a path, best first."""
+    usable = [one for one in found if one.variables is not None]
+    return sorted(usable, key=lambda one: one.score)
+
+
+def _others(one: Candidate, found: Sequence[Candidate]) -> list[Candidate]:
+    """Return the searches' results without one of them."""
+    return [
+        other
+        for other in found
+        if other.variables is not None and other.number != one.number
+    ]
 
 
 def _value(problem: SearchProblem, accuracy: PredictedAccuracy) -> float:

@@ -43,6 +43,8 @@ class Demands:
         Bodies that must stay apart; without it collisions are not checked.
     notes : tuple of str
         On what is not checked, and why.
+    torque_of : str
+        Whose torque is compared with the limits.
     """
 
     limits: MotionLimits
@@ -50,6 +52,7 @@ class Demands:
     parameters: Matrix | None
     scene: Scene | None
     notes: tuple[str, ...]
+    torque_of: str = "of the parameters that were given"
 
     @property
     def guards(self) -> tuple[Guard, ...]:
@@ -179,7 +182,8 @@ def demands(
         return Demands(limits, model, None, scene, notes)
     notes += ("torque limits are kept by the nominal robot without friction",)
     rigid = TorqueModel(model.robot)
-    return Demands(limits, rigid, np.atleast_2d(nominal), scene, notes)
+    whose = "of the nominal robot without friction; a real one needs more"
+    return Demands(limits, rigid, np.atleast_2d(nominal), scene, notes, whose)
 
 
 def robot_limits(limits: MotionLimits, robot: RobotModel) -> MotionLimits:

@@ -75,16 +75,18 @@ class ExcitationTable(Table, frozen=True, kw_only=True):
     """Form, aim and limits of an exciting trajectory."""
 
     duration: Positive = 10.0
-    harmonics: Annotated[int, Meta(ge=1)] = 5
+    harmonics: Annotated[int, Meta(ge=1)] | None = None
     base_frequencies: Annotated[list[Positive], Meta(min_length=1)] | None = None
     rest: bool = True
     periods: Annotated[int, Meta(ge=1)] = 1
-    objective: Literal["condition", "D", "A", "E"] = "condition"
-    refine: Literal["D", "A", "E", "none"] = "D"
+    objective: Literal["condition", "D", "A", "E"] = "D"
+    refine: Literal["D", "A", "E", "none"] | None = None
     growth: Annotated[float, Meta(ge=1.0)] = 1.5
+    condition_at_most: Annotated[float, Meta(ge=1.0)] | None = None
     scaling: Literal["none", "unit columns"] = "none"
     noise: PerJoint | None = None
     rate: Positive = 100.0
+    correlation_time: NonNegative = 0.2
     start_pose: dict[str, float] = {}
     limits: LimitsTable = LimitsTable()
     scene: SceneTable | None = None

@@ -56,7 +56,7 @@ def size_of_errors(path, aim):
 
 
 def test_a_design_is_proven_and_better_than_random():
-    design = designed(arm(3))
+    design = designed(arm(3), Aim("condition"))
     assert [stage.objective for stage in design.stages] == ["condition", "D"]
     first, second = design.stages
     assert first.accuracy.condition.value < 0.5 * design.unoptimised.condition.value
@@ -74,7 +74,7 @@ def test_a_design_is_proven_and_better_than_random():
 
 @pytest.mark.slow
 def test_the_second_stage_has_smaller_errors_within_the_bound():
-    first, second = designed(arm(3), Aim(growth=1.2)).stages
+    first, second = designed(arm(3), Aim("condition", growth=1.2)).stages
     model = TorqueModel(arm(3))
     matrices = [information(stage.trajectory, model) for stage in (first, second)]
     determinants = [np.linalg.slogdet(matrix).logabsdet for matrix in matrices]
@@ -149,7 +149,7 @@ def test_predicted_errors_are_those_of_simulated_least_squares():
     model, rng = TorqueModel(arm(2), FRICTION), np.random.default_rng(0)
     base = base_parameters(model)
     noise = np.array([0.3, 1.5])
-    aim = Aim(noise=noise, rate=40.0)
+    aim = Aim(noise=noise, rate=40.0, correlation_time=0.0)
     path = designed(TorqueModel(arm(2)), Aim(refine=None)).trajectory
     W = path_regressor(model, base, path, 40.0) / noise[:, None, None]
     W = W.reshape(-1, len(base))
@@ -212,7 +212,7 @@ def test_the_table_says_what_errors_are_of():
 def test_a_design_for_a_noise_is_the_better_one_under_it(noise):
     model = TorqueModel(arm(3))
     base = base_parameters(model)
-    aim, equal = (Aim(refine=None, noise=n) for n in (noise, None))
+    aim, equal = (Aim("condition", refine=None, noise=n) for n in (noise, None))
     # The better of two searches: where one ends depends on the machine's rounding.
     for_it, for_equal = (designed(arm(3), a, starts=2).trajectory for a in (aim, equal))
 

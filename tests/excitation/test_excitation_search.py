@@ -1,6 +1,5 @@
 """Searches: they improve, keep to limits and bounds, and repeat themselves."""
 
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -151,7 +150,7 @@ def test_time_that_is_over_leaves_what_a_moment_found():
         problem,
         [Candidate(0)],
         workers=1,
-        deadline=time.monotonic() - 1.0,
+        work=0.0,
         interrupted=bool,
     )
     assert np.isfinite(found.score) and not found.complete
@@ -162,16 +161,14 @@ def test_time_that_is_over_leaves_what_a_moment_found():
 
 def test_every_improvement_is_reported():
     reports = []
-    found = searched(problem_of(), report=lambda score, _: reports.append(score))
+    found = searched(problem_of(), report=lambda best: reports.append(best.score))
     assert reports == sorted(reports, reverse=True)
     assert reports[-1] == found.score
 
 
 def test_searches_come_back_best_first():
     starts = [Candidate(number) for number in range(3)]
-    found = run_searches(
-        problem_of(), starts, workers=1, deadline=np.inf, interrupted=bool
-    )
+    found = run_searches(problem_of(), starts, workers=1, work=np.inf, interrupted=bool)
     scores = [one.score for one in found]
     assert scores == sorted(scores) and len(scores) == 3
     assert all(one.complete for one in found)
@@ -187,7 +184,7 @@ def test_a_start_that_violates_nothing_is_reported_before_the_solver_runs(monkey
     monkeypatch.setattr("consistent_id.excitation.search.minimise", broken)
     start = problem.random(0)
     with pytest.raises(SolverError):
-        searched(problem, start=start, report=lambda score, _: reports.append(score))
+        searched(problem, start=start, report=lambda best: reports.append(best.score))
     assert reports == [problem.score("condition", start)]
 
 

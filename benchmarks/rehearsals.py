@@ -1,0 +1,59 @@
+"""What designs bring in a closed loop: rehearsals of several robots in MuJoCo.
+
+``python benchmarks/rehearsals.py [ROBOT ...] [--robots 3] [--seconds 10]``: a table for
+each robot of example-robot-data, with its design, the rival objective's, random paths
+and sinusoids, and last the errors of all in shares of the random paths'.
+"""
+
+import argparse
+import sys
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parent))
+from excitation_cases import EXAMPLES
+
+from consistent_id.excitation.sources import problem_to_excite
+from consistent_id.laboratory.rehearsal.dry_run import dry_run
+from consistent_id.robot.chains import Selection
+
+ROBOTS = {
+    "UR10": ("ur_description/urdf/ur10_robot.urdf", None),
+    "UR5": ("ur_description/urdf/ur5_robot.urdf", None),
+    "Panda": ("panda_description/urdf/panda.urdf", "panda_link8"),
+    "Kinova": ("kinova_description/robots/kinova.urdf", "j2s6s200_link_6"),
+    "Z1": ("z1_description/urdf/z1.urdf", "link06"),
+}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("names", nargs="*", default=[], help=", ".join(ROBOTS))
+    parser.add_argument("--robots", type=int, default=3, help="planted, of each")
+    parser.add_argument("--seconds", type=float, default=10.0, help="of each search")
+    options = parser.parse_args()
+    ratios: dict[str, list[float]] = {}
+    for name in options.names or ROBOTS:
+        file, tip = ROBOTS[name]
+        changes = {"share": 0.9, "acceleration": 10.0}
+        problem = problem_to_excite(EXAMPLES / file, changes, Selection(None, tip))
+        found = dry_run(
+            problem, robots=options.robots, rivals=True, time_limit=options.seconds
+        )
+        for table in found.tables():
+            print(f"\n{table.text()}", flush=True)
+        means = {
+            motion: np.median([one.mean_error for one in some])
+            for motion, some in found.rehearsals.items()
+        }
+        for motion, mean in means.items():
+            ratios.setdefault(motion, []).append(mean / means["random paths"])
+    print("\n| motion | error over that of random paths, geometric mean | most |")
+    print("|---|---:|---:|")
+    for motion, some in ratios.items():
+        print(f"| {motion} | {np.exp(np.mean(np.log(some))):.2f} | {max(some):.2f} |")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,64 @@
+"""Options that say what motion to design, in place of keys of ``[excitation]``."""
+
+import argparse
+from typing import Any
+
+from consistent_id.cli.options import positive
+
+_KEYS = (
+    "objective",
+    "duration",
+    "harmonics",
+    "noise",
+    "velocity",
+    "acceleration",
+    "jerk",
+    "share",
+    "ground",
+    "clearance",
+)
+
+
+def add_motion_options(command: argparse.ArgumentParser) -> None:
+    """Take keys of ``[excitation]``, its limits and its scene."""
+    asked = command.add_argument_group(
+        "what motion", "in place of what [excitation] of the problem file says"
+    )
+    asked.add_argument(
+        "--objective",
+        choices=("D", "condition", "A", "E"),
+        help="D: least standard errors (default); condition: least condition number of "
+        "the regressor, then D; A, E: of the errors, the root sum of squares, the "
+        "largest",
+    )
+    asked.add_argument(
+        "--harmonics", type=int, help="number (default: several are tried)"
+    )
+    for name, unit, text in (
+        ("duration", "SECONDS", "of the motion (default: 10)"),
+        ("noise", "NUMBER", "of each torque, in N m or N (default: 0.5 %% of effort)"),
+        ("velocity", "NUMBER", "limit of all joints, in rad/s or m/s"),
+        ("acceleration", "NUMBER", "limit of all joints, in rad/s^2 or m/s^2"),
+        ("jerk", "NUMBER", "limit of all joints, in rad/s^3 or m/s^3"),
+        ("share", "SHARE", "of all limits that may be used, such as 0.9"),
+        ("clearance", "METRES", "between bodies that must not touch"),
+    ):
+        asked.add_argument(f"--{name}", type=positive, metavar=unit, help=text)
+    asked.add_argument(
+        "--ground", type=float, metavar="METRES", help="height of a floor to keep off"
+    )
+
+
+def add_part(command: argparse.ArgumentParser) -> None:
+    """Take the part of a robot's file that moves."""
+    command.add_argument(
+        "--base", metavar="LINK", help="link that stands still (default: the root)"
+    )
+    command.add_argument(
+        "--tip", metavar="LINK", help="last link that counts, such as the flange"
+    )
+
+
+def motion_changes(options: argparse.Namespace) -> dict[str, Any]:
+    """Return the keys that were given."""
+    return {key: getattr(options, key) for key in _KEYS}

@@ -1,0 +1,88 @@
+"""``consistent-id rehearse PROBLEM | ROBOT``: its options, and what it prints."""
+
+import argparse
+from typing import Any
+
+from consistent_id.cli.answers import Answer, answered, shows_progress
+from consistent_id.cli.excite_options import (
+    add_motion_options,
+    add_part,
+    motion_changes,
+)
+from consistent_id.cli.options import add_command, add_problem, positive
+
+_MORE = """The design that excite would make is played in MuJoCo by robots of planted
+parameters: dry friction, rotors, a controller with a wrong model, encoders, noise. Then
+they are identified. It tells whether predicted errors came true, whether limits held,
+and whether the identified model holds the robot against gravity. Needs
+consistent-id[mjcf]. Exit code 1: something did not come true."""
+_EXAMPLES = """
+consistent-id rehearse problems/rx60
+consistent-id rehearse robot.urdf --acceleration 5 --robots 5
+consistent-id rehearse robot.urdf --rivals
+"""
+
+
+def add_rehearse(commands: Any) -> None:
+    """Add the command to a parser's commands."""
+    command = add_command(
+        commands,
+        "rehearse",
+        "play a designed motion on simulated robots of planted parameters",
+        run_rehearse,
+        more=_MORE,
+        examples=_EXAMPLES,
+    )
+    add_problem(command)
+    add_part(command)
+    add_motion_options(command)
+    for name, default, text in (
+        ("robots", 3, "planted robots"),
+        ("seed", 0, "of the planted robots and of the search"),
+        ("starts", 4, "searches from random paths"),
+    ):
+        command.add_argument(
+            f"--{name}", type=int, default=default, help=f"{text} (default: {default})"
+        )
+    command.add_argument(
+        "--time-limit",
+        type=positive,
+        default=10.0,
+        metavar="SECONDS",
+        help="of each search, on an idle machine and each process (default: 10)",
+    )
+    command.add_argument(
+        "--workers", type=int, help="processes (default: one per processor)"
+    )
+    command.add_argument(
+        "--rivals",
+        action="store_true",
+        help="also play the other objective's design, random paths and sinusoids",
+    )
+
+
+def run_rehearse(options: argparse.Namespace) -> int:
+    """Rehearse; return the exit code."""
+    return answered(options, _rehearse)
+
+
+def _rehearse(options: argparse.Namespace) -> Answer:
+    from consistent_id.excitation.sources import problem_to_excite
+    from consistent_id.export.mjcf_body import require_mujoco
+    from consistent_id.laboratory.rehearsal.dry_run import dry_run
+    from consistent_id.robot.chains import Selection
+
+    require_mujoco()
+    part = Selection(options.base, options.tip)
+    found = dry_run(
+        problem_to_excite(options.problem, motion_changes(options), part),
+        robots=options.robots,
+        rivals=options.rivals,
+        starts=options.starts,
+        time_limit=options.time_limit,
+        seed=options.seed,
+        workers=options.workers,
+        progress=shows_progress(options),
+    )
+    text = "\n\n".join(table.text() for table in found.tables())
+    return Answer(0 if found.came_true else 1, text, found.to_dict())

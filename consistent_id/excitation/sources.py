@@ -1,0 +1,75 @@
+"""The problem that a motion is designed for: a problem file's, or that of a robot."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from consistent_id._support.run import require_trusted
+from consistent_id.problems.excitation_tables import ExcitationTable, SceneTable
+from consistent_id.problems.file import ConstraintsTable, read_problem_table
+from consistent_id.problems.folder import problem_files
+from consistent_id.problems.paths import names_outside
+from consistent_id.problems.problem import Problem, load_problem, problem_of
+from consistent_id.problems.robot_draft import ROBOT_ENDINGS, robot_draft
+from consistent_id.robot.chains import Selection
+
+_LIMITS = ("velocity", "acceleration", "jerk", "effort", "share")
+_SCENE = ("ground", "clearance")
+
+
+def is_robot(path: Path) -> bool:
+    """Return whether a path names a robot's file, not a problem's."""
+    return path.suffix.lower() in ROBOT_ENDINGS
+
+
+def problem_to_excite(
+    path: Path, changes: Mapping[str, Any], selection: Selection | None = None
+) -> Problem:
+    """Return the problem of a file, with changes to its ``[excitation]`` table.
+
+    Masses do not matter to a motion: a problem file may ask for a datasheet's that no
+    link has.
+
+    Parameters
+    ----------
+    path : Path
+        Of a problem file or its folder, or of a URDF or MJCF file.
+    changes : mapping of str to value
+        Keys of ``[excitation]``, of its limits and its scene; None changes nothing.
+    selection : Selection, optional
+        The part of a robot's file that moves.
+    """
+    if is_robot(path):
+        asked = changed(ExcitationTable(), changes)
+        return robot_draft(path, asked, selection).problem()
+    (file,) = problem_files(path)
+    table = read_problem_table(file)
+    excitation = changed(table.excitation, changes)
+    if table.data is None and not _has_masses(table.links):
+        for sentence in names_outside(table, file):
+            require_trusted(file, sentence)
+        free = ConstraintsTable(masses="free")
+        table = msgspec.structs.replace(table, constraints=free, excitation=excitation)
+        return replace(problem_of(table, file), source=file)
+    problem = load_problem(file)
+    table = msgspec.structs.replace(problem.table, excitation=excitation)
+    return replace(problem, table=table)
+
+
+def changed(table: ExcitationTable, changes: Mapping[str, Any]) -> ExcitationTable:
+    """Return the table with the changes that are not None."""
+    given = {key: value for key, value in changes.items() if value is not None}
+    limits = {key: given.pop(key) for key in _LIMITS if key in given}
+    scene = {key: given.pop(key) for key in _SCENE if key in given}
+    if limits:
+        given["limits"] = msgspec.structs.replace(table.limits, **limits)
+    if scene:
+        given["scene"] = msgspec.structs.replace(table.scene or SceneTable(), **scene)
+    return msgspec.structs.replace(table, **given)
+
+
+def _has_masses(links: Mapping[str, Any]) -> bool:
+    return any(link.mass is not None for link in links.values())

@@ -1,0 +1,242 @@
+"""The dry run of a problem: its design, and rivals, played by planted robots."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from consistent_id._support.arrays import Vector
+from consistent_id._support.tables import Table
+from consistent_id.errors import ModelError
+from consistent_id.excitation.accuracy import predicted_accuracy
+from consistent_id.excitation.aims import Aim, PathForm
+from consistent_id.excitation.basis import FourierBasis
+from consistent_id.excitation.criteria import Objective
+from consistent_id.excitation.default_noise import with_default_noise
+from consistent_id.excitation.design import design_trajectory
+from consistent_id.excitation.designed import ExcitationDesign
+from consistent_id.excitation.limit_rows import limit_rows
+from consistent_id.excitation.request import DesignRequest, design_request
+from consistent_id.excitation.search_problem import search_problem
+from consistent_id.excitation.validating import validation_trajectory
+from consistent_id.laboratory.rehearsal.planted import DRIVE, planted_robot
+from consistent_id.laboratory.rehearsal.rehearsal import (
+    Rehearsal,
+    rehearsal_table,
+    rehearse,
+)
+from consistent_id.motion.limits import MotionLimits
+from consistent_id.problems.problem import Problem
+from consistent_id.recordings.trajectory import FourierTrajectory
+from consistent_id.regression.regressor import TorqueModel
+
+DESIGN = "design"
+_RANDOM = 3  # random paths among the rivals
+_USED = 0.9  # share of the limits that sinusoids use
+_KEPT = 0.01  # share of a limit by which one is exceeded that still counts as kept
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DryRun:
+    """A design and perhaps its rivals, played by several planted robots.
+
+    Parameters
+    ----------
+    design : ExcitationDesign
+    rehearsals : mapping of str to tuple of Rehearsal
+        By motion; ``"design"`` is the design's, and ``"random paths"`` are several.
+    conditions : mapping of str to float
+        Condition number of each motion; the median of several.
+    """
+
+    design: ExcitationDesign
+    rehearsals: Mapping[str, tuple[Rehearsal, ...]]
+    conditions: Mapping[str, float]
+
+    @property
+    def beyond(self) -> dict[str, float]:
+        """Largest share of each limit that the design used in truth, by quantity."""
+        own = self.rehearsals[DESIGN]
+        names = own[0].reached
+        return {n: float(max(one.reached[n].max() for one in own)) for n in names}
+
+    @property
+    def came_true(self) -> bool:
+        """Whether errors were as small as predicted, and limits and poses held."""
+        own = self.rehearsals[DESIGN]
+        errors = float(np.sqrt(np.mean([one.ratio**2 for one in own]))) <= 1.0
+        limits = max(self.beyond.values()) <= 1.0 + _KEPT
+        return errors and limits and all(o.holding.held == o.holding.poses for o in own)
+
+    def tables(self) -> list[Table]:
+        """Return what came of the design's predictions."""
+        name = self.design.model.robot.name
+        table = rehearsal_table(f"Rehearsal of {name} in MuJoCo", self.rehearsals)
+        rows = tuple((*row, f"{self.conditions[row[0]]:.4g}") for row in table.rows)
+        table = replace(table, header=(*table.header, "condition"), rows=rows)
+        limits = Table(
+            "Largest share of a limit, as the design was played",
+            ("limit of", "share", "kept"),
+            tuple(
+                (quantity, f"{100.0 * share:.1f} %", _kept(share))
+                for quantity, share in self.beyond.items()
+            ),
+            ("proven is the wanted motion; a controller lags behind it",),
+        )
+        return [table, limits]
+
+    def to_dict(self) -> dict[str, object]:
+        """Return the same for JSON."""
+        return {
+            "came_true": self.came_true,
+            "largest_shares": self.beyond,
+            "motions": {
+                name: {
+                    "condition": self.conditions[name],
+                    "robots": [
+                        {
+                            "mean_error": one.mean_error,
+                            "held_out": one.held_out,
+                            "errors_over_predicted": one.ratio,
+                            "covered": one.covered,
+                            "poses_held": one.holding.held,
+                            "poses": one.holding.poses,
+                            "tracking_error": one.tracking,
+                        }
+                        for one in some
+                    ],
+                }
+                for name, some in self.rehearsals.items()
+            },
+        }
+
+
+def _kept(share: float) -> str:
+    return "yes" if share <= 1.0 + _KEPT else "no"
+
+
+def dry_run(
+    problem: Problem,
+    *,
+    robots: int = 3,
+    rivals: bool = False,
+    starts: int = 4,
+    time_limit: float = 10.0,
+    seed: int = 0,
+    workers: int | None = None,
+    progress: bool = False,
+) -> DryRun:
+    """Design what a problem requests, and let planted robots play it.
+
+    The robot is identified by rigid bodies, viscous and Coulomb friction and rotors,
+    whatever the problem's ``[drive]`` says.
+
+    Parameters
+    ----------
+    problem : Problem
+    robots : int
+        Planted at random, see `planted_robot`.
+    rivals : bool
+        Whether to play also a design for the least condition number, random paths and
+        plain sinusoids.
+    starts, time_limit, seed, workers, progress
+        See `design_trajectory`.
+
+    Raises
+    ------
+    ModelError
+        If MuJoCo is not installed, or nominal inertias are missing.
+    """
+    request = design_request(problem)
+    model = TorqueModel(problem.model.robot, DRIVE)
+    if model.robot.nominal is None:
+        raise ModelError(
+            f"robot {model.robot.name!r}: some links have no nominal inertia, so that "
+            "no robot like it can be planted; give the file inertias"
+        )
+    aim = _with_noise(request.aim, model, request.limits)
+
+    def designed(aim: Aim, forms: tuple[PathForm, ...]) -> ExcitationDesign:
+        return design_trajectory(
+            model, forms, aim, limits=request.limits, scene=request.scene,
+            starts=starts, time_limit=time_limit, seed=seed, workers=workers,
+            progress=progress,
+        )  # fmt: skip
+
+    design = designed(aim, request.forms)
+    paths: dict[str, list[FourierTrajectory]] = {DESIGN: [design.trajectory]}
+    if rivals:
+        other: Objective = "D" if aim.objective == "condition" else "condition"
+        rival = designed(replace(aim, objective=other), (design.form,))
+        names = [f"{stage.objective} alone" for stage in rival.stages[:1]]
+        names += [f"{other} first, then {s.objective}" for s in rival.stages[1:]]
+        paths |= {
+            name: [stage.trajectory]
+            for name, stage in zip(names, rival.stages, strict=True)
+        }
+        paths |= _simple_motions(design, aim, seed)
+    return _played(design, request, paths, robots, seed)
+
+
+def _played(
+    design: ExcitationDesign,
+    request: DesignRequest,
+    paths: Mapping[str, Sequence[FourierTrajectory]],
+    robots: int,
+    seed: int,
+) -> DryRun:
+    """Let planted robots play motions; all identify from the same noise."""
+    model, aim, limits = design.model, design.aim, request.limits
+    noise = aim.noise_of(model.torque_joints)
+    validation = validation_trajectory(design, seed=seed).trajectory
+    planted = [
+        planted_robot(model.robot, limits, np.random.default_rng((seed, k)))
+        for k in range(robots)
+    ]
+    rehearsals, conditions = {}, {}
+    for name, alike in paths.items():
+        accuracies = [predicted_accuracy(model, design.base, p, aim) for p in alike]
+        conditions[name] = float(np.median([a.condition.value for a in accuracies]))
+        rehearsals[name] = tuple(
+            rehearse(
+                robot, accuracy, path, validation, limits, noise,
+                np.random.default_rng((seed, k, 1)),
+                highest=float(design.form.frequencies[-1]), rate=aim.rate,
+            )
+            for accuracy, path in zip(accuracies, alike, strict=True)
+            for k, robot in enumerate(planted)
+        )  # fmt: skip
+    return DryRun(design, rehearsals, conditions)
+
+
+def _with_noise(aim: Aim, model: TorqueModel, limits: MotionLimits) -> Aim:
+    """Return the aim with noise: as stated, half a percent of effort, or 1 N m."""
+    assumed = with_default_noise(replace(aim, objective="D"), model, limits)
+    noise: Vector = assumed.noise_of(model.torque_joints)
+    if aim.noise is not None or aim.objective == "condition":
+        return aim if aim.noise is not None else replace(aim, noise=noise)
+    return replace(aim, noise=noise, assumed_noise=assumed.assumed_noise)
+
+
+def _simple_motions(
+    design: ExcitationDesign, aim: Aim, seed: int
+) -> dict[str, list[FourierTrajectory]]:
+    """Return random paths, and one sinusoid for each joint."""
+    model, form, limits = design.model, design.form, design.limits
+    problem = search_problem(model, design.base, form, aim, limits, seed=seed)
+    random = [problem.basis.trajectory(problem.random(k)) for k in range(_RANDOM)]
+    sinusoids = _sinusoids(form, limits)
+    return {"random paths": random, "sinusoids": [sinusoids]}
+
+
+def _sinusoids(form: PathForm, limits: MotionLimits) -> FourierTrajectory:
+    """Return one sinusoid for each joint, each of another harmonic, within limits."""
+    frequencies = form.frequencies
+    basis = FourierBasis(limits, frequencies, form.duration, False)
+    terms, joints = len(frequencies), len(limits.joints)
+    variables = np.zeros((basis.size, joints))
+    for j in range(joints):
+        variables[1 + terms + j % terms, j] = 1.0
+    period = basis.trajectory(np.zeros_like(variables)).period
+    variables *= _USED / limit_rows(basis, period).largest(variables)
+    return basis.trajectory(variables)

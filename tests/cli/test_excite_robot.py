@@ -1,0 +1,95 @@
+"""``excite`` and ``init`` for a robot that has no log, and no problem file."""
+
+import json
+
+import pytest
+
+from consistent_id import load_problem
+from consistent_id.cli.tool import main
+
+URDF = """
+<robot name="two">
+  <link name="base"/>
+  <link name="one"><inertial><mass value="3"/><origin xyz="0.1 0 0"/>
+    <inertia ixx="0.02" iyy="0.05" izz="0.05" ixy="0" ixz="0" iyz="0"/>
+  </inertial></link>
+  <link name="two"><inertial><mass value="2"/><origin xyz="0.1 0 0.05"/>
+    <inertia ixx="0.02" iyy="0.04" izz="0.05" ixy="0" ixz="0" iyz="0"/>
+  </inertial></link>
+  <joint name="first" type="revolute"><parent link="base"/><child link="one"/>
+    <axis xyz="0 0 1"/><limit lower="-2" upper="2" velocity="2" effort="40"/></joint>
+  <joint name="second" type="revolute"><parent link="one"/><child link="two"/>
+    <origin xyz="0.3 0 0"/><axis xyz="0 1 0"/>
+    <limit lower="-1.5" upper="1.5" velocity="2" effort="20"/></joint>
+</robot>
+"""
+UNBOUND = """
+name = "bare"
+[model]
+modified_dh = [
+    { alpha_deg = 0.0, a = 0.0, lower = -3.0, upper = 3.0 },
+    { alpha_deg = 90.0, a = 0.0, lower = -1.5, upper = 1.5 },
+]
+"""
+
+
+@pytest.fixture
+def urdf(tmp_path):
+    file = tmp_path / "two.urdf"
+    file.write_text(URDF)
+    return file
+
+
+@pytest.mark.slow
+def test_a_robot_alone_gets_a_motion_and_a_problem_file(urdf, tmp_path, capsys):
+    folder = tmp_path / "motion"
+    call = ["excite", urdf, "--acceleration", "5", "--duration", "6", "--starts", "1"]
+    call += ["--harmonics", "4", "--workers", "1", "--output", folder, "--json"]
+    assert main([str(word) for word in call]) == 0
+    record = json.loads(capsys.readouterr().out)
+    assert record["limits"]["acceleration"] == [5.0, 5.0]
+    assert record["form"]["duration_s"] == 6.0
+    assert record["stages"][-1]["proven"]
+    # Noise is assumed: half a percent of the effort limits.
+    assert record["aim"]["noise"] == [0.2, 0.1] and record["aim"]["noise_is_assumed"]
+    again = load_problem(folder / "problem.toml", trust=True).table.excitation
+    assert (again.duration, again.harmonics) == (6.0, 4)
+    assert again.limits.acceleration == 5.0
+
+
+def test_init_without_a_log_says_what_to_record(urdf, tmp_path, capsys):
+    file = tmp_path / "study.toml"
+    assert main(["init", str(urdf), "--output", str(file)]) == 0
+    assert "next: consistent-id excite" in capsys.readouterr().out
+    problem = load_problem(file)
+    assert problem.table.data is None and len(problem.model.robot) == 2
+    assert "[excitation]" in file.read_text()
+    assert main(["init", str(urdf), "--torque", "tau_{joint}", "--dry-run"]) == 2
+    assert "--torque describes a log" in capsys.readouterr().err
+
+
+def test_an_arm_without_datasheet_or_limits_says_which_keys_are_missing(
+    tmp_path, capsys
+):
+    file = tmp_path / "problem.toml"
+    file.write_text(UNBOUND)
+    assert main(["excite", str(file), "--dry-run"]) == 2
+    said = capsys.readouterr().err
+    assert "'joint1'" in said and "[excitation.limits]" in said
+    assert "velocity = 1.0" in said and "--velocity" in said
+    assert main(["excite", str(file), "--velocity", "2", "--dry-run"]) == 0
+
+
+def test_a_format_is_refused_before_anything_is_read(tmp_path, capsys):
+    missing = tmp_path / "nothing.toml"
+    assert main(["excite", str(missing), "--format", "foo"]) == 2
+    assert "format 'foo'" in capsys.readouterr().err
+
+
+def test_options_take_the_place_of_keys(tmp_path, capsys):
+    rx60 = ["excite", "problems/rx60", "--dry-run", "--verbose"]
+    assert main(rx60) == 0
+    assert "condition, then D" in capsys.readouterr().out
+    assert main([*rx60, "--objective", "D", "--duration", "4"]) == 0
+    shown = capsys.readouterr().out
+    assert "then D" not in shown and "4 s" in shown

@@ -1,0 +1,97 @@
+"""Limits in work: the same on a busy machine, and when processes are killed."""
+
+import os
+import signal
+import threading
+import time
+
+import numpy as np
+import pytest
+from excited import arm, arm_limits, arm_problem
+
+from consistent_id import TorqueModel
+from consistent_id.excitation.aims import PathForm
+from consistent_id.excitation.search import Candidate, search
+from consistent_id.excitation.searches import lane_work, run_searches
+
+STARTS = [Candidate(number) for number in range(6)]
+
+
+def problem():
+    return arm_problem(TorqueModel(arm(3)), arm_limits(arm(3)), form=PathForm(5.0, 3))
+
+
+def variables(found):
+    return {one.number: one.variables for one in found}
+
+
+def assert_same(first, second):
+    assert [one.number for one in first] == [one.number for one in second]
+    for one, other in zip(first, second, strict=True):
+        assert np.array_equal(one.variables, other.variables)
+        assert one.score == other.score and one.work == other.work
+
+
+def test_a_search_ends_when_its_work_is_done():
+    whole = search(problem(), Candidate(0))
+    part = search(problem(), Candidate(0), work=0.3 * whole.work)
+    assert whole.complete and not part.complete
+    # It ends at the next iteration, which is a small part of it.
+    assert 0.3 * whole.work <= part.work < 0.4 * whole.work
+    assert part.score > whole.score
+
+
+def test_the_same_work_on_a_busy_machine_finds_the_same():
+    work = 0.5 * search(problem(), Candidate(0)).work
+    quiet = search(problem(), Candidate(0), work=work)
+    stop = threading.Event()
+
+    def burn():
+        while not stop.is_set():
+            sum(range(1000))
+
+    others = [threading.Thread(target=burn) for _ in range(3)]
+    for thread in others:
+        thread.start()
+    try:
+        busy = search(problem(), Candidate(0), work=work)
+    finally:
+        stop.set()
+    assert_same([quiet], [busy])
+
+
+@pytest.mark.slow
+def test_lanes_end_by_their_own_work_however_long_they_take():
+    one = search(problem(), Candidate(0)).work
+    how = {"workers": 2, "work": 1.5 * one, "interrupted": bool}
+    first = run_searches(problem(), STARTS, **how)
+    again = run_searches(problem(), STARTS, **how)
+    assert_same(first, again)
+    assert len(first) < len(STARTS)  # the work was spent before all had begun
+    assert lane_work(first, STARTS, 2) >= 1.5 * one
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name != "posix", reason="kills a process")
+def test_a_killed_process_changes_nothing(monkeypatch, tmp_path):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    how = {"workers": 2, "work": np.inf, "interrupted": bool}
+    expected = run_searches(problem(), STARTS, **how)
+    killed = []
+
+    def kill():
+        until = time.monotonic() + 60.0
+        while time.monotonic() < until and not killed:
+            # Starts 1, 3 and 5 are those of the other process.
+            for begun in tmp_path.glob("excitation-*/3.begun"):
+                if (text := begun.read_text()) and int(text) != os.getpid():
+                    os.kill(int(text), signal.SIGKILL)
+                    killed.append(int(text))
+            time.sleep(0.002)
+
+    thread = threading.Thread(target=kill)
+    thread.start()
+    found = run_searches(problem(), STARTS, **how)
+    thread.join()
+    assert len(killed) == 1
+    assert_same(expected, found)
