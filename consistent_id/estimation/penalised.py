@@ -37,7 +37,7 @@ from consistent_id.estimation.scaled_fit import REFERENCE, ScaledFit
 _STEPS = 60
 _KEPT = 0.25  # of each eigenvalue of a body that a Newton step leaves, at the least
 _HALVINGS = 30  # of the share of a Newton step that is taken
-_USABLE = 1e-5  # violation beyond which a point is no answer at all
+_USABLE = 1e-6  # violation, ten times what is certified: beyond, it is no answer
 _FULL = 0.25  # local length up to which a Newton step is taken in full
 _STILL = 1e-7  # local length at which Newton's method has arrived
 _CLOSE = 1e-4  # local length from which no more than two further steps are tried
