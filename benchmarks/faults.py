@@ -30,6 +30,9 @@ from tqdm import tqdm
 import consistent_id as ci
 from consistent_id.problems.log_check import check_problem
 
+SEEN = (2,)
+"""Even seeds of which some logs were looked at, and rules were mended afterwards."""
+
 UNNAMED = ("model does not explain",)
 """Kinds that say that something is wrong, and not what."""
 
@@ -237,6 +240,7 @@ def page(outcomes: Sequence[Outcome], seeds: Sequence[int]) -> str:
     quiet = [o for o in faulty if silent(o, clean)]
     numbers = " ".join(map(str, seeds))
     names = dict.fromkeys(o.trial.robot for o in outcomes)
+    seen = [k for k in seeds if k in SEEN]
     lines = [
         "# What is said of faulty logs",
         "",
@@ -245,7 +249,9 @@ def page(outcomes: Sequence[Outcome], seeds: Sequence[int]) -> str:
         "faults,",
         f"at random) of {', '.join(names)}.",
         "Their torque has Stribeck and load friction, which the default model lacks.",
-        "Even seeds are for this page alone. Where something is found, the verdict is",
+        "Odd seeds are for development.",
+        *(f"Seed {k} was looked at before, and is not held out." for k in seen),
+        "Where something is found, the verdict is",
         "not `use`, and no estimate was made (no error is shown).",
         "",
         f"- Silently wrong (verdict `use`, error above {WRONG:.0%} and {_TIMES:g}",
