@@ -220,9 +220,9 @@ CATALOGUE: dict[str, tuple[tuple[str, ...], Fault]] = {
     # The robot is not its URDF's
     "URDF in mm": (("model", "units", *ROBOT), units(1e3, 1.0)),
     "URDF in g": (("model", "units", *ROBOT, *GAIN), units(1.0, 1e3)),
-    "base leans by 90 degrees": (("gravity",), leaning(90.0)),
+    "base leans by 90 degrees": (ZERO, leaning(90.0)),
     "base upside down": (("gravity",), leaning(180.0)),
-    "base leans by 30 degrees": (("gravity",), leaning(30.0)),
+    "base leans by 30 degrees": (ZERO, leaning(30.0)),
     "placeholder inertials": ((*ROBOT, *GAIN), drawn(parts(placeholders))),
     "masses doubled": (
         (*ROBOT, *GAIN),

@@ -111,7 +111,7 @@ def _other_masses(as_is: FittedLog) -> Iterator[Candidate]:
     cause = Cause(
         "masses or gain",
         "all joints",
-        "with masses that are not the model's, or gains that are not the log's,",
+        "with masses that are not the model's, or gains that are not the log's",
         'check load, tool, model and gains; if these are right, masses = "free" '
         "(--masses free)",
         _THRESHOLD,

@@ -265,7 +265,7 @@ def _explained(logs: Sequence[FittedLog], sizes: Vector) -> float:
     """Return the part of the torque that shifts explain, relative to it."""
     left = [_moved(log, sizes).misfit for log in logs]
     gain = [log.misfit**2 - rest**2 for log, rest in zip(logs, left, strict=True)]
-    return float(np.sqrt(max(float(np.mean(gain)), 0.0)))
+    return float(max(sum(gain) / len(gain), 0.0) ** 0.5)
 
 
 def _unsure(finding: Finding) -> str:

@@ -71,7 +71,7 @@ def _cause(lag: float, constant: float) -> Cause:
         "drive filter",
         "all joints",
         f"with a torque that went through a low-pass filter of "
-        f"{1.0 / (2.0 * np.pi * constant):.2g} Hz, {1e3 * abs(lag):.3g} ms {is_now},",
+        f"{1.0 / (2.0 * np.pi * constant):.2g} Hz, {1e3 * abs(lag):.3g} ms {is_now}",
         "log the torque unfiltered, or the motion through the same filter",
         _THRESHOLD,
     )
