@@ -1,7 +1,7 @@
 """Simulated robots for `selection.py`, each with a truth that plain models lack.
 
-None of them was looked at when the gates of the selection were chosen: those were
-chosen on the recordings of real robots.
+Seed 1 was looked at when the selection was made; other seeds are other robots, motions
+and noise of these kinds.
 """
 
 import tempfile

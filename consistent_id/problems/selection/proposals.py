@@ -63,7 +63,9 @@ def proposals(
     if "least_speed" not in scope.fixed:
         speed = evaluator.samples(choice.motion_cutoff).speed
         for move in row_moves(choice, speed):
-            yield Proposal(move, None)
+            before = evaluator.seen_on(current, move.after)
+            after = evaluator.screened(move.after, current)
+            yield Proposal(move, gain(before, after).share)
     for move in _other_moves(evaluator, current, scope):
         try:
             after = evaluator.screened(move.after, current)

@@ -36,6 +36,7 @@ _LEAST = {"least_speed": LEAST_ROW_GAIN, "coupling": LEAST_COUPLING_GAIN}
 
 _TRIED = 4  # moves, of those that screening ranks first, that are fitted in full
 _HOPELESS = 0.3  # of the gain that is needed: what screening promises less is not tried
+_HOPEFUL_MASK = 0.5  # of a mask's gain that screening has to promise
 _ALIKE = 0.8  # share of the best gain at which the simpler of two moves is preferred
 _REPLACED = 0.5  # of its gain that a rival keeps beside the move, if it says more
 _ROUNDS = 20
@@ -141,11 +142,17 @@ def _tried(
 
 
 def _worth_trying(offered: Sequence[Proposal]) -> list[Move]:
-    """Return moves that screening ranks first, and those that it cannot tell."""
+    """Return moves that screening ranks first, hopeful masks, and other masses."""
     told = [(p.hoped, p.move) for p in offered if p.hoped is not None]
-    ranked = sorted(told, key=lambda pair: pair[0], reverse=True)[:_TRIED]
+    masks = [
+        move
+        for hoped, move in told
+        if move.kind == "least_speed" and hoped >= _HOPEFUL_MASK * LEAST_ROW_GAIN
+    ]
+    others = [pair for pair in told if pair[1].kind != "least_speed"]
+    ranked = sorted(others, key=lambda pair: pair[0], reverse=True)[:_TRIED]
     hopeful = [move for hoped, move in ranked if hoped >= _HOPELESS * LEAST_GAIN]
-    return hopeful + [p.move for p in offered if p.hoped is None]
+    return hopeful + masks + [p.move for p in offered if p.hoped is None]
 
 
 def _enough(move: Move, brought: Gain) -> bool:
