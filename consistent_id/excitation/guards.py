@@ -45,6 +45,10 @@ class Guard(Protocol):
     def seconds(self) -> float:
         """Work of measuring all items at one time."""
 
+    @property
+    def near(self) -> float:
+        """How near to what is allowed an item gets a row."""
+
     def measure(self, motion: Array) -> Matrix:
         """Return how far each item is above what is allowed, (samples, items)."""
 
@@ -81,6 +85,11 @@ class TorqueGuard:
     effort: Vector
     reach: float
     slow: Vector | None = None
+
+    @property
+    def near(self) -> float:
+        """A twentieth of the limit."""
+        return _NEAR
 
     @property
     def seconds(self) -> float:
@@ -133,11 +142,11 @@ class Place(NamedTuple):
     item: int
 
 
-def near_places(measure: Matrix) -> set[Place]:
-    """Return the local maxima over time that come near to what is allowed."""
+def near_places(measure: Matrix, near: float) -> set[Place]:
+    """Return the local maxima over time that come so near to what is allowed."""
     before = np.roll(measure, 1, axis=0)
     after = np.roll(measure, -1, axis=0)
-    peaks = (measure >= before) & (measure >= after) & (measure > -_NEAR)
+    peaks = (measure >= before) & (measure >= after) & (measure > -near)
     return {Place(int(t), int(i)) for t, i in np.argwhere(peaks)}
 
 

@@ -60,6 +60,11 @@ class LimitRows:
         limits = np.array([self.basis.limits.derivative(order) for order in range(4)])
         return np.asarray((extremes / limits).max(axis=0) * self.excess)
 
+    @property
+    def fine(self) -> Any:
+        """Rows as `matrix`, at the many points, and so that nothing lies between."""
+        return self.excess * _matrix(self.basis, self.time)
+
     def within(self, variables: Matrix) -> Matrix:
         """Return the path with the joints that exceed a limit moving less."""
         return np.asarray(variables / np.maximum(1.0, self.largest(variables)))

@@ -45,6 +45,7 @@ def minimise(
     *,
     iterations: int,
     watch: Callable[[Vector], bool],
+    reach: float = np.inf,
 ) -> Vector:
     """Run IPOPT from a start; return where it ends.
 
@@ -55,6 +56,8 @@ def minimise(
     iterations : int
     watch : callable
         Sees every iterate; says whether to stop.
+    reach : float
+        By which each variable may differ from its start.
 
     Raises
     ------
@@ -92,7 +95,8 @@ def minimise(
         _options(iterations) | {"iteration_callback": observer, "hess_lag": curvature},
     )
     try:
-        result = solver(x0=start, lbg=lower, ubg=upper)
+        near = {"lbx": start - reach, "ubx": start + reach}
+        result = solver(x0=start, lbg=lower, ubg=upper, **near)
     except RuntimeError as cause:
         raise SolverError(f"IPOPT could not begin: {cause}") from None
     return np.asarray(result["x"]).ravel()

@@ -7,7 +7,8 @@ import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector
 from consistent_id._support.threads import single_threaded
-from consistent_id.excitation.criteria import Criterion, scaled, spread
+from consistent_id.excitation.clear_steps import LinearRows, Local, best_step
+from consistent_id.excitation.criteria import Criterion, Value, scaled, spread
 from consistent_id.excitation.guards import EVERY, guard_rows, near_places
 from consistent_id.excitation.programme import Programme, minimise
 from consistent_id.excitation.search_problem import SearchProblem
@@ -20,6 +21,15 @@ _BOUND_POWER = 20.0  # of the smooth condition number, never below the true one
 _ROUNDING = 1e-7  # by which a row may be missed
 _AIM = 0.01  # by which the programme is made to do better than a row demands
 _AGAIN = 60  # iterations at most from where the round before ended
+_SLOW = 2.0  # times an iteration, above which measuring all guards is slow
+_REACH = 0.3  # of the variables in the first step from a path that violates nothing
+_LEAST_REACH = 1e-3  # below which such steps end
+_WIDER = 1.5  # by which the reach grows
+_CURVED = 0.1  # curvature before any is known
+_APART = 1e-3  # by which rows are kept at least
+_FULL = 0.8  # share of the reach from which a step has used it
+_CORRECTED = 3  # times that a step is computed, with what the last one brought
+_QUADRATIC = 5.0  # work of a quadratic programme, in iterations
 _ROUNDS = 8  # of adding rows where a guard was violated
 
 Report = Callable[["Candidate"], None]
@@ -158,6 +168,8 @@ class _Run:
     def sharpened(self, start: Matrix, power: float, iterations: int) -> Matrix:
         """Minimise at one power, with more rows for as long as a guard is violated."""
         self._add_places(start)
+        if self.best.variables is not None and self._slow:
+            return self._from_clear(power, iterations)
         for round_ in range(_ROUNDS):
             few = min(iterations, _AGAIN) if round_ else iterations
             candidate, end = self._minimised(start, power, few)
@@ -171,8 +183,80 @@ class _Run:
             start = end
         return start
 
+    @property
+    def _slow(self) -> bool:
+        """Whether guards take longer than all else, so that few paths are measured."""
+        costs = self._costs
+        return costs.measure > _SLOW * (costs.iteration + costs.gradient)
+
+    def _from_clear(self, power: float, iterations: int) -> Matrix:
+        """Step from the best path, which violates nothing, to better ones like it."""
+        problem = self._problem
+        criterion = problem.criterion(problem.objective, power)
+        x = np.asarray(self.best.variables)
+        value, slope = self._valued(criterion, x)
+        from consistent_id.excitation.callbacks import updated_curvature
+
+        curvature: Matrix | None = None
+        limits, reach = problem.limits.fine.tocsc(), _REACH
+        self._add_places(x)
+        while reach > _LEAST_REACH and iterations > 0 and not self.over:
+            B = np.eye(x.size) * _CURVED if curvature is None else curvature
+            candidate = self._step(x, Local(slope.ravel(), B, limits), reach)
+            new, its_slope = value, slope
+            if candidate is not None:
+                new, its_slope = self._valued(criterion, candidate)
+            if candidate is None or not new < value:
+                reach *= 0.5
+                continue
+            iterations -= 1
+            self.iterations += 1
+            moved, change = (candidate - x).ravel(), (its_slope - slope).ravel()
+            curvature = updated_curvature(curvature, moved, change)
+            reach *= _WIDER if abs(moved).max() > _FULL * reach else 1.0
+            x, value, slope = candidate, new, its_slope
+            self._keep(x)
+        return x
+
+    def _step(self, x: Matrix, local: Local, reach: float) -> Matrix | None:
+        """Return the best path within a reach that violates nothing; None for none.
+
+        What the guards' curvature makes of a step is taken into account once the step
+        is known, and once more.
+        """
+        limits = self._problem.limits
+        values, jacobian = self._rows(x)
+        for _ in range(_CORRECTED):
+            rows = LinearRows(values - _AIM + _APART, jacobian)
+            self.meter.spent += self._costs.iteration * _QUADRATIC
+            step = best_step(x.ravel(), local, rows, reach)
+            if step is None:
+                return None
+            candidate = limits.within(x + step.reshape(x.shape))
+            moved = (candidate - x).ravel()
+            values = self._rows(candidate)[0] - jacobian @ moved
+            before = sum(map(len, self._places))
+            if self._is_clear(candidate):
+                return candidate
+            if sum(map(len, self._places)) > before:
+                return None
+        return None
+
+    def _is_clear(self, variables: Matrix) -> bool:
+        """Return whether a path violates nothing; rows come where it is near to that."""
+        measures = self._measures(variables)
+        guards = self._problem.guards
+        for guard, places, measure in zip(guards, self._places, measures, strict=True):
+            places |= near_places(measure, guard.near)
+        violated = any(measure.max() > _ROUNDING for measure in measures)
+        return not violated and self._within_bound(variables)
+
+    def _valued(self, criterion: Criterion, x: Matrix) -> Value:
+        self.meter.spent += self._costs.gradient
+        return self._problem.value(criterion, x)
+
     def _minimised(
-        self, start: Matrix, power: float, iterations: int
+        self, start: Matrix, power: float, iterations: int, reach: float = np.inf
     ) -> tuple[Matrix | None, Matrix]:
         """Return the best path that keeps the rows there are, and the last one."""
         problem, shape = self._problem, start.shape
@@ -192,6 +276,9 @@ class _Run:
             candidate = problem.limits.within(x.reshape(shape))
             seen = problem.score(problem.objective, candidate)
             if seen < score and self._within_bound(candidate):
+                if self._slow:
+                    best, score = candidate, seen
+                    return self.over
                 measures = self._measures(candidate)
                 if self._keeps_rows(measures):
                     best, score = candidate, seen
@@ -210,6 +297,7 @@ class _Run:
             start.ravel(),
             iterations=iterations,
             watch=watch,
+            reach=reach,
         )
         return best, end.reshape(shape)
 
@@ -253,9 +341,10 @@ class _Run:
         """Add rows where guards are near their limits; return whether any is new."""
         grown = False
         measures = self._measures(variables)
-        for places, measure in zip(self._places, measures, strict=True):
+        guards = self._problem.guards
+        for guard, places, measure in zip(guards, self._places, measures, strict=True):
             before = len(places)
-            places |= near_places(measure)
+            places |= near_places(measure, guard.near)
             grown |= len(places) > before
         return grown
 

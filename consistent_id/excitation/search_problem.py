@@ -30,6 +30,7 @@ from consistent_id.regression.regressor import TorqueModel
 _SAMPLES = 100  # of a path at least, and ten per period of the highest frequency
 _GRID = 24  # samples per period of the highest frequency, at which guards measure
 _STRIDE = 3  # every third of these times is enough for a random path
+_ROW = 3e-6  # work of a guard's row for each joint
 _FILL = 0.8  # share of the limits that a random path uses
 
 
@@ -82,7 +83,7 @@ class SearchProblem:
             self.limits.matrix.nnz,
             len(self.limits.time) * joints,
             measure=len(self.grid) * sum(queries),
-            row=max(queries, default=0.0),
+            row=_ROW * joints,
         )
 
     @property
