@@ -53,7 +53,7 @@ def best_step(
 ) -> Vector | None:
     """Return the step that promises most; None if the programme has no solution.
 
-    ``min slope.d + d.curvature.d / 2`` within the limits, the rows and ``|d| <= reach``.
+    ``min slope.d + d.curvature.d / 2`` within the limits, rows and ``|d| <= reach``.
 
     Parameters
     ----------

@@ -243,7 +243,7 @@ class _Run:
         return None
 
     def _is_clear(self, variables: Matrix) -> bool:
-        """Return whether a path violates nothing; rows come where it is near to that."""
+        """Return whether a path violates nothing; rows come where it is near it."""
         measures = self._measures(variables)
         guards = self._problem.guards
         for guard, places, measure in zip(guards, self._places, measures, strict=True):
