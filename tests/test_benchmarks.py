@@ -119,7 +119,10 @@ def test_simulated_scatter_is_that_of_the_prediction():
     mine = excitation.montecarlo.scatter(case, path, path, noise)
     base = cases.ci.base_parameters(case.model)
     expected = cases.predicted_accuracy(
-        case.model, base, path, cases.Aim(noise=noise, rate=cases.RATE)
+        case.model,
+        base,
+        path,
+        cases.Aim(noise=noise, rate=cases.RATE, correlation_time=0.0),
     ).standard_errors()
     # 500 draws know a standard deviation to 3 %.
     assert mine.errors == pytest.approx(expected, rel=0.15)

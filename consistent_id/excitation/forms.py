@@ -30,7 +30,7 @@ def forms_to_try(
 
     Examples
     --------
-    >>> limits = MotionLimits(("a",), [-2], [2], [2], [9], [np.inf], [np.inf])
+    >>> limits = MotionLimits(("a",), [-2], [2], [1], [9], [np.inf], [np.inf])
     >>> [form.harmonics for form in forms_to_try(limits, 10.0)]
     [5, 8, 12]
     """

@@ -7,7 +7,6 @@ import signal
 import subprocess
 import sys
 import time
-from concurrent.futures.process import BrokenProcessPool
 
 import pytest
 from logged import write_arm
@@ -163,15 +162,6 @@ def test_what_the_system_refuses_is_no_bug(capsys, monkeypatch, error, code):
     monkeypatch.setattr("consistent_id.problems.problem.load_problem", refused)
     assert main(["compare", RX60, "--dry-run"]) == code
     assert "bug" not in capsys.readouterr().err
-
-
-def test_a_killed_worker_is_named(capsys, monkeypatch):
-    def killed(*_):
-        raise BrokenProcessPool("A worker was terminated")
-
-    monkeypatch.setattr("consistent_id.excitation.searches._run", killed)
-    assert main(["excite", RX60, "--starts", "2", "--workers", "2"]) == 3
-    assert "a process of the search was killed" in capsys.readouterr().err
 
 
 def test_a_problem_file_of_others_may_name_files_only_with_trust(
