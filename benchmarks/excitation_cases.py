@@ -189,7 +189,8 @@ def random_path(case: Case, seed: int, share: float = 1.0) -> FourierTrajectory:
 def problem_of(case: Case) -> SearchProblem:
     """Return a case's search, without limits of torque."""
     base = ci.base_parameters(case.model)
-    return search_problem(case.model, base, case.form, Aim(rate=RATE), case.limits, ())
+    aim = Aim("condition", rate=RATE)
+    return search_problem(case.model, base, case.form, aim, case.limits, ())
 
 
 def writing_tasks(duration: float) -> dict[str, FourierTrajectory]:

@@ -122,7 +122,7 @@ def ours(judge: Judge, seed: int) -> None:
             judge.problem,
             Candidate(seed),
             ended=lambda: clock.monotonic() > judge.until,
-            report=lambda score, _: judge.note(score),
+            report=lambda best: judge.note(best.score),
         )
         seed += PROCESSES
 

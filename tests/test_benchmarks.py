@@ -118,12 +118,9 @@ def test_simulated_scatter_is_that_of_the_prediction():
     path, noise = cases.random_path(case, 0), np.array([0.1, 0.2, 0.3])
     mine = excitation.montecarlo.scatter(case, path, path, noise)
     base = cases.ci.base_parameters(case.model)
-    expected = cases.predicted_accuracy(
-        case.model,
-        base,
-        path,
-        cases.Aim(noise=noise, rate=cases.RATE, correlation_time=0.0),
-    ).standard_errors()
+    aim = cases.Aim(noise=noise, rate=cases.RATE, correlation_time=0.0)
+    accuracy = cases.predicted_accuracy(case.model, base, path, aim)
+    expected = accuracy.standard_errors()
     # 500 draws know a standard deviation to 3 %.
     assert mine.errors == pytest.approx(expected, rel=0.15)
 

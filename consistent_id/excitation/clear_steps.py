@@ -13,6 +13,8 @@ import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
 
+_NEAR = 12.0  # times the reach: share of a limit within which it counts
+_NEAREST = 0.6  # the same, at most; a step beyond the others is made smaller
 _STEADY = 1e-6  # of the curvature's mean, added to its diagonal
 
 
@@ -39,7 +41,7 @@ class Local:
     slope : ndarray, shape (variables,)
     curvature : ndarray, shape (variables, variables)
         Positive definite.
-    limits : scipy.sparse.csc_array, shape (limits, variables)
+    limits : scipy.sparse.csr_array, shape (limits, variables)
         ``-1 <= A x <= 1``.
     """
 
@@ -53,7 +55,8 @@ def best_step(
 ) -> Vector | None:
     """Return the step that promises most; None if the programme has no solution.
 
-    ``min slope.d + d.curvature.d / 2`` within the limits, rows and ``|d| <= reach``.
+    ``min slope.d + d.curvature.d / 2`` within the limits that are near, the rows and
+    ``|d| <= reach``.
 
     Parameters
     ----------
@@ -66,8 +69,9 @@ def best_step(
     from scipy import sparse
 
     size = len(start)
-    limits, curvature = local.limits, local.curvature
-    here = limits @ start
+    here, curvature = local.limits @ start, local.curvature
+    near = abs(here) > 1.0 - min(_NEAR * reach, _NEAREST)
+    limits, here = local.limits[near], here[near]
     unit = sparse.identity(size, format="csc")
     steady = _STEADY * np.trace(curvature) / size * np.eye(size)
     left = sparse.vstack(
@@ -79,7 +83,7 @@ def best_step(
             np.maximum(1.0 - here, 0.0),
             np.maximum(1.0 + here, 0.0),
             np.full(2 * size, reach),
-            np.maximum(-rows.values, 0.0),
+            -rows.values,
         ]
     )
     settings = clarabel.DefaultSettings()

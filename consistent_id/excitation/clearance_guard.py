@@ -5,7 +5,8 @@ A row is one pair at one time, or a smooth maximum over all pairs:
     log(sum over pairs of exp(s x)) / s,    x = tenths of a metre nearer than allowed.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -21,7 +22,9 @@ from consistent_id.motion.collisions.separation import (
 from consistent_id.robot.kinematics import link_places
 
 _CLOSE = 0.1  # m; unit of distances, and beyond it they need not be known well
-_FURTHER = 0.01  # m; distance added where a proof has failed
+_SPARE = 0.002  # m; distance beyond what is wanted that is kept at samples
+_FURTHER = 0.003  # m; distance added where a proof has failed
+_DENSITY = 48  # bodies come nearer between samples, by little if these are many
 _NEAR = 0.5  # tenths of a metre from what is allowed, within which there are rows
 _QUERY = 5e-6  # s of work per pair and time
 _SHARP = 20.0  # one over the distance, in tenths of a metre, at which a row is blunt
@@ -34,12 +37,18 @@ class ClearanceGuard:
     Parameters
     ----------
     scene : Scene
-    spare : float, [m]
-        Distance beyond what is wanted that is kept at samples.
+    spare : mapping of int to float, [m]
+        Distance beyond what is wanted, and beyond the usual 2 mm, that a pair keeps at
+        samples, by its place in the scene.
     """
 
     scene: Scene
-    spare: float = 0.002
+    spare: Mapping[int, float] = field(default_factory=dict)
+
+    @property
+    def density(self) -> int:
+        """Samples per period of the highest frequency at which it is to measure."""
+        return _DENSITY
 
     @property
     def near(self) -> float:
@@ -75,7 +84,10 @@ class ClearanceGuard:
         places = body_places(scene, link_places(scene.robot, q))
         found = separation(scene, places, scene.pairs, sample, which, _CLOSE)
         wanted = np.array([pair.wanted for pair in scene.pairs])[which]
-        value = (self.spare - (found.distance - wanted)) / _CLOSE
+        kept = np.full(len(scene.pairs), _SPARE)
+        for pair, more in self.spare.items():
+            kept[pair] += more
+        value = (kept[which] - (found.distance - wanted)) / _CLOSE
         return _Near(value, places, found)
 
     def item_name(self, item: int) -> str:
@@ -87,9 +99,13 @@ class ClearanceGuard:
         """Return none: rows come where a path is near to bodies."""
         return set()
 
-    def tightened(self) -> Self:
-        """Return a guard that keeps bodies a little further apart."""
-        return replace(self, spare=self.spare + _FURTHER)
+    def tightened(self, failed: Sequence[tuple[str, str]] = ()) -> Self:
+        """Return a guard that keeps the bodies that were too near further apart."""
+        spare = dict(self.spare)
+        for place, pair in enumerate(self.scene.pairs):
+            if not failed or self.scene.names(pair) in failed:
+                spare[place] = spare.get(place, 0.0) + _FURTHER
+        return replace(self, spare=spare)
 
 
 class _Near(NamedTuple):

@@ -5,6 +5,7 @@ path; what is above zero is not allowed.  Rows are made only at times where an i
 comes near to that.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol, Self
 from weakref import WeakKeyDictionary
@@ -18,6 +19,7 @@ from consistent_id.regression.regressor import TorqueModel
 
 _TIGHTER = 0.03  # share of a limit given up where a proof has failed
 _TORQUE = 1e-7  # s of work per joint, joint before it, and member
+_DENSITY = 24  # samples per period of the highest frequency
 _NEAR = 0.05  # share of what is allowed within which an item gets a row
 
 
@@ -46,6 +48,10 @@ class Guard(Protocol):
         """Work of measuring all items at one time."""
 
     @property
+    def density(self) -> int:
+        """Samples per period of the highest frequency at which it is to measure."""
+
+    @property
     def near(self) -> float:
         """How near to what is allowed an item gets a row."""
 
@@ -61,8 +67,11 @@ class Guard(Protocol):
     def initial_places(self, times: int) -> "set[Place]":
         """Return the places of rows that a search has from its start."""
 
-    def tightened(self) -> Self:
-        """Return a guard that allows a little less."""
+    def tightened(self, failed: Sequence[tuple[str, str]] = ()) -> Self:
+        """Return a guard that allows a little less.
+
+        Of bodies, to the pairs of names that were too near; to all if none is named.
+        """
 
 
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
@@ -85,6 +94,11 @@ class TorqueGuard:
     effort: Vector
     reach: float
     slow: Vector | None = None
+
+    @property
+    def density(self) -> int:
+        """Two dozen: torque bends no more than motion does."""
+        return _DENSITY
 
     @property
     def near(self) -> float:
@@ -118,7 +132,7 @@ class TorqueGuard:
         """Return none: few torques come near their limits, and rows take time."""
         return set()
 
-    def tightened(self) -> Self:
+    def tightened(self, failed: Sequence[tuple[str, str]] = ()) -> Self:
         """Return a guard with less of each limit to use."""
         return replace(self, reach=self.reach - _TIGHTER)
 

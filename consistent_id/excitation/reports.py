@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,8 @@ from consistent_id.excitation.search import Candidate
 
 def begun(folder: Path, number: int) -> None:
     """Note that a search has begun, and in which process."""
-    (folder / f"{number}.begun").write_text(str(os.getpid()))
+    with suppress(FileNotFoundError):
+        (folder / f"{number}.begun").write_text(str(os.getpid()))
 
 
 def has_begun(folder: Path, number: int) -> bool:
@@ -43,9 +45,11 @@ def write_report(
     }
     if found.variables is not None:
         known["variables"] = found.variables
-    with temporary.open("wb") as file:
-        np.savez(file, **known)
-    temporary.replace(folder / f"{found.number}.npz")
+    # A process that is about to be killed may find the folder gone already.
+    with suppress(FileNotFoundError):
+        with temporary.open("wb") as file:
+            np.savez(file, **known)
+        temporary.replace(folder / f"{found.number}.npz")
 
 
 def has_ended(folder: Path, number: int) -> bool:

@@ -21,6 +21,8 @@ _BOUND_POWER = 20.0  # of the smooth condition number, never below the true one
 _ROUNDING = 1e-7  # by which a row may be missed
 _AIM = 0.01  # by which the programme is made to do better than a row demands
 _AGAIN = 60  # iterations at most from where the round before ended
+_RESTORED = 4  # steps at most from a path that violates a guard to one that does not
+_FAR = 3.0  # of the variables in such a step
 _SLOW = 2.0  # times an iteration, above which measuring all guards is slow
 _REACH = 0.3  # of the variables in the first step from a path that violates nothing
 _LEAST_REACH = 1e-3  # below which such steps end
@@ -110,7 +112,7 @@ def search(
     given = start.variables is not None
     variables = problem.random(start.number) if not given else start.variables
     run = _Run(problem, Candidate(start.number), Meter(work), ended, report)
-    run.consider(np.asarray(variables))
+    run.consider_near(np.asarray(variables))
     for power, iterations in _phases(problem.objective, given):
         variables = run.sharpened(np.asarray(variables), power, iterations)
         if run.over:
@@ -165,6 +167,23 @@ class _Run:
         self._keep(variables)
         return True
 
+    def consider_near(self, variables: Matrix) -> None:
+        """Keep a path, or the nearest one like it that violates nothing."""
+        x, none = variables, np.zeros(variables.size)
+        if self.consider(x) or not self._problem.guards:
+            return
+        local = Local(none, np.eye(x.size), self._problem.limits.fine.tocsr())
+        for _ in range(_RESTORED):
+            self._add_places(x)
+            values, jacobian = self._rows(x)
+            rows = LinearRows(values - _AIM + _APART, jacobian)
+            step = best_step(x.ravel(), local, rows, _FAR)
+            if step is None:
+                return
+            x = self._problem.limits.within(x + step.reshape(x.shape))
+            if self.consider(x):
+                return
+
     def sharpened(self, start: Matrix, power: float, iterations: int) -> Matrix:
         """Minimise at one power, with more rows for as long as a guard is violated."""
         self._add_places(start)
@@ -198,7 +217,7 @@ class _Run:
         from consistent_id.excitation.callbacks import updated_curvature
 
         curvature: Matrix | None = None
-        limits, reach = problem.limits.fine.tocsc(), _REACH
+        limits, reach = problem.limits.fine.tocsr(), _REACH
         self._add_places(x)
         while reach > _LEAST_REACH and iterations > 0 and not self.over:
             B = np.eye(x.size) * _CURVED if curvature is None else curvature
@@ -227,7 +246,7 @@ class _Run:
         limits = self._problem.limits
         values, jacobian = self._rows(x)
         for _ in range(_CORRECTED):
-            rows = LinearRows(values - _AIM + _APART, jacobian)
+            rows = LinearRows(np.minimum(values - _AIM + _APART, 0.0), jacobian)
             self.meter.spent += self._costs.iteration * _QUADRATIC
             step = best_step(x.ravel(), local, rows, reach)
             if step is None:
@@ -243,7 +262,7 @@ class _Run:
         return None
 
     def _is_clear(self, variables: Matrix) -> bool:
-        """Return whether a path violates nothing; rows come where it is near it."""
+        """Return whether a path violates nothing; add rows where it nearly does."""
         measures = self._measures(variables)
         guards = self._problem.guards
         for guard, places, measure in zip(guards, self._places, measures, strict=True):

@@ -148,6 +148,7 @@ def search_problem(
     limits = robot_limits(limits, model.robot)
     basis = FourierBasis(limits, form.frequencies, form.duration, form.rest)
     cycles = form.frequencies[-1] * form.duration
+    density = max((guard.density for guard in guards), default=_GRID)
     still = basis.trajectory(np.zeros((basis.size, len(limits.joints))))
     earlier = earlier_rows(model, base, aim)
     information = PathInformation(
@@ -163,7 +164,7 @@ def search_problem(
         information,
         limit_rows(basis, still.period),
         guards,
-        np.linspace(0.0, form.duration, int(np.ceil(_GRID * cycles)) + 1),
+        np.linspace(0.0, form.duration, int(np.ceil(density * cycles)) + 1),
         aim.objective,
         aim.scaling,
         _gram(model, base, aim),

@@ -23,6 +23,7 @@ _LAST = 0.9  # share after which the last stage ends; the rest is for proofs
 _MORE = 0.3  # share that searches get at least after a proof has failed
 _REFINED = 2  # paths that go on to the second stage, however many workers there are
 _ATTEMPTS = 4  # at a proof, each with less of the limits to use
+_WORSE = 0.05  # a logarithm, by which another path may be worse than one unproven
 _EQUAL = 1e-9  # difference of logarithms below which two paths are equally good
 _COMPARED = 8  # random paths at most that a design must be better than
 
@@ -210,7 +211,7 @@ class _Search:
         work = max(share * means.work - meter.spent, 0.0)
         searches, cut_short = 0, False
         proofs: list[Proof] = []
-        for _ in range(_ATTEMPTS):
+        for attempt in range(_ATTEMPTS):
             found = means.run(problem, starts, work)
             meter.spent += means.spent(found, starts)
             searches = searches or len(found)
@@ -221,7 +222,12 @@ class _Search:
                 raise _NothingYet
             if not usable:
                 raise _nothing_found(found, early)
+            worst = usable[0].score + _WORSE
+            if attempt == _ATTEMPTS - 1 or means.interrupted():
+                worst = np.inf
             for one in usable:
+                if one.score > worst:
+                    break
                 path = problem.basis.trajectory(np.asarray(one.variables))
                 proof = self.prove(path)
                 proofs.append(proof)
@@ -241,9 +247,10 @@ class _Search:
                     )
             if means.interrupted():
                 break
-            guards = tuple(guard.tightened() for guard in problem.guards)
+            near = [p.clearance for p in proofs if p.clearance is not None]
+            failed = [(c.first, c.second) for c in near if not c.holds]
+            guards = tuple(guard.tightened(failed) for guard in problem.guards)
             problem, starts = replace(problem, guards=guards), usable[:_REFINED]
-            known = ()
             work = max(share * means.work - meter.spent, _MORE * means.work)
         proofs[0].require()
         raise InfeasibleError("no path was found that keeps all limits")

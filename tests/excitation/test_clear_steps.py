@@ -1,0 +1,91 @@
+"""Among bodies: joints swing by themselves as far as they can, and steps stay clear."""
+
+import numpy as np
+import pytest
+from excited import arm, arm_limits, arm_problem
+from scipy import optimize
+
+from consistent_id import Body, Box, Capsule, TorqueModel, build_scene, plane
+from consistent_id.excitation.aims import PathForm
+from consistent_id.excitation.clear_starts import clear_start
+from consistent_id.excitation.clear_steps import LinearRows, Local, best_step
+from consistent_id.excitation.clearance_guard import ClearanceGuard
+from consistent_id.excitation.search import Candidate, search
+
+
+def scene():
+    """An arm of three joints over a floor that its links reach."""
+    robot = arm(3)
+    return build_scene(
+        robot,
+        [
+            Body("forearm", Capsule(0.05, 0.3), "link3", None, [0.2, 0.0, 0.0]),
+            Body("post", Box((0.1, 0.1, 1.0)), None, None, [0.45, 0.3, 0.0]),
+            plane(-0.25),
+        ],
+        clearance=0.02,
+    )
+
+
+def problem():
+    guards = (ClearanceGuard(scene()),)
+    return arm_problem(
+        TorqueModel(arm(3)), arm_limits(arm(3)), form=PathForm(5.0, 3), guards=guards
+    )
+
+
+def test_a_clear_start_lets_each_joint_swing_by_itself():
+    of = problem()
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        free = rng.normal(size=of.shape)
+        free[0] = rng.uniform(-0.3, 0.3, 3)
+        free *= 0.8 / of.limits.largest(free)
+        start = clear_start(free, of.basis, of.limits, of.guards, of.grid, rng)
+        (measure,) = of.measures(start)
+        assert measure.max() <= 0.0
+        assert of.limits.largest(start).max() <= 1.0
+        share = abs(start[1:]).max(axis=0) / abs(free[1:]).max(axis=0)
+        # Joint 1 turns about the vertical: at a pose clear of the post, the floor is
+        # never in its way, however little the others may swing.
+        assert share.max() > 0.25
+        assert np.ptp(share) > 0.0 or (share == 1.0).all()
+
+
+@pytest.mark.slow
+def test_a_search_among_bodies_improves_and_stays_clear():
+    of = problem()
+    gains = []
+    for seed in range(3):
+        found = search(of, Candidate(seed))
+        (measure,) = of.measures(found.variables)
+        assert measure.max() <= 1e-7
+        assert of.limits.largest(found.variables).max() <= 1.0 + 1e-9
+        gains.append(of.score(of.objective, of.random(seed)) - found.score)
+    assert min(gains) > 0.1
+
+
+def test_the_best_step_is_that_of_another_solver():
+    rng = np.random.default_rng(0)
+    of = arm_problem(TorqueModel(arm(2)), arm_limits(arm(2)))
+    x = of.random(0).ravel()
+    A = of.limits.fine.tocsr()
+    F = rng.normal(size=(len(x), len(x)))
+    B, slope = F @ F.T + np.eye(len(x)), rng.normal(size=len(x))
+    J, c = rng.normal(size=(3, len(x))), np.array([-0.1, 0.0, 0.02])
+    step = best_step(x, Local(slope, B, A), LinearRows(c, J), 0.05)
+    expected = optimize.minimize(
+        lambda d: slope @ d + 0.5 * d @ B @ d,
+        np.zeros(len(x)),
+        jac=lambda d: slope + B @ d,
+        method="trust-constr",
+        bounds=[(-0.05, 0.05)] * len(x),
+        constraints=[
+            optimize.LinearConstraint(A.toarray(), -1.0 - A @ x, 1.0 - A @ x),
+            optimize.LinearConstraint(J, -np.inf, -c),
+        ],
+        options={"gtol": 1e-9, "xtol": 1e-12, "maxiter": 2000},
+    )
+    value = slope @ step + 0.5 * step @ B @ step
+    assert value == pytest.approx(expected.fun, rel=1e-4)
+    assert (c + J @ step).max() <= 1e-6 and abs(step).max() <= 0.05 + 1e-9
