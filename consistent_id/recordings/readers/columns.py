@@ -7,9 +7,10 @@ from string import Formatter
 from consistent_id._support.arrays import freeze
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers.units import refuse_units_of_a_name
+from consistent_id.recordings.recording import COMMANDS
 from consistent_id.robot.parameters import did_you_mean
 
-CHANNELS = ("position", "velocity", "acceleration", "torque")
+CHANNELS = ("position", "velocity", "acceleration", "torque", *COMMANDS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +30,8 @@ class Columns:
     array_joints : sequence of str
         Joints of the columns of two-dimensional arrays, in the arrays' order; a name
         without ``{joint}`` and ``{number}`` is then that of such an array.
+    position_command, velocity_command, torque_command : str, optional
+        What the drives were told, if they are PD-controlled.
     torque_joints : sequence of str
         Joints whose torque the log has; by default all.  Of the others nothing is read,
         and their torque is zero: a `TorqueModel` of the same `torque_joints` has no row
@@ -50,6 +53,9 @@ class Columns:
     names: Mapping[str, str] = field(default_factory=dict, hash=False)
     array_joints: Sequence[str] = ()
     torque_joints: Sequence[str] = ()
+    position_command: str | None = None
+    velocity_command: str | None = None
+    torque_command: str | None = None
 
     def __post_init__(self) -> None:
         freeze(self, torque_joints=tuple(self.torque_joints), names=dict(self.names))
@@ -132,7 +138,7 @@ def wanted(columns: Columns, joints: Sequence[str], where: str) -> Wanted:
         If a pattern is faulty, gives two joints one name, or names a unit.
     """
     joints = at_least_one(joints, where)
-    for channel in ("time", "position", "velocity", "acceleration"):
+    for channel in ("time", *(c for c in CHANNELS if "torque" not in c)):
         if (pattern := getattr(columns, channel)) is not None:
             refuse_units_of_a_name(where, pattern)
     patterns = {

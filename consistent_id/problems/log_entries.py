@@ -1,0 +1,69 @@
+"""What a problem file says of its logs: names of columns, rows that count, gains."""
+
+import msgspec
+import numpy as np
+
+from consistent_id.errors import ProblemError
+from consistent_id.problems.file import DataTable, RecordingTable
+from consistent_id.recordings.readers import Columns
+from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.signals import PDGains
+
+
+def columns_of(data: DataTable) -> Columns | None:
+    """Return the names of a log's columns, if the file states any."""
+    if data.columns is None:
+        return None
+    named = msgspec.structs.asdict(data.columns)
+    return Columns(**named, torque_joints=data.torque_joints)
+
+
+def span_of(raw: Recording, entry: RecordingTable) -> tuple[float, float]:
+    """Return the times of the first and the last row that count [s].
+
+    Raises
+    ------
+    ProblemError
+        If the log has no such rows.
+    """
+    if entry.rows is None:
+        return -np.inf, np.inf
+    first, last = entry.rows
+    omitted = set(entry.omit)
+    rows = len(raw) + len(omitted)
+    if not 1 <= first < last <= rows:
+        raise ProblemError(
+            f"{raw.name}: rows {first} to {last}, but the file has {rows}"
+        )
+    start = first - 1 - sum(row < first for row in omitted)
+    stop = last - 1 - sum(row <= last for row in omitted)
+    return float(raw.time[start]), float(raw.time[stop])
+
+
+def gains_of_drives(data: DataTable) -> PDGains | None:
+    """Return the gains of PD-controlled joints, if the file states any.
+
+    Raises
+    ------
+    ProblemError
+        If there are gains and no column of commands, or both gains and torque.
+    """
+    if data.gains is None:
+        return None
+    columns = data.columns
+    if columns is None or columns.position_command is None:
+        raise ProblemError(
+            "[data.gains] make torque of commands, but [data.columns] names no "
+            "position_command"
+        )
+    if columns.torque is not None:
+        raise ProblemError(
+            f"[data.columns] names a torque, {columns.torque}, and [data.gains] make "
+            "one of commands; leave one of them out"
+        )
+    limit = data.gains.torque_limit
+    return PDGains(
+        np.array(data.gains.kp),
+        np.array(data.gains.kd),
+        np.array(np.inf if limit is None else limit),
+    )
