@@ -192,9 +192,12 @@ def _answer(
 def _refuse_drafting(options: argparse.Namespace) -> None:
     """Refuse options that would go unused, as the problem file states these things."""
     names = ("time", "position", "velocity", "torque", "torque_joints", "torque_gain")
-    given = [name for name in (*names, "base", "tip") if getattr(options, name)]
+    more = ("gains", "position_command", "base", "tip")
+    given = [name for name in (*names, *more) if getattr(options, name)]
     if options.masses != "model":
         given.append("masses")
+    if options.bodies != "identified":
+        given.append("bodies")
     if given:
         flag = "--" + given[0].replace("_", "-")
         raise ProblemError(

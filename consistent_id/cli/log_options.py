@@ -1,11 +1,13 @@
 """Options that describe a log without a problem file."""
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from consistent_id.problems.draft import Draft
+    from consistent_id.recordings.signals import PDGains
 
 
 def add_columns(
@@ -59,6 +61,28 @@ def add_draft_options(command: argparse.ArgumentParser) -> None:
     )
     add_torque_gain(command)
     command.add_argument(
+        "--gains",
+        nargs="+",
+        type=_pair,
+        default=(),
+        metavar="KP,KD",
+        help="of PD-controlled joints, one pair for all or one each: torque is "
+        "computed from commands of position",
+    )
+    command.add_argument(
+        "--position-command",
+        metavar="NAME",
+        help="the log's column of commands, for --gains (default: guessed from the "
+        "log)",
+    )
+    command.add_argument(
+        "--bodies",
+        choices=("identified", "model"),
+        default="identified",
+        help="identify bodies, or take those of the model and identify the drives "
+        "(default: identified)",
+    )
+    command.add_argument(
         "--masses",
         choices=("model", "free"),
         default="model",
@@ -71,7 +95,7 @@ def draft_of(options: argparse.Namespace, model: Path, log: Path) -> "Draft":
     from consistent_id.problems.drafting import draft_problem
     from consistent_id.robot.chains import Selection
 
-    channels = ("time", "position", "velocity", "torque")
+    channels = ("time", "position", "velocity", "torque", "position_command")
     named = {name: getattr(options, name) for name in channels}
     return draft_problem(
         model,
@@ -81,4 +105,23 @@ def draft_of(options: argparse.Namespace, model: Path, log: Path) -> "Draft":
         selection=Selection(options.base, options.tip),
         torque_gain=options.torque_gain,
         masses="free" if options.masses == "free" else "datasheet",
+        gains=_gains(options.gains),
+        bodies="model" if options.bodies == "model" else "identified",
     )
+
+
+def _gains(pairs: Sequence[tuple[float, float]]) -> "PDGains | None":
+    import numpy as np
+
+    from consistent_id.recordings.signals import PDGains
+
+    if not pairs:
+        return None
+    kp, kd = (np.array(values) for values in zip(*pairs, strict=True))
+    return PDGains(kp[0], kd[0]) if len(pairs) == 1 else PDGains(kp, kd)
+
+
+def _pair(text: str) -> tuple[float, float]:
+    """Read two numbers with a comma between them."""
+    kp, _, kd = text.partition(",")
+    return float(kp), float(kd)

@@ -21,6 +21,7 @@ from consistent_id.cli.lint import add_lint
 from consistent_id.cli.repair import add_repair
 from consistent_id.cli.report import add_report
 from consistent_id.cli.reproduce import add_reproduce
+from consistent_id.cli.rollout import add_rollout
 from consistent_id.cli.time_limit import within
 
 _COMMANDS = (
@@ -35,6 +36,7 @@ _COMMANDS = (
     add_lint,
     add_repair,
     add_reproduce,
+    add_rollout,
     add_completion,
 )
 _EPILOG = """examples:
@@ -49,6 +51,7 @@ _EPILOG = """examples:
   consistent-id lint robot.urdf
   consistent-id repair robot.urdf --dry-run
   consistent-id reproduce problems/rx60 --quick
+  consistent-id rollout problems/unitree_go2 --refine
 
 consistent-id COMMAND --help has more. Exit codes: 0 done, 1 do not use (the
 estimate, or a faulty log), 2 wrong usage or input, 3 solver failure or out of time,

@@ -13,16 +13,19 @@ from consistent_id.problems.file import (
     ColumnsTable,
     ConstraintsTable,
     DataTable,
+    DriveTable,
     ModelTable,
     PreparationTable,
     ProblemTable,
     RecordingTable,
 )
+from consistent_id.problems.log_entries import gains_table
 from consistent_id.problems.model import DEFAULT_DRIVE
 from consistent_id.problems.problem import Problem, problem_of
 from consistent_id.problems.toml_text import toml_text
 from consistent_id.recordings.readers.columns import Columns
 from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.signals import PDGains
 from consistent_id.robot.loaders.robot_file import is_mjcf
 
 
@@ -55,6 +58,9 @@ class Draft:
         The log, as it was read.
     notes : tuple of str
         What else was guessed.
+    gains : PDGains, optional
+        Of PD-controlled joints.
+    bodies : {"identified", "model"}
     """
 
     model: Path
@@ -75,6 +81,8 @@ class Draft:
     masses: Literal["datasheet", "free"]
     raw: Recording
     notes: tuple[str, ...] = ()
+    gains: PDGains | None = None
+    bodies: Literal["identified", "model"] = "identified"
 
     @property
     def name(self) -> str:
@@ -99,8 +107,8 @@ class Draft:
                 tip=self.tip,
                 joints=list(self.joints) if self.locked else None,
             ),
-            drive=DEFAULT_DRIVE,
-            constraints=ConstraintsTable(masses=self.masses),
+            drive=self._drive,
+            constraints=ConstraintsTable(bodies=self.bodies, masses=self.masses),
             data=DataTable(
                 recordings=[
                     RecordingTable(
@@ -111,6 +119,7 @@ class Draft:
                 columns=ColumnsTable(**columns),
                 torque_gain=gain if len(gain) > 1 else gain[0],
                 torque_joints=list(self.columns.torque_joints),
+                gains=None if self.gains is None else gains_table(self.gains),
                 preparation=PreparationTable(
                     max_gap=self.max_gap,
                     resample=self.resample,
@@ -142,6 +151,13 @@ class Draft:
         if accepted:
             head += f"# Accepted in spite of the verdict: {', '.join(accepted)}.\n\n"
         return head + toml_text(self.table(folder), self._comments)
+
+    @property
+    def _drive(self) -> DriveTable:
+        """Drive terms; joints that follow commands have geared motors."""
+        if self.gains is None:
+            return DEFAULT_DRIVE
+        return msgspec.structs.replace(DEFAULT_DRIVE, rotor_inertia=True)
 
     @property
     def _rows(self) -> dict[Literal["training", "validation"], tuple[int, int]]:
@@ -185,7 +201,7 @@ class Draft:
 def draft_table(draft: Draft) -> Table:
     """Return what was taken from the files, and what was guessed."""
     columns = draft.columns
-    channels = ("time", "position", "velocity", "torque")
+    channels = ("time", "position", "velocity", "torque", "position_command")
     named = ((c, getattr(columns, c)) for c in channels)
     (a, b), (c, d) = draft.training, draft.validation
     rows = [

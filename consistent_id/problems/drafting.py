@@ -17,6 +17,8 @@ from consistent_id.recordings.column_guess import guess_columns, require_torque
 from consistent_id.recordings.readers import read_recording
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import (
+    PDGains,
+    commanded,
     estimated_period,
     resampled,
     split_at_gaps,
@@ -46,6 +48,8 @@ def draft_problem(
     selection: Selection | None = None,
     torque_gain: Sequence[float] = (),
     masses: Literal["datasheet", "free"] = "datasheet",
+    gains: PDGains | None = None,
+    bodies: Literal["identified", "model"] = "identified",
 ) -> Draft:
     """Draft the problem of identifying a robot from one log.
 
@@ -72,6 +76,10 @@ def draft_problem(
         From the torque columns to torque: one for all joints, or one each.
     masses : {"datasheet", "free"}
         Whether the model's masses are known; where it has none, they are free.
+    gains : PDGains, optional
+        Of PD-controlled joints: torque is then computed from commands of position.
+    bodies : {"identified", "model"}
+        Whether bodies are identified, or those of the model are the robot's.
 
     Raises
     ------
@@ -81,13 +89,20 @@ def draft_problem(
     model, log = Path(model), Path(log)
     selection = Selection() if selection is None else selection
     robot = load_robot(model, **asdict(selection))
-    guess = guess_columns(log, robot.joint_names, columns, torque_joints=torque_joints)
+    guess = guess_columns(
+        log,
+        robot.joint_names,
+        columns,
+        torque_joints=torque_joints,
+        commands=gains is not None,
+    )
     require_torque(guess.columns.torque, torque_gain)
     locked = tuple(name for name in robot.joint_names if name not in guess.joints)
     if locked:
         robot = load_robot(model, **asdict(replace(selection, joints=guess.joints)))
     gain = gains_of(torque_gain, len(guess.joints))
-    raw = read_recording(log, guess.joints, guess.columns, torque_gain=gain)
+    read = read_recording(log, guess.joints, guess.columns, torque_gain=gain)
+    raw = read if gains is None else replace(commanded(read, gains), velocity=None)
     known = any(link.datasheet.mass is not None for link in robot.links)
     clock = _clock(raw)
     start, stop = _moving(raw, clock)
@@ -113,7 +128,9 @@ def draft_problem(
         training=(first + 1, last),
         validation=(last + 1, end + 1),
         masses=masses if known else "free",
-        raw=raw,
+        raw=read,
+        gains=gains,
+        bodies=bodies,
         notes=guess.notes,
     )
 

@@ -4,7 +4,7 @@ import msgspec
 import numpy as np
 
 from consistent_id.errors import ProblemError
-from consistent_id.problems.file import DataTable, RecordingTable
+from consistent_id.problems.file import DataTable, GainsTable, RecordingTable
 from consistent_id.recordings.readers import Columns
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import PDGains
@@ -38,6 +38,16 @@ def span_of(raw: Recording, entry: RecordingTable) -> tuple[float, float]:
     start = first - 1 - sum(row < first for row in omitted)
     stop = last - 1 - sum(row <= last for row in omitted)
     return float(raw.time[start]), float(raw.time[stop])
+
+
+def gains_table(gains: PDGains) -> GainsTable:
+    """Return gains as a problem file has them."""
+    limit = gains.torque_limit
+    return GainsTable(
+        kp=gains.kp.tolist(),
+        kd=gains.kd.tolist(),
+        torque_limit=limit.tolist() if np.isfinite(limit).all() else None,
+    )
 
 
 def gains_of_drives(data: DataTable) -> PDGains | None:

@@ -15,6 +15,7 @@ from consistent_id.errors import ProblemError, RecordingError
 from consistent_id.recordings.log_formats import log_format
 from consistent_id.recordings.readers.columns import JOINT_STATE, Columns
 from consistent_id.recordings.readers.recording_file import column_names
+from consistent_id.recordings.recording import COMMANDS
 from consistent_id.robot.parameters import did_you_mean
 
 _WORDS = {
@@ -25,7 +26,10 @@ _WORDS = {
 _CURRENT = {"current", "currents", "amp", "amps", "ampere", "amperes", "i", "iq"}
 _TIME = ("time", "t", "timestamp", "stamp", "time_s", "t_s", "seconds", "sec")
 _NOT_MEASURED = {"target", "desired", "des", "cmd", "command", "commanded", "ref"}
-_NOT_MEASURED |= {"reference", "setpoint", "goal", "error", "limit"}
+_NOT_MEASURED |= {"reference", "setpoint", "goal"}
+_COMMANDS = frozenset(_NOT_MEASURED)
+_TOLD = {f"{short}{word}" for short in ("q", "pos", "p") for word in _COMMANDS}
+_NOT_MEASURED |= {"error", "limit"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +63,7 @@ def guess_columns(
     known: Mapping[str, str] | None = None,
     *,
     torque_joints: Sequence[str] = (),
+    commands: bool = False,
 ) -> ColumnGuess:
     """Find a log's columns.
 
@@ -71,6 +76,8 @@ def guess_columns(
         Columns by channel, as in `Columns`; the others are found in the log.
     torque_joints : sequence of str
         Joints whose torque the log has, if that is known.
+    commands : bool
+        Whether commands of position are wanted in place of torque.
 
     Raises
     ------
@@ -82,13 +89,14 @@ def guess_columns(
     bag = log_format(log).holds == "joint states"
     usual = replace(JOINT_STATE if bag else Columns(), torque_joints=torque_joints)
     found, notes = replace(usual, **cast(dict[str, Any], known)), list[str]()
-    if bag or {"time", "position", "torque"} <= set(known):
+    effort = "position_command" if commands else "torque"
+    if bag or {"time", "position", effort} <= set(known):
         return ColumnGuess(found, joints)
     names = column_names(log)
     if "time" not in known:
         found = replace(found, time=_time(log, names))
     moved = joints
-    for channel in ("position", "velocity", "torque"):
+    for channel in ("position", "velocity", effort):
         if channel in known:
             continue
         patterns = _patterns(channel, names, moved)
@@ -136,7 +144,7 @@ def require_torque(pattern: str | None, torque_gain: Sequence[float]) -> None:
 
 
 def _require_channels(known: Mapping[str, str]) -> None:
-    channels = ("time", "position", "velocity", "torque")
+    channels = ("time", "position", "velocity", "torque", *COMMANDS)
     for name in known:
         if name not in channels:
             raise ProblemError(
@@ -211,6 +219,8 @@ def _by_number(
 def _means(pattern: str, channel: str) -> bool:
     """Return whether a pattern has a word for the channel beside the joint."""
     words = _words(pattern)
+    if channel == "position_command":
+        return bool(words & _TOLD or (words & _COMMANDS and words & _WORDS["position"]))
     return bool(words & _WORDS[channel]) and not words & _NOT_MEASURED
 
 
@@ -223,16 +233,18 @@ def _words(pattern: str) -> set[str]:
 def _not_found(
     log: Path, channel: str, names: Sequence[str], joints: Sequence[str]
 ) -> RecordingError:
-    example = {"position": "q_{joint}", "torque": "tau_{joint}"}[channel]
+    examples = {"position": "q_{joint}", "torque": "tau_{joint}"}
+    example = examples.get(channel, "qdes_{joint}")
     more = ""
     if channel == "torque" and any("current" in n.lower() for n in names):
         more = (
             " Motor currents become torque by a factor: name them with --torque, and "
             "give the N m per ampere with --torque-gain."
         )
+    flag = channel.replace("_", "-")
     return RecordingError(
         f"{log}: found no column that is the {channel} of {_shown(joints)}; the "
-        f"log has {_shown(names)}. Say which: --{channel} {example}, or with "
+        f"log has {_shown(names)}. Say which: --{flag} {example}, or with "
         f"{{number}} for the joint's place from 1.{more}"
     )
 

@@ -153,7 +153,7 @@ def _with_rows(regression: Regression, rows: Matrix, ridge: float) -> Regression
         for factor, s in zip(regression.factors, residual, strict=True)
     ]
     factors[0] = triangle(np.asfortranarray(np.vstack([factors[0], rows])))
-    return replace(regression, factors=tuple(factors), sigma=1.0, noise=None)
+    return replace(regression, factors=tuple(factors), sigma=np.array(1.0), noise=None)
 
 
 def _descended(

@@ -48,37 +48,49 @@ class Rollout:
         found = (self.offsets if offsets else self.replays)[model]
         return _over_all([r.errors for r in found])
 
-    def table(self) -> Table:
-        """Return the errors of all models, for people."""
-        first = next(iter(self.replays.values()))[0]
-        joints = first.log.joints
+    def tables(self) -> list[Table]:
+        """Return the errors of all models, and those of their joints, for people."""
         rows = []
         for model, replays in self.replays.items():
-            given = self.offsets.get(model)
             velocity = np.sqrt(np.mean([r.velocity_rmse**2 for r in replays]))
-            of_joints = np.sqrt(np.mean([r.rmse**2 for r in given or replays], axis=0))
+            given = self.rmse(model, offsets=True) if model in self.offsets else None
             rows.append(
                 (
                     model,
                     f"{1e3 * self.rmse(model):.2f}",
-                    ""
-                    if given is None
-                    else f"{1e3 * self.rmse(model, offsets=True):.2f}",
+                    "" if given is None else f"{1e3 * given:.2f}",
                     f"{1e3 * velocity:.0f}",
-                    *(f"{1e3 * error:.1f}" for error in of_joints),
                 )
             )
         logs = ", ".join(r.log.name for r in next(iter(self.replays.values())))
-        return Table(
+        whole = Table(
             f"Closed-loop replay of {logs}: root-mean-square errors",
-            ("model", "position", "with offsets", "velocity", *joints),
+            ("model", "position", "with offsets", "velocity"),
             tuple(rows),
             (
-                "in mrad (mm) and mrad/s (mm/s); single joints with offsets",
-                f"commands late by {1e3 * self.delay:.2f} ms for the first model; "
-                "other models as their files say, and with offsets with that delay, "
-                "if it makes them better",
+                "in mrad (mm) and mrad/s (mm/s)",
+                f"commands late by {1e3 * self.delay:.2f} ms for the first model; the "
+                "others as their files say, with offsets also with that delay, "
+                "if it makes them better on the training motion",
             ),
+        )
+        return [whole, self._of_joints()]
+
+    def _of_joints(self) -> Table:
+        shown = self.offsets or self.replays
+        joints = next(iter(shown.values()))[0].log.joints
+        errors = [
+            np.sqrt(np.mean([r.rmse**2 for r in replays], axis=0))
+            for replays in shown.values()
+        ]
+        return Table(
+            "Position error of each joint" + (", with offsets" if self.offsets else ""),
+            ("joint", *shown),
+            tuple(
+                (joint, *(f"{1e3 * error[j]:.2f}" for error in errors))
+                for j, joint in enumerate(joints)
+            ),
+            ("in mrad (mm)",),
         )
 
     def to_dict(self) -> dict[str, Any]:

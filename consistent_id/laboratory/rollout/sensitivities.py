@@ -92,7 +92,7 @@ class Replays:
             return self.errors(moved, delay)
 
         tasks: list[Callable[[], Matrix]] = [
-            *(lambda group=group: changed(group) for group in groups),  # type: ignore[misc]
+            *(lambda group=group: changed(group) for group in groups),
             lambda: self.errors(x, delay + step),
         ]
         with worker_threads(_WORKERS) as pool:

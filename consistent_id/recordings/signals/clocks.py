@@ -80,7 +80,7 @@ def resampled(
         velocity=onto(recording.velocity),
         acceleration=onto(recording.acceleration),
         torque=onto(recording.torque),
-        **held_commands(recording, clock),
+        **held_commands(recording, clock),  # type: ignore[arg-type]
     )
 
 
