@@ -77,6 +77,7 @@ from consistent_id.excitation.aims import Aim, PathForm
 from consistent_id.excitation.design import design_trajectory
 from consistent_id.excitation.designed import ExcitationDesign
 from consistent_id.excitation.validating import ValidationPath, validation_trajectory
+from consistent_id.export.actuator_config import to_isaac_lab, to_mjlab
 from consistent_id.export.c_source import to_c
 from consistent_id.export.casadi_functions import to_casadi
 from consistent_id.export.exported_file import Export
@@ -429,8 +430,10 @@ __all__ = [
     "to_c",
     "to_casadi",
     "to_cvxpy",
+    "to_isaac_lab",
     "to_json",
     "to_mjcf",
+    "to_mjlab",
     "to_numpy",
     "to_pinocchio",
     "to_urdf",

@@ -5,8 +5,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
-import numpy as np
-
 from consistent_id._support.run import require_trusted
 from consistent_id._support.tables import Table
 from consistent_id.constraints import Constraint, lowered
@@ -25,6 +23,7 @@ from consistent_id.problems.file import (
 from consistent_id.problems.folder import problem_files
 from consistent_id.problems.log_entries import columns_of, gains_of_drives, span_of
 from consistent_id.problems.model import expanded, torque_model
+from consistent_id.problems.motions import sampled_motion
 from consistent_id.problems.paths import names_outside
 from consistent_id.problems.preparation import (
     Log,
@@ -35,7 +34,6 @@ from consistent_id.problems.preparation import (
 from consistent_id.recordings.readers import read_recording, read_track
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import PDGains, Track, commanded
-from consistent_id.recordings.sinusoids import Sinusoid, SinusoidalMotion
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.parameters import did_you_mean
 
@@ -123,18 +121,8 @@ class Problem:
         if name not in self.table.motions:
             near = did_you_mean(name, self.table.motions)
             raise ProblemError(f"problem {self.name!r}: no motion {name!r}; {near}")
-        table = self.table.motions[name]
-        joints = tuple(
-            tuple(
-                Sinusoid(
-                    *_ends(term.amplitude), term.frequency, np.radians(term.phase_deg)
-                )
-                for term in terms
-            )
-            for terms in table.joints
-        )
-        motion = SinusoidalMotion(table.duration, table.rate, joints)
-        return motion.recording(self.model.robot.joint_names, name=name)
+        joints = self.model.robot.joint_names
+        return sampled_motion(self.table.motions[name], joints, name)
 
     def logs(self, role: str) -> tuple[Recording, ...]:
         """Return recordings as they were logged, cut to their rows.
@@ -197,7 +185,8 @@ class Problem:
     @cached_property
     def gains(self) -> PDGains | None:
         """Gains of PD-controlled joints, if the file states them."""
-        return gains_of_drives(self._data())
+        data = self.table.data
+        return None if data is None else gains_of_drives(data)
 
     @cached_property
     def command_delay(self) -> CommandDelay | None:
@@ -220,7 +209,7 @@ class Problem:
     @property
     def delay_of_commands(self) -> float:
         """By which commands are taken to be late [s]: stated, or found in the data."""
-        table = self._data().gains
+        table = None if self.table.data is None else self.table.data.gains
         if table is None:
             return 0.0
         found = self.command_delay
@@ -402,9 +391,3 @@ def require_distinct(names: Sequence[str]) -> None:
                 f"two problems of the folder are named {name!r}; results are "
                 "filed under their names"
             )
-
-
-def _ends(amplitude: float | list[float]) -> tuple[float, float]:
-    if isinstance(amplitude, list):
-        return amplitude[0], amplitude[1]
-    return amplitude, amplitude

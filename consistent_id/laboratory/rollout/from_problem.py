@@ -50,7 +50,7 @@ class ProblemRollout:
             s = self.settings.settings
             tables.append(
                 Table(
-                    "Settings chosen on the faster part of the training motion",
+                    "Settings chosen on parts of the training motion",
                     ("cut-off [Hz]", "velocity scale", "friction slope", "delay [ms]"),
                     (
                         (
@@ -61,7 +61,7 @@ class ProblemRollout:
                         ),
                     ),
                     (
-                        f"their rollouts there: {1e3 * self.settings.error:.2f} mrad "
+                        f"rollouts of the other part: {1e3 * self.settings.error:.2f} mrad "
                         f"(mm), the least of {len(self.settings.tried)}",
                     ),
                 )

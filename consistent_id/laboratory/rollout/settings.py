@@ -1,8 +1,9 @@
 """Settings of a torque fit, chosen by rollouts of motion that it has not seen.
 
 Overfitting is the danger: what explains slow motion need not hold for fast.  So the fit
-learns from the slower part of the training data, and its rollouts are judged on the
-faster part.  One setting is changed at a time, from a plain start.
+learns from the slower part of the training data and is judged by its rollouts of the
+faster part, and the other way round.  One setting is changed at a time, from a plain
+start.
 """
 
 from collections.abc import Sequence
@@ -37,7 +38,7 @@ WORTH = 0.025
 """Relative gain that friction which varies with position must bring: the floor that was
 found for other terms of a model, so that they are not chosen by chance."""
 
-_SLOW = 0.6  # of the training time is learnt from
+_SLOW = 0.6  # of the training time is the slower part
 _GUARD = 0.2  # s between the parts
 _PASSES = 2  # over all settings; the second seldom changes one
 
@@ -71,7 +72,8 @@ class SettingsChoice:
     ----------
     settings : Settings
     error : float, [rad or m]
-        Of rollouts of the faster part; the least of all that were tried, so optimistic.
+        Of rollouts of the part that was not learnt from, both ways; the least of all
+        that were tried, so optimistic.
     tried : tuple of (Settings, float)
     """
 
@@ -133,11 +135,11 @@ def chosen_settings(problem: Problem, start: Settings | None = None) -> Settings
         If no settings give a rollout that stays near the robot.
     """
     tried: dict[Settings, float] = {}
-    slow, fast = _parts(problem)
+    parts = slow_and_fast(problem)
 
     def error(settings: Settings) -> float:
         if settings not in tried:
-            tried[settings] = _error(with_settings(problem, settings), slow, fast)
+            tried[settings] = _crossed(with_settings(problem, settings), parts)
         return tried[settings]
 
     best = Settings() if start is None else start
@@ -195,8 +197,8 @@ def within(recordings: Sequence[Recording], spans: Spans) -> list[Recording]:
     ]
 
 
-def _parts(problem: Problem) -> tuple[Spans, Spans]:
-    """Return the slower and the faster part of each training log."""
+def slow_and_fast(problem: Problem) -> tuple[Spans, Spans]:
+    """Return the slower and the faster part of each training log, as times [s]."""
     slow, fast = [], []
     for log in problem.logs("training"):
         start, stop = float(log.time[0]), float(log.time[-1])
@@ -227,13 +229,19 @@ def _cutoffs(problem: Problem) -> list[float]:
     return [cutoff for cutoff in CUTOFFS if cutoff < 0.4 * min(rates)]
 
 
-def _error(problem: Problem, slow: Spans, fast: Spans) -> float:
-    """Return the error of rollouts of the faster part; infinite if they diverge."""
+def _crossed(problem: Problem, parts: tuple[Spans, Spans]) -> float:
+    """Return the error of rollouts of each part by a fit to the other."""
+    both = [_error(problem, *parts), _error(problem, *reversed(parts))]
+    return float(np.sqrt(np.mean(np.square(both))))
+
+
+def _error(problem: Problem, learnt: Spans, judged: Spans) -> float:
+    """Return the error of rollouts; infinite if there is no fit, or they diverge."""
     try:
-        estimate, _ = torque_fit(problem, within(problem.training, slow))
+        estimate, _ = torque_fit(problem, within(problem.training, learnt))
     except (InfeasibleError, SolverError):
         return np.inf
-    return rollout_error(problem, estimate, within(problem.logs("training"), fast))
+    return rollout_error(problem, estimate, within(problem.logs("training"), judged))
 
 
 def gains_of(problem: Problem) -> PDGains:
