@@ -189,7 +189,6 @@ def test_rollouts_find_the_drives_again():
     assert found.after < 0.1 * found.before
     # Time steps of 1 ms and 0.1 ms differ by some 0.01 N m s/rad.
     np.testing.assert_allclose(drives, TRUTH, atol=0.03)
-    assert found.delay < 5e-4
     assert found.estimate.certificate.verdict == "uncertified"
 
 

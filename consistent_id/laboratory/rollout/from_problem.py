@@ -61,7 +61,7 @@ class ProblemRollout:
                         ),
                     ),
                     (
-                        f"rollouts of the other part: {1e3 * self.settings.error:.2f} mrad "
+                        f"error on the other part {1e3 * self.settings.error:.2f} mrad "
                         f"(mm), the least of {len(self.settings.tried)}",
                     ),
                 )
@@ -76,7 +76,6 @@ class ProblemRollout:
             record["refined"] = {
                 "training_error_before": self.refinement.before,
                 "training_error_after": self.refinement.after,
-                "delay": self.refinement.delay,
             }
         if self.settings is not None:
             s = self.settings.settings
@@ -138,7 +137,7 @@ def rollout_of(
             constraints=problem.constraints,
             delay=delay,
         )
-        estimate, delay = done.estimate, done.delay
+        estimate = done.estimate
     own = replace(estimate, accepted=tuple(accepted))
     judged = compare([own], problem.validation).reports[0].judged
     replays = rollout(

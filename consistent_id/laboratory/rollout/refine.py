@@ -42,19 +42,16 @@ _ENOUGH = 0.002  # relative gain of a step, below which there is no other
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Refined:
-    """An estimate refined by rollout, and the delay that goes with it.
+    """An estimate refined by rollout.
 
     Parameters
     ----------
     estimate : Estimate
-    delay : float, [s]
-        Of commands.
     before, after : float, [rad or m]
         Root-mean-square error of the rollouts that were learnt from.
     """
 
     estimate: Estimate
-    delay: float
     before: float
     after: float
 
@@ -85,7 +82,8 @@ def refined(
     constraints : sequence of Constraint
         Which every step meets.
     delay : float, [s]
-        Of commands; refined, too, and never negative.
+        Of commands.  It is held: on one motion it trades with damping and inertia, and
+        a step would put it where faster motion does not confirm it.
     ridge : float
         Weight of the torque fit.
     steps : int
@@ -104,45 +102,34 @@ def refined(
     free = free_parameters(estimate.model, constraints)
     changes = finite_changes(regression)
     free = free[np.isfinite(changes[free])]
-    x, late = np.array(estimate.parameters), delay
-    before = size = _size(replays.errors(x, late))
+    x = np.array(estimate.parameters)
+    before = size = _size(replays.errors(x, delay))
     for _ in range(steps):
-        linear = replays.linearised(x, late, free, changes)
-        goal, later = _step(estimate, regression, constraints, linear, x, late, ridge)
-        x, late, now = _descended(replays, (x, late, size), (goal, later))
+        linear = replays.linearised(x, delay, free, changes)
+        goal = _goal(estimate, regression, constraints, linear, x, ridge)
+        x, now = _descended(replays, delay, (x, size), goal)
         gained, size = size - now, now
         if gained < _ENOUGH * size:
             break
-    return Refined(
-        _estimate(estimate, x, late, perf_counter() - started, before, size),
-        late,
-        before,
-        size,
-    )
+    done = _estimate(estimate, x, delay, perf_counter() - started, before, size)
+    return Refined(done, before, size)
 
 
-def _step(
+def _goal(
     estimate: Estimate,
     regression: Regression,
     constraints: Sequence[Constraint],
     linear: RolloutErrors,
     x: Vector,
-    delay: float,
     ridge: float,
-) -> tuple[Vector, float]:
-    """Return the parameters and the delay that the linearised errors ask for."""
-    n, samples, p = linear.by_parameter.shape
-    J = linear.by_parameter.reshape(n * samples, p)
-    late, r = linear.by_delay.ravel(), linear.errors.ravel()
-    noise = np.sqrt((r**2).mean())
-    rows = np.column_stack([late, J, J @ x - r]) / noise
-    R = triangle(np.asfortranarray(rows))
-    # Below the delay's own row nothing depends on it: there it takes its best value.
-    combined = _with_rows(regression, R[1:, 1:], ridge)
+) -> Vector:
+    """Return the parameters that the linearised errors and the torque fit ask for."""
+    J = linear.by_parameter.reshape(-1, len(x))
+    r = linear.errors.ravel()
+    rows = np.column_stack([J, J @ x - r]) / np.sqrt((r**2).mean())
+    combined = _with_rows(regression, triangle(np.asfortranarray(rows)), ridge)
     fit = best_fit(estimate.model, combined, constraints, base=estimate.base)
-    goal = np.asarray(fit.solution.u * fit.scaled.unit)
-    change = (R[0, -1] - R[0, 1:-1] @ goal) / R[0, 0] if R[0, 0] else 0.0
-    return goal, max(delay + float(change), 0.0)
+    return fit.parameters
 
 
 def _with_rows(regression: Regression, rows: Matrix, ridge: float) -> Regression:
@@ -157,18 +144,16 @@ def _with_rows(regression: Regression, rows: Matrix, ridge: float) -> Regression
 
 
 def _descended(
-    replays: Replays,
-    here: tuple[Vector, float, float],
-    goal: tuple[Vector, float],
-) -> tuple[Vector, float, float]:
+    replays: Replays, delay: float, here: tuple[Vector, float], goal: Vector
+) -> tuple[Vector, float]:
     """Go towards the goal, as far as the error falls; all between is feasible."""
-    x, delay, size = here
+    x, size = here
     share = 1.0
     for _ in range(_HALVINGS):
-        tried = x + share * (goal[0] - x), delay + share * (goal[1] - delay)
-        now = _size(replays.errors(*tried))
+        tried = x + share * (goal - x)
+        now = _size(replays.errors(tried, delay))
         if now < size:
-            return (*tried, now)
+            return tried, now
         share /= 2.0
     return here
 

@@ -1,10 +1,10 @@
-"""How a model's motion under commands depends on its parameters and on the delay.
+"""How a model's motion under commands depends on its parameters.
 
 By finite differences of rollouts.  Branches that a held base carries do not feel each
 other, so a parameter of each is changed in one rollout.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -36,12 +36,10 @@ class RolloutErrors:
     errors : ndarray, shape (joints, samples)
         Of position, all logs one after another, [rad or m].
     by_parameter : ndarray, shape (joints, samples, parameters)
-    by_delay : ndarray, shape (joints, samples)
     """
 
     errors: Matrix
     by_parameter: Array
-    by_delay: Matrix
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,24 +82,19 @@ class Replays:
         by_parameter = np.zeros((*first.shape, len(x)))
         branches = _branches(self.estimate.model)
         groups = list(_side_by_side(self.estimate.model, branches, free))
-        step = 0.5 / max(log.rate for log in self.logs)
 
         def changed(group: Sequence[int]) -> Matrix:
             moved = x.copy()
             moved[list(group)] += changes[list(group)]
             return self.errors(moved, delay)
 
-        tasks: list[Callable[[], Matrix]] = [
-            *(lambda group=group: changed(group) for group in groups),
-            lambda: self.errors(x, delay + step),
-        ]
         with worker_threads(_WORKERS) as pool:
-            *moved, late = pool.map(lambda task: task(), tasks)
+            moved = list(pool.map(changed, groups))
         for group, errors in zip(groups, moved, strict=True):
             for i in group:
                 rows = branches == _branch_of(self.estimate.model, branches, i)
                 by_parameter[rows, :, i] = (errors - first)[rows] / changes[i]
-        return RolloutErrors(first, by_parameter, (late - first) / step)
+        return RolloutErrors(first, by_parameter)
 
 
 def free_parameters(model: TorqueModel, constraints: Sequence[Constraint]) -> IntArray:
