@@ -31,7 +31,8 @@ def motion(time, joints):
 
 
 def told_early(model, x, delay, noise=0.0):
-    """A log whose commands, that much later, make the torque of the motion."""
+    """A log whose commands, held and that much later, make the torque of the motion."""
+    delay = delay + 0.5 * (TIME[1] - TIME[0])
     q, dq, ddq = motion(TIME, len(model.robot))
     qe, dqe, ddqe = motion(TIME + delay, len(model.robot))
     torque = model.predict(x, qe, dqe, ddqe)

@@ -27,10 +27,15 @@ def log(**changed):
     return replace(made, **changed)
 
 
+def before_and_after(told):
+    """A held command in the mean: the one before a sample counts as much as its own."""
+    return np.vstack([told[:1], (told[:-1] + told[1:]) / 2.0])
+
+
 def test_torque_is_what_a_pd_drive_does():
     raw = log(velocity_command=np.ones((200, 2)), torque_command=np.full((200, 2), 0.7))
     expected = (
-        GAINS.kp * (raw.position_command - raw.position)
+        GAINS.kp * (before_and_after(raw.position_command) - raw.position)
         + GAINS.kd * (1.0 - raw.velocity)
         + 0.7
     )
@@ -38,7 +43,8 @@ def test_torque_is_what_a_pd_drive_does():
 
 
 def test_a_velocity_that_was_not_told_is_zero():
-    raw = log(position_command=log().position)  # at its goal: damping alone is left
+    here = np.full((200, 2), 0.4)  # at its goal: damping alone is left
+    raw = log(position=here, position_command=here)
     expected = -GAINS.kd * raw.velocity
     np.testing.assert_allclose(commanded(raw, GAINS).torque, expected, atol=1e-13)
 

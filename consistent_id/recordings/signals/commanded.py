@@ -73,6 +73,9 @@ class PDGains:
 def commanded(recording: Recording, gains: PDGains, *, delay: float = 0.0) -> Recording:
     """Return a recording with the torque that its commands and gains make.
 
+    A command holds from its sample to the next, so that in the mean it is half a step
+    late: at the instant of a sample the command before counts as much as its own.
+
     Parameters
     ----------
     recording : Recording
@@ -80,8 +83,9 @@ def commanded(recording: Recording, gains: PDGains, *, delay: float = 0.0) -> Re
         is zero; without a measured velocity central differences stand in.
     gains : PDGains
     delay : float, [s]
-        By which commands reach the drives late: they are read at an earlier time,
-        between samples by linear interpolation.  What the drives measure is not late.
+        By which commands reach the drives late, besides: they are read at an earlier
+        time, between samples by linear interpolation.  What the drives measure is not
+        late.
 
     Raises
     ------
@@ -107,8 +111,9 @@ def commanded(recording: Recording, gains: PDGains, *, delay: float = 0.0) -> Re
     velocity = recording.velocity
     if velocity is None:
         velocity = np.gradient(recording.position, recording.time, axis=0)
+    late = delay + 0.5 * float(np.median(np.diff(recording.time)))
     told = (
-        None if values is None else _late(recording.time, values, delay)
+        None if values is None else _late(recording.time, values, late)
         for values in (
             recording.position_command,
             recording.velocity_command,
@@ -123,7 +128,5 @@ def commanded(recording: Recording, gains: PDGains, *, delay: float = 0.0) -> Re
 
 def _late(time: Vector, values: Matrix, delay: float) -> Matrix:
     """Return what was told a delay ago."""
-    if delay == 0.0:
-        return values
     columns = (np.interp(time - delay, time, column) for column in values.T)
     return np.column_stack(list(columns))
