@@ -4,39 +4,35 @@
 
 By default ``problems/unitree_go2`` and ``problems/unitree_z1``; recordings are found
 through ``CONSISTENT_ID_DATASETS``.  Settings are chosen on the training logs
-(``--keep``: the problem file's are kept), then come the torque fit, its refinement, and
-rollouts of the validation logs by both and by the robot's file as it is shipped.
-``--backwards`` learns from the validation logs and judges on the training logs.
-``--ridges`` prints what the weight of the torque fit in the refinement does to rollouts
-of the part of the training logs that was not learnt from; `RIDGE` was chosen so.
-Seconds are those of the processor.
+(``--keep``: the problem file's are kept), and so is the weight of the torque fit in the
+refinement; then come the torque fit, its refinement, and rollouts of the validation
+logs by both and by the robot's file as it is shipped.  ``--backwards`` learns from the
+validation logs and judges on the training logs.  ``--ridges`` prints what the weight of
+the torque fit does to rollouts of the part of the training logs that was not learnt
+from.  Seconds are those of the processor.
 """
 
 import argparse
 import os
 from dataclasses import replace
-from itertools import starmap
 from pathlib import Path
 from time import process_time
 
 import msgspec
-import numpy as np
 
 import consistent_id as ci
 from consistent_id.laboratory.rollout import rollout
 from consistent_id.laboratory.rollout.refine import RIDGE, refined
+from consistent_id.laboratory.rollout.ridge import chosen_ridge
 from consistent_id.laboratory.rollout.settings import (
     chosen_settings,
     gains_of,
     rollout_error,
-    slow_and_fast,
     torque_fit,
     with_settings,
-    within,
 )
 from consistent_id.problems.problem import problem_of
 
-RIDGES = (0.03, 0.1, 0.3, 1.0, 3.0)
 PROBLEMS = ("problems/unitree_go2", "problems/unitree_z1")
 
 
@@ -56,13 +52,18 @@ def main() -> None:
         print(f"== {problem.name}" + (", backwards" if options.backwards else ""))
         if not options.keep:
             started = process_time()
-            choice = chosen_settings(problem)
-            problem = with_settings(problem, choice.settings)
+            found = chosen_settings(problem)
+            problem = with_settings(problem, found.settings)
             print(
-                f"{choice.settings}, error {1e3 * choice.error:.2f}, "
-                f"{len(choice.tried)} tried in {process_time() - started:.1f} s"
+                f"{found.settings}, error {1e3 * found.error:.2f}, "
+                f"{len(found.tried)} tried in {process_time() - started:.1f} s"
             )
-        (ridges if options.ridges else judged)(problem)
+        if options.ridges:
+            ridges(problem)
+            continue
+        choice = chosen_ridge(problem)
+        print(f"ridge of the refinement: {choice.ridge or 'none: not refined'}")
+        judged(problem, choice.ridge)
 
 
 def backwards(problem: ci.Problem) -> ci.Problem:
@@ -75,7 +76,7 @@ def backwards(problem: ci.Problem) -> ci.Problem:
     return replace(problem_of(table, problem.source), source=problem.source)
 
 
-def judged(problem: ci.Problem) -> None:
+def judged(problem: ci.Problem, ridge: float | None) -> None:
     """Print the errors of the torque fit, of its refinement and of the shipped file."""
     gains, delay = gains_of(problem), problem.delay_of_commands
     training, validation = problem.logs("training"), problem.logs("validation")
@@ -90,6 +91,7 @@ def judged(problem: ci.Problem) -> None:
         gains,
         constraints=problem.constraints,
         delay=delay,
+        ridge=ridge or RIDGE,
     )
     done = process_time()
     shipped = [p for p in problem.model_files.values() if p is not None]
@@ -116,35 +118,10 @@ def judged(problem: ci.Problem) -> None:
 
 def ridges(problem: ci.Problem) -> None:
     """Print the error on the other part of the training logs, for each weight."""
-    slow, fast = slow_and_fast(problem)
-    logs = problem.logs("training")
-
-    def error(ridge: float | None, learnt: tuple, other: tuple) -> float:
-        estimate, regression = torque_fit(problem, within(problem.training, learnt))
-        if ridge is not None:
-            estimate = refined(
-                estimate,
-                regression,
-                within(logs, learnt),
-                gains_of(problem),
-                constraints=problem.constraints,
-                delay=problem.delay_of_commands,
-                ridge=ridge,
-            ).estimate
-        return rollout_error(problem, estimate, within(logs, other))
-
-    ways = ((slow, fast), (fast, slow))
-    for ridge in (None, *RIDGES):
-        both = list(starmap(lambda *way, r=ridge: error(r, *way), ways))
-        mean = np.sqrt(np.mean(np.square(both)))
+    choice = chosen_ridge(problem)
+    for ridge, error in choice.errors.items():
         what = "no refinement" if ridge is None else f"ridge {ridge:g}"
-        chosen = "  <- used" if ridge == RIDGE else ""
-        to_fast, to_slow = (1e3 * value for value in both)
-        print(
-            f"{what:14} to the faster {to_fast:.2f}, to the slower {to_slow:.2f}, "
-            f"both {1e3 * mean:.2f} mrad{chosen}",
-            flush=True,
-        )
+        print(f"{what:14} {1e3 * error:.2f} mrad on the other part", flush=True)
 
 
 if __name__ == "__main__":

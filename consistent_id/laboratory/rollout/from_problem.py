@@ -8,7 +8,8 @@ from typing import Any
 from consistent_id._support.tables import Table
 from consistent_id.comparison.comparison import compare
 from consistent_id.estimation.estimate import Estimate
-from consistent_id.laboratory.rollout.refine import Refined, refined
+from consistent_id.laboratory.rollout.refine import RIDGE, Refined, refined
+from consistent_id.laboratory.rollout.ridge import chosen_ridge
 from consistent_id.laboratory.rollout.rollout import Rollout, rollout
 from consistent_id.laboratory.rollout.settings import (
     SettingsChoice,
@@ -108,7 +109,8 @@ def rollout_of(
     refine : bool
         Refine the estimate on rollouts of the training logs.
     choose : bool
-        Choose cut-off, delay and shape of friction on the training logs.
+        Choose cut-off, delay and shape of friction on the training logs; and whether to
+        refine, and how far, if it is to be refined.
     accepted : sequence of str
         Kinds of reasons that the verdict is to overlook.
 
@@ -128,7 +130,8 @@ def rollout_of(
     estimate, regression = torque_fit(problem)
     training, delay = problem.logs("training"), problem.delay_of_commands
     done = None
-    if refine:
+    ridge = _ridge(problem, refine, choose)
+    if ridge is not None:
         done = refined(
             estimate,
             regression,
@@ -136,6 +139,7 @@ def rollout_of(
             gains,
             constraints=problem.constraints,
             delay=delay,
+            ridge=ridge,
         )
         estimate = done.estimate
     own = replace(estimate, accepted=tuple(accepted))
@@ -150,3 +154,10 @@ def rollout_of(
         locked=problem.table.model.locked,
     )
     return ProblemRollout(problem, judged, replays, choice, done)
+
+
+def _ridge(problem: Problem, refine: bool, choose: bool) -> float | None:
+    """Return the weight of the torque fit in a refinement; None for no refinement."""
+    if not refine:
+        return None
+    return chosen_ridge(problem).ridge if choose else RIDGE
