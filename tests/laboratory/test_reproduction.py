@@ -93,7 +93,9 @@ def test_a_task_or_a_laboratory_that_is_not_there_is_refused(tmp_path):
     (tmp_path / "problem.toml").write_text(
         text.replace("radius = 0.15", "radus = 0.15")
     )
-    with pytest.raises(ProblemError, match=r"tasks\.NAME has no key 'radus'; known: radius"):
+    with pytest.raises(
+        ProblemError, match=r"tasks\.NAME has no key 'radus'; known: radius"
+    ):
         load_problem(tmp_path)
 
 

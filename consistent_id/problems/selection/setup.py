@@ -134,7 +134,7 @@ def _settled(problem: Problem) -> frozenset[str]:
         settled.add("motion_cutoff")
     if columns is None or columns.torque is None:
         settled.add("delay")
-    if table.constraints.masses == "bounds":
+    if table.constraints.masses == "bounds" or table.constraints.bodies == "model":
         settled.add("masses")
     return frozenset(settled)
 
