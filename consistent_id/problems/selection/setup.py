@@ -166,7 +166,10 @@ def _top_speeds(samples: Samples, bodies: TorqueModel) -> Vector:
 def _plain(problem: Problem, fixed: Collection[str], width: float) -> Choice:
     """Return the plain model, with what is fixed as the file has it."""
     table, model = problem.table, problem.model
-    plain = msgspec.structs.replace(DEFAULT_DRIVE, velocity_scale=width)
+    geared = data_of(table).gains is not None  # drives that follow commands have gears
+    plain = msgspec.structs.replace(
+        DEFAULT_DRIVE, velocity_scale=width, rotor_inertia=geared
+    )
     drive = []
     for name in model.robot.joint_names:
         joint = table.joints.get(name)
