@@ -19,6 +19,7 @@ from consistent_id.laboratory.rollout.from_problem import rollout_of  # noqa: E4
 from consistent_id.laboratory.rollout.ridge import RIDGES, chosen_ridge  # noqa: E402
 from consistent_id.laboratory.rollout.settings import (  # noqa: E402
     Settings,
+    _between,
     chosen_settings,
     rollout_error,
     torque_fit,
@@ -178,6 +179,13 @@ def test_the_shell_replays_and_writes_what_it_found(folder, tmp_path, capsys):
     )
     one, other = (found.rmse(name) for name in found.replays)
     assert one == pytest.approx(other, rel=1e-4)
+
+
+@pytest.mark.parametrize(("true", "found"), [(0.0041, 0.0041), (0.009, 0.0075)])
+def test_the_delay_is_where_a_parabola_is_lowest(true, found):
+    best = Settings(delay=0.005)
+    delay = _between(best, lambda s: 1.0 + (s.delay - true) ** 2)
+    assert delay == pytest.approx(found, abs=1e-5)  # no further than the grid's next
 
 
 def test_a_problem_without_gains_has_no_rollout():

@@ -183,12 +183,15 @@ def test_rollouts_find_the_drives_again():
     regression = build_regression(model, differentiated(replace(smooth, velocity=None)))
     start = estimate(model, [1.4 * value for value in TRUTH])
     found = refined(
-        start, regression, [log], GAINS, constraints=known, ridge=1e-6, steps=4
+        start, regression, [log], GAINS, constraints=known, ridge=1e-6, steps=8
     )
     drives = found.estimate.parameters[model.layout.inertial_size :]
     assert found.after < 0.1 * found.before
-    # Time steps of 1 ms and 0.1 ms differ by some 0.01 N m s/rad.
-    np.testing.assert_allclose(drives, TRUTH, atol=0.03)
+    # The log's time step is 0.1 ms, that of rollouts 1 ms: friction differs by up to
+    # 0.3 % of the torque, which is 14 N m, and the truth has an error of its own.
+    np.testing.assert_allclose(drives, TRUTH, atol=0.05)
+    true = rollout(estimate(model, TRUTH), log, GAINS)
+    assert found.after <= true.rmse(next(iter(true.replays)))
     assert found.estimate.certificate.verdict == "uncertified"
 
 

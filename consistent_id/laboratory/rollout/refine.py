@@ -18,6 +18,7 @@ from consistent_id._support.threads import single_threaded
 from consistent_id.constraints import Constraint
 from consistent_id.estimation.best_fit import best_fit
 from consistent_id.estimation.estimate import Certificate, Estimate
+from consistent_id.estimation.fit import fit_of
 from consistent_id.estimation.method import Method
 from consistent_id.laboratory.rollout.replay import replayable
 from consistent_id.laboratory.rollout.sensitivities import (
@@ -111,7 +112,8 @@ def refined(
         gained, size = size - now, now
         if gained < _ENOUGH * size:
             break
-    done = _estimate(estimate, x, delay, perf_counter() - started, before, size)
+    seconds = perf_counter() - started
+    done = _estimate(estimate, regression, x, delay, seconds, before, size)
     return Refined(done, before, size)
 
 
@@ -164,6 +166,7 @@ def _size(errors: Matrix) -> float:
 
 def _estimate(
     estimate: Estimate,
+    regression: Regression,
     x: Vector,
     delay: float,
     seconds: float,
@@ -191,6 +194,6 @@ def _estimate(
         certificate=Certificate("uncertified", reason, figures),
         notes=(note, *estimate.notes),
         seconds=seconds,
-        fit=None,
+        fit=fit_of(estimate.model, regression, x, estimate.base),
         judged=None,
     )

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from consistent_id._support.arrays import IntArray, Vector
+from consistent_id._support.arrays import IntArray
 from consistent_id.errors import ModelError
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.export.mjcf_body import require_mujoco
@@ -172,11 +172,3 @@ def _drive(spec: Any, joints: Sequence[str], gains: PDGains, mujoco: Any) -> Non
         drive.forcelimited = bool(np.isfinite(limit))
         if drive.forcelimited:
             drive.forcerange = [-limit, limit]
-
-
-def offsets_of(robot: Estimate, joints: Sequence[str]) -> Vector:
-    """Return the torque offsets of an estimate's joints, zero where there is none."""
-    names = robot.model.layout.names
-    return np.array(
-        [robot[n] if (n := f"{joint}.offset") in names else 0.0 for joint in joints]
-    )

@@ -6,7 +6,7 @@ faster part, and the other way round.  One setting is changed at a time, from a 
 start.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import msgspec
@@ -80,6 +80,20 @@ class SettingsChoice:
     settings: Settings
     error: float
     tried: tuple[tuple[Settings, float], ...]
+
+
+def _between(best: Settings, error: Callable[[Settings], float]) -> float:
+    """Return the delay at which a parabola through the best three is lowest [s]."""
+    place = DELAYS.index(best.delay) if best.delay in DELAYS else 0
+    if not 0 < place < len(DELAYS) - 1:
+        return best.delay
+    at = np.array(DELAYS[place - 1 : place + 2])
+    values = [error(replace(best, delay=float(delay))) for delay in at]
+    if not np.isfinite(values).all():
+        return best.delay
+    bend, slope, _ = np.polyfit(at - best.delay, values, 2)
+    lowest = best.delay - slope / (2.0 * bend) if bend > 0.0 else best.delay
+    return round(float(np.clip(lowest, at[0], at[-1])), 5)
 
 
 def with_settings(problem: Problem, settings: Settings) -> Problem:
@@ -157,6 +171,7 @@ def chosen_settings(problem: Problem, start: Settings | None = None) -> Settings
         best = sloped if error(sloped) < (1.0 - WORTH) * error(plain) else plain
         if best == before:
             break
+    best = min((best, replace(best, delay=_between(best, error))), key=error)
     if not np.isfinite(error(best)):
         raise RecordingError(
             f"problem {problem.name!r}: with no settings the rollouts stay near the "
