@@ -16,6 +16,8 @@ from consistent_id.constraints import (
     DensityOn,
     Ellipsoid,
     EqualLinks,
+    EqualMotors,
+    FixedBodies,
     FixedCentresOfMass,
     FixedMasses,
     FixedParameters,
@@ -45,6 +47,7 @@ from consistent_id.errors import (
     RecordingError,
     SolverError,
 )
+from consistent_id.estimation.command_delay import CommandDelay, command_delay
 from consistent_id.estimation.constrained import constrained_least_squares
 from consistent_id.estimation.contradiction import Contradiction, contradiction
 from consistent_id.estimation.cross_validation import (
@@ -74,6 +77,7 @@ from consistent_id.excitation.aims import Aim, PathForm
 from consistent_id.excitation.design import design_trajectory
 from consistent_id.excitation.designed import ExcitationDesign
 from consistent_id.excitation.validating import ValidationPath, validation_trajectory
+from consistent_id.export.actuator_config import to_isaac_lab, to_mjlab
 from consistent_id.export.c_source import to_c
 from consistent_id.export.casadi_functions import to_casadi
 from consistent_id.export.exported_file import Export
@@ -133,9 +137,11 @@ from consistent_id.recordings.signals import (
     Fold,
     FourierFit,
     MotionNoise,
+    PDGains,
     Track,
     aligned,
     blocked_folds,
+    commanded,
     decimated,
     differentiated,
     encoder_resolution,
@@ -232,6 +238,7 @@ __all__ = [
     "Certificate",
     "ClearanceReport",
     "Columns",
+    "CommandDelay",
     "Comparison",
     "ConsistentIdError",
     "ConsistentIntervals",
@@ -252,12 +259,14 @@ __all__ = [
     "Ellipsoid",
     "EndogeneityTest",
     "EqualLinks",
+    "EqualMotors",
     "Estimate",
     "Evidence",
     "ExcitationDesign",
     "Export",
     "Finding",
     "Fit",
+    "FixedBodies",
     "FixedCentresOfMass",
     "FixedFrame",
     "FixedMasses",
@@ -289,6 +298,7 @@ __all__ = [
     "NonNegativeDrive",
     "NotExcitedError",
     "Orientation",
+    "PDGains",
     "ParameterBounds",
     "PathError",
     "PathForm",
@@ -340,6 +350,8 @@ __all__ = [
     "build_scene",
     "casadi_regressor",
     "chain",
+    "command_delay",
+    "commanded",
     "compare",
     "comparison_html",
     "condition_number",
@@ -429,8 +441,10 @@ __all__ = [
     "to_c",
     "to_casadi",
     "to_cvxpy",
+    "to_isaac_lab",
     "to_json",
     "to_mjcf",
+    "to_mjlab",
     "to_numpy",
     "to_pinocchio",
     "to_urdf",

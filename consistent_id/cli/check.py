@@ -6,7 +6,12 @@ from pathlib import Path
 from typing import Any
 
 from consistent_id.cli.answers import Answer, answered, show
-from consistent_id.cli.log_options import add_columns, add_torque_gain, known_of
+from consistent_id.cli.log_options import (
+    add_columns,
+    add_gains,
+    add_torque_gain,
+    known_of,
+)
 from consistent_id.cli.options import (
     add_accept,
     add_command,
@@ -45,6 +50,7 @@ def add_check(commands: Any) -> None:
     )
     add_columns(command)
     add_torque_gain(command)
+    add_gains(command)
     command.add_argument(
         "--cutoff", type=positive, default=10.0, help="low-pass in Hz (default: 10)"
     )

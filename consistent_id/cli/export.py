@@ -86,6 +86,10 @@ def run_export(options: argparse.Namespace) -> int:
         source=options.source or problem.model_files.get(options.format),
         folder=options.output.parent,
         copy_files=options.copy_files,
+        gains=problem.gains,
+        delay=estimate.certificate.figures.get(
+            "delay of commands", problem.delay_of_commands
+        ),
     )
     written = None if options.dry_run else export.save(options.output)
     record = {

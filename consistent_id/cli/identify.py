@@ -202,9 +202,11 @@ def _answer(
 def _refuse_drafting(options: argparse.Namespace) -> None:
     """Refuse options that would go unused, as the problem file states these things."""
     columns = ("time", "position", "velocity", "torque", "torque_joints", "units")
-    names = (*columns, "torque_gain", "base", "tip", "lock", "validate")
+    source = ("torque_gain", "gains", "position_command")
+    names = (*columns, *source, "base", "tip", "lock", "validate")
     chosen = ("masses", "drive", "cutoff", "band", "no_select")
     given = [name for name in (*names, *chosen) if getattr(options, name)]
+    given += ["bodies"] if options.bodies != "identified" else []
     if given:
         flag = "--" + given[0].replace("_", "-")
         raise ProblemError(

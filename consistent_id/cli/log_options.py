@@ -11,6 +11,7 @@ from consistent_id.cli.options import positive
 
 if TYPE_CHECKING:
     from consistent_id.problems.draft import Draft
+    from consistent_id.recordings.signals import PDGains
 
 
 def add_columns(command: argparse.ArgumentParser) -> None:
@@ -65,6 +66,25 @@ def add_torque_gain(command: argparse.ArgumentParser) -> None:
     )
 
 
+def add_gains(command: argparse.ArgumentParser) -> None:
+    """Take what makes torque of commands, where the log has no torque."""
+    command.add_argument(
+        "--gains",
+        nargs="+",
+        type=_pair,
+        default=(),
+        metavar="KP,KD",
+        help="of PD-controlled joints, one pair for all or one each: torque is "
+        "computed from commands of position",
+    )
+    command.add_argument(
+        "--position-command",
+        metavar="NAME",
+        help="the log's column of commands, for --gains (default: guessed from the "
+        "log)",
+    )
+
+
 def add_draft_options(command: argparse.ArgumentParser) -> None:
     """Take what a draft of a problem file is made from."""
     command.add_argument(
@@ -77,7 +97,15 @@ def add_draft_options(command: argparse.ArgumentParser) -> None:
     )
     add_columns(command)
     add_torque_gain(command)
+    add_gains(command)
     chosen = command.add_argument_group("the model, chosen by the data unless given")
+    chosen.add_argument(
+        "--bodies",
+        choices=("identified", "model"),
+        default="identified",
+        help="identify bodies, or take those of the model and identify the drives "
+        "(default: identified)",
+    )
     chosen.add_argument(
         "--masses",
         choices=("model", "free"),
@@ -115,7 +143,7 @@ def known_of(options: argparse.Namespace) -> dict[str, Any]:
     """Return what the options say of a log, as `robot_logs` takes it."""
     from consistent_id.robot.chains import Selection
 
-    channels = ("time", "position", "velocity", "torque")
+    channels = ("time", "position", "velocity", "torque", "position_command")
     named = {name: getattr(options, name) for name in channels}
     return {
         "columns": {name: column for name, column in named.items() if column},
@@ -125,6 +153,7 @@ def known_of(options: argparse.Namespace) -> dict[str, Any]:
             options.base, options.tip, locked=dict(map(_held, options.lock)) or None
         ),
         "torque_gain": options.torque_gain,
+        "gains": _gains(options.gains),
     }
 
 
@@ -136,6 +165,7 @@ def draft_of(options: argparse.Namespace, model: Path, logs: Sequence[Path]) -> 
         model,
         logs,
         validation=options.validate,
+        bodies=options.bodies,
         masses="datasheet" if options.masses == "model" else options.masses,
         drive=options.drive,
         cutoff=options.cutoff,
@@ -185,7 +215,9 @@ def _fitting(unit: str) -> dict[str, str]:
         known = ", ".join(dict.fromkeys(u for each in KNOWN.values() for u in each))
         raise RecordingError(f"--units: no unit {unit!r}; known: {known}")
     if moved := fits.get("position"):
-        fits |= {"velocity": f"{moved}/s", "acceleration": f"{moved}/s^2"}
+        speed = f"{moved}/s"
+        fits |= {"velocity": speed, "velocity_command": speed}
+        fits |= {"acceleration": f"{moved}/s^2"}
     return fits
 
 
@@ -199,3 +231,25 @@ def _held(word: str) -> tuple[str, float]:
         raise ProblemError(
             f"--lock {word}: {position!r} is no number, expected a position in rad or m"
         ) from None
+
+
+def _gains(pairs: Sequence[tuple[float, float]]) -> "PDGains | None":
+    import numpy as np
+
+    from consistent_id.recordings.signals import PDGains
+
+    if not pairs:
+        return None
+    kp, kd = (np.array(values) for values in zip(*pairs, strict=True))
+    return PDGains(kp[0], kd[0]) if len(pairs) == 1 else PDGains(kp, kd)
+
+
+def _pair(text: str) -> tuple[float, float]:
+    """Read two numbers with a comma between them."""
+    try:
+        kp, kd = map(float, text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f"{text} is no pair of gains, expected KP,KD such as 60,1.5"
+        ) from None
+    return kp, kd

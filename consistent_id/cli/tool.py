@@ -22,6 +22,7 @@ from consistent_id.cli.rehearse import add_rehearse
 from consistent_id.cli.repair import add_repair
 from consistent_id.cli.report import add_report
 from consistent_id.cli.reproduce import add_reproduce
+from consistent_id.cli.rollout import add_rollout
 from consistent_id.cli.select import add_select
 from consistent_id.cli.time_limit import within
 
@@ -39,6 +40,7 @@ _COMMANDS = (
     add_lint,
     add_repair,
     add_reproduce,
+    add_rollout,
     add_completion,
 )
 _EPILOG = """examples:
@@ -54,6 +56,7 @@ _EPILOG = """examples:
   consistent-id lint robot.urdf
   consistent-id repair robot.urdf --dry-run
   consistent-id reproduce problems/rx60 --quick
+  consistent-id rollout problems/unitree_go2 --refine
 
 consistent-id COMMAND --help has more. Exit codes: 0 done, 1 do not use (the
 estimate, or a faulty log), 2 wrong usage or input, 3 solver failure or out of time,

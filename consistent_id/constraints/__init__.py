@@ -4,6 +4,7 @@ There is one small value per idea.  Each lowers itself to a `ConicSet` over the
 parameters of a torque model; any number of them combine.
 """
 
+from consistent_id.constraints.bodies import EqualMotors, FixedBodies
 from consistent_id.constraints.datasheet import (
     CentreOfMassBoxes,
     FixedCentresOfMass,
@@ -34,6 +35,8 @@ __all__ = [
     "DensityOn",
     "Ellipsoid",
     "EqualLinks",
+    "EqualMotors",
+    "FixedBodies",
     "FixedCentresOfMass",
     "FixedMasses",
     "FixedParameters",

@@ -22,7 +22,8 @@ class NonNegativeDrive:
     """Friction that dissipates, rotors and springs that store, never the reverse.
 
     Both Coulomb levels of an asymmetric joint are positive; friction at rest is no less
-    than the Coulomb level (``stribeck >= 0``); loaded gears have more of it.
+    than the Coulomb level (``stribeck >= 0``); loaded gears have more of it.  Where
+    friction varies with position, its level is positive at both limits of the joint.
 
     Parameters
     ----------
@@ -39,7 +40,8 @@ class NonNegativeDrive:
         Raises
         ------
         ProblemError
-            If a name is unknown.
+            If a name is unknown, or the friction of a joint without limits varies with
+            position.
         """
         layout = model.layout
         every = [term for joint in model.terms for term in joint.terms]
@@ -58,10 +60,42 @@ class NonNegativeDrive:
             raise ProblemError(
                 f"drive terms {unknown} are unknown; known: {', '.join(known)}"
             )
-        indices = [i for name in names for i in layout.drive_indices(name)]
+        sloped = _sloped(model) if "coulomb" in names else {}
+        indices = [
+            i
+            for name in names
+            for i in layout.drive_indices(name)
+            if not (name == "coulomb" and layout.names[i] in sloped)
+        ]
         rows = [-unit_row(layout, layout.names[i]) for i in indices]
         labels = [f"{layout.names[i]} >= 0" for i in indices]
+        for level, (slope, limits) in sloped.items():
+            for q in limits:
+                rows.append(-unit_row(layout, level) - q * unit_row(layout, slope))
+                labels.append(f"{level} + {q:.4g} {slope} >= 0")
         return inequalities(rows, [0.0] * len(rows), labels, model)
+
+
+def _sloped(model: TorqueModel) -> dict[str, tuple[str, tuple[float, float]]]:
+    """Return Coulomb levels that vary with position: their slopes, joints' limits.
+
+    Raises
+    ------
+    ProblemError
+        If such a joint has no limits.
+    """
+    found = {}
+    for joint, terms in zip(model.robot.driven, model.terms, strict=True):
+        if {"coulomb", "friction_slope"} <= set(terms.names):
+            limits = joint.limits.lower, joint.limits.upper
+            if joint.kind == "continuous" or not np.isfinite(limits).all():
+                raise ProblemError(
+                    f"the friction of {joint.name} varies with position, but the joint "
+                    "has no limits between which it would dissipate; give it limits, "
+                    "or leave friction_slope out there"
+                )
+            found[f"{joint.name}.coulomb"] = (f"{joint.name}.friction_slope", limits)
+    return found
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,6 +23,7 @@ class Method(StrEnum):
     WEIGHTED_CONSTRAINED = "weighted constrained"
     CROSS_VALIDATED = "cross-validated"
     INSTRUMENTAL_VARIABLES = "instrumental variables"
+    REFINED_BY_ROLLOUT = "refined by rollout"
 
     def __repr__(self) -> str:
         return repr(self.value)

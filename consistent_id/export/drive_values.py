@@ -2,10 +2,12 @@
 
 from collections.abc import Collection, Container, Mapping
 from dataclasses import dataclass
+from math import isfinite
 
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.drive.gear_coupling import GearCoupling
+from consistent_id.robot.model import Joint
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,11 +20,14 @@ class JointDrive:
     terms : DriveTerms
     values : dict of str to float
         By name, such as ``"viscous"``; what the joint's terms lack is not there.
+    middle : float, [rad or m]
+        Between the joint's limits, where friction that varies is taken.
     """
 
     joint: str
     terms: DriveTerms
     values: Mapping[str, float]
+    middle: float = 0.0
 
     def simulated(self, parameter: str) -> float | None:
         """Return a parameter of simulators, such as ``"damping"``; None without a term.
@@ -35,6 +40,8 @@ class JointDrive:
             for term in self.terms.terms
             if term.simulated_as == parameter
         ]
+        if levels and parameter == "friction":
+            levels.append(self.values.get("friction_slope", 0.0) * self.middle)
         return sum(levels) if levels else None
 
 
@@ -43,11 +50,12 @@ def joint_drives(estimate: Estimate) -> tuple[JointDrive, ...]:
     model = estimate.model
     return tuple(
         JointDrive(
-            name,
+            joint.name,
             terms,
-            {term: estimate[f"{name}.{term}"] for term in terms.names},
+            {term: estimate[f"{joint.name}.{term}"] for term in terms.names},
+            _middle(joint),
         )
-        for name, terms in zip(model.robot.joint_names, model.terms, strict=True)
+        for joint, terms in zip(model.robot.driven, model.terms, strict=True)
     )
 
 
@@ -71,6 +79,11 @@ def in_leader(follower: str) -> str:
         f"friction of {follower} is zero now: it follows another joint, whose "
         "coefficients contain it"
     )
+
+
+def _middle(joint: Joint) -> float:
+    limits = joint.limits.lower, joint.limits.upper
+    return sum(limits) / 2.0 if all(map(isfinite, limits)) else 0.0
 
 
 def coupling_values(

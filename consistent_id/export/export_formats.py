@@ -13,6 +13,7 @@ from consistent_id.errors import ProblemError
 if TYPE_CHECKING:
     from consistent_id.estimation.estimate import Estimate
     from consistent_id.export.exported_file import Export
+    from consistent_id.recordings.signals import PDGains
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +32,8 @@ class ExportFormat:
         Whether the estimate can be put into an existing file of the robot.
     has_assets : bool
         Whether that file refers to others, so that it matters where it is written.
+    takes_gains : bool
+        Whether gains and delay of PD-controlled joints are part of it.
     """
 
     name: str
@@ -39,6 +42,7 @@ class ExportFormat:
     function: str
     takes_source: bool = False
     has_assets: bool = False
+    takes_gains: bool = False
 
 
 EXPORT_FORMATS = (
@@ -51,6 +55,16 @@ EXPORT_FORMATS = (
     ExportFormat("numpy", "stand-alone NumPy", "numpy_source", "to_numpy"),
     ExportFormat("casadi", "CasADi function", "casadi_functions", "casadi_file"),
     ExportFormat("c", "C", "c_source", "to_c"),
+    ExportFormat(
+        "isaaclab",
+        "Isaac Lab actuators",
+        "actuator_config",
+        "to_isaac_lab",
+        takes_gains=True,
+    ),
+    ExportFormat(
+        "mjlab", "mjlab actuators", "actuator_config", "to_mjlab", takes_gains=True
+    ),
 )
 
 
@@ -61,6 +75,8 @@ def exported(
     source: Path | None = None,
     folder: Path | None = None,
     copy_files: bool = False,
+    gains: "PDGains | None" = None,
+    delay: float = 0.0,
     allow_refused: bool = False,
 ) -> "Export":
     """Return an estimate in a format.
@@ -76,6 +92,10 @@ def exported(
         Where it will be written, if files that it refers to are to be found from there.
     copy_files : bool
         Whether these files are to be copied there.
+    gains : PDGains, optional
+        Of PD-controlled joints.
+    delay : float, [s]
+        Of their commands.
     allow_refused : bool
 
     Raises
@@ -99,6 +119,8 @@ def exported(
         options["source"] = source
         if known.has_assets:
             options |= {"folder": folder, "copy_files": copy_files}
+    if known.takes_gains:
+        options |= {"gains": gains, "delay": delay}
     module = import_module(f"consistent_id.export.{known.module}")
     function = getattr(module, known.function)
     export: Export = function(estimate, allow_refused=allow_refused, **options)

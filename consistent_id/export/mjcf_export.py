@@ -18,6 +18,7 @@ from consistent_id.export.exported_file import Export
 from consistent_id.export.mjcf_body import quaternion, require_mujoco, set_body
 from consistent_id.export.mjcf_gears import add_gears, set_number
 from consistent_id.export.mjcf_in_place import put_in_place
+from consistent_id.export.mjcf_slopes import add_slopes
 from consistent_id.export.mjcf_source import Source, put_into, read_spec
 from consistent_id.export.mjcf_text import exact_xml
 from consistent_id.export.mjcf_tree import spec_tree
@@ -111,6 +112,9 @@ def mujoco_spec(
         more += [in_leader(drive.joint)] if _resists(joint) else []
         _set_drive(spec, joint, drive)
     exempt = _preloads(estimate) | add_gears(spec, tree.joints, estimate)
+    sloped, of_slopes = add_slopes(spec, tree.joints, estimate)
+    exempt |= sloped
+    more = [*more, *of_slopes]
     notes = not_expressed(estimate, "MuJoCo", _EXPRESSED, exempt)
     return Specified(spec, (*notes, *_weak_springs(estimate), *more))
 

@@ -14,6 +14,7 @@ from consistent_id.export.mjcf_splice import (
     number_edits,
     places_in,
     set_section,
+    site_edits,
     tendon_edits,
 )
 from consistent_id.export.mjcf_text import exact_xml
@@ -30,6 +31,7 @@ _READ_BACK = (
     "dof_frictionloss",
     "jnt_stiffness",
     "qpos_spring",
+    "tendon_frictionloss",
 )
 
 
@@ -86,6 +88,7 @@ def put_in_place(
     )
     if every:
         edits += set_section(document, "compiler", {"inertiafromgeom": "auto"})
+    edits += site_edits(document, places, before, after)
     edits += tendon_edits(document, before, after)
     edits = [*edits, *moved, comment_edit(document, comment)]
     content = document.spliced(joined(edits))

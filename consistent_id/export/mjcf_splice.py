@@ -89,14 +89,45 @@ def tendon_edits(document: Document, before: Any, after: Any) -> list[Edit]:
             and (value := float(getattr(after, f"tendon_{name}")[t]))
         )
         first = int(after.tendon_adr[t])
-        ends = [
-            f'<joint joint="{after.jnt(int(after.wrap_objid[w])).name}" '
-            f'coef="{number(after.wrap_prm[w])}"/>'
-            for w in range(first, first + int(after.tendon_num[t]))
-        ]
-        fixed = [f'<fixed name="{tendon.name}"{shared}>', *ends, "</fixed>"]
-        sections.append(["<tendon>", *fixed, "</tendon>"])
+        wraps = range(first, first + int(after.tendon_num[t]))
+        kind = "spatial" if _is_site(after, first) else "fixed"
+        ends = [_end(after, w) for w in wraps]
+        whole = [f'<{kind} name="{tendon.name}"{shared}>', *ends, f"</{kind}>"]
+        sections.append(["<tendon>", *whole, "</tendon>"])
     return [document.insert(document.root, [lines]) for lines in sections]
+
+
+def site_edits(
+    document: Document, places: Places, before: Any, after: Any
+) -> list[Edit]:
+    """Return edits that add the sites that only the later model has."""
+    known = {before.site(s).name for s in range(before.nsite)}
+    world = next(iter(document.root.all("worldbody")))
+    edits = []
+    for s in range(after.nsite):
+        site = after.site(s)
+        if site.name not in known:
+            body = int(after.site_bodyid[s])
+            holder = world if body == 0 else places.bodies[body - 1]
+            stated = (
+                f'<site name="{site.name}" pos="{_text(after.site_pos[s])}" '
+                f'size="{number(after.site_size[s][0])}"/>'
+            )
+            edits.append(document.insert(holder, [[stated]]))
+    return edits
+
+
+def _is_site(model: Any, wrap: int) -> bool:
+    return bool(model.wrap_type[wrap] == require_mujoco().mjtWrap.mjWRAP_SITE)
+
+
+def _end(model: Any, wrap: int) -> str:
+    """Return what a tendon passes: a joint, or a site."""
+    place = int(model.wrap_objid[wrap])
+    if _is_site(model, wrap):
+        return f'<site site="{model.site(place).name}"/>'
+    joint, share = model.jnt(place).name, number(model.wrap_prm[wrap])
+    return f'<joint joint="{joint}" coef="{share}"/>'
 
 
 def set_section(

@@ -1,4 +1,4 @@
-"""The ``[constraints]`` table of a problem file, turned into constraints."""
+"""The tables of constraints and of the prior, turned into values."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -12,6 +12,8 @@ from consistent_id.constraints import (
     DensityOn,
     Ellipsoid,
     EqualLinks,
+    EqualMotors,
+    FixedBodies,
     FixedCentresOfMass,
     FixedMasses,
     FixedParameters,
@@ -28,10 +30,12 @@ from consistent_id.constraints import (
     TotalMass,
     mesh_vertices,
 )
+from consistent_id.constraints.priors import Penalty, PointToSet, Prior
 from consistent_id.errors import ProblemError
 from consistent_id.problems.file import (
     ConstraintsTable,
     JointTable,
+    PriorTable,
     RelationTable,
     ShapeTable,
 )
@@ -50,18 +54,12 @@ def constraints_of(
         If a relation or a shape makes no sense.
     """
     chosen: list[Constraint] = [PhysicalConsistency(table.margin)]
-    if table.masses == "datasheet":
-        chosen.append(FixedMasses())
-    elif table.masses == "bounds":
-        chosen.append(MassBounds())
-    if table.centres_of_mass == "datasheet":
-        chosen.append(FixedCentresOfMass())
-    elif table.centres_of_mass == "box":
-        chosen.append(CentreOfMassBoxes())
+    chosen += _of_bodies(table)
     if table.drive_signs:
         chosen.append(NonNegativeDrive())
     if table.shared_motors:
         chosen.append(SharedMotors())
+    chosen += [EqualMotors(joints) for joints in table.equal_motors]
     motors = _motors(joints)
     if motors and table.rotor_inertias == "datasheet":
         chosen.append(RotorInertias(motors, table.rotor_inertia_tolerance))
@@ -83,6 +81,40 @@ def constraints_of(
     ]
     chosen += [DensityOn(s.link, _shape(s, folder)) for s in table.density_on]
     return tuple(chosen)
+
+
+def prior_of(table: PriorTable, file: Path) -> Prior:
+    """Return the prior that a table asks for.
+
+    Raises
+    ------
+    ProblemError
+        If it has both a slack and a weight.
+    """
+    if table.weight is None:
+        return PointToSet(table.slack, table.distance, table.inside)
+    if table.slack is not None:
+        raise ProblemError(
+            f"{file}: [prior] has both slack = {table.slack} and weight = "
+            f"{table.weight}; give a slack or a weight, not both"
+        )
+    return Penalty(table.weight, table.distance, table.inside)
+
+
+def _of_bodies(table: ConstraintsTable) -> list[Constraint]:
+    """Return what is known of masses and centres of mass, or of whole bodies."""
+    if table.bodies == "model":
+        return [FixedBodies()]
+    chosen: list[Constraint] = []
+    if table.masses == "datasheet":
+        chosen.append(FixedMasses())
+    elif table.masses == "bounds":
+        chosen.append(MassBounds())
+    if table.centres_of_mass == "datasheet":
+        chosen.append(FixedCentresOfMass())
+    elif table.centres_of_mass == "box":
+        chosen.append(CentreOfMassBoxes())
+    return chosen
 
 
 def _motors(joints: Mapping[str, JointTable]) -> dict[str, Motor]:

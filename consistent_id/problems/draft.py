@@ -19,12 +19,14 @@ from consistent_id.problems.file import (
     ProblemTable,
     RecordingTable,
 )
+from consistent_id.problems.log_entries import gains_table
 from consistent_id.problems.model import DEFAULT_DRIVE
 from consistent_id.problems.problem import Problem, problem_of
 from consistent_id.problems.selection.selection import Selection
 from consistent_id.problems.toml_text import toml_text
 from consistent_id.recordings.readers.columns import Columns
 from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.signals import PDGains
 from consistent_id.robot.loaders.robot_file import is_mjcf
 
 Role = Literal["training", "validation"]
@@ -80,6 +82,10 @@ class Draft:
         Of all joints, as long as no model was selected.
     selection : Selection, optional
         The model that the training rows ask for.
+    gains : PDGains, optional
+        Of PD-controlled joints.
+    bodies : {"identified", "model"}
+        Whether bodies are identified, or those of the model are the robot's.
     """
 
     model: Path
@@ -100,6 +106,8 @@ class Draft:
     notes: tuple[str, ...] = ()
     drive: DriveTable = DEFAULT_DRIVE
     selection: Selection | None = None
+    gains: PDGains | None = None
+    bodies: Literal["identified", "model"] = "identified"
 
     @property
     def locked(self) -> tuple[str, ...]:
@@ -150,7 +158,7 @@ class Draft:
                 locked=dict(self.held),
             ),
             drive=self.drive,
-            constraints=ConstraintsTable(masses=self.masses),
+            constraints=ConstraintsTable(bodies=self.bodies, masses=self.masses),
             data=DataTable(
                 recordings=[
                     RecordingTable(
@@ -167,6 +175,7 @@ class Draft:
                 },
                 torque_gain=gain if len(gain) > 1 else gain[0],
                 torque_joints=list(self.columns.torque_joints),
+                gains=None if self.gains is None else gains_table(self.gains),
                 preparation=PreparationTable(
                     max_gap=self.max_gap,
                     resample=self.resample,
@@ -223,14 +232,15 @@ class Draft:
             "datasheet": '"free" if they are made up',
             "free": "known ones make estimates better",
         }
-        known = f"GUESS: the masses of {self.model.name} are those of the robot."
+        stated = "bodies" if self.bodies == "model" else "masses"
+        known = f"GUESS: the {stated} of {self.model.name} are those of the robot."
         comments = {
             "model": f"{held if self.held else ''}Joints: {', '.join(self.joints)}.",
             "drive": "GUESS: viscous friction, Coulomb friction, a constant offset.\n"
             "rotor_inertia = true adds the rotors of geared motors.",
             "drive.velocity_scale": "GUESS [rad/s or m/s]: width of the sign change",
             "constraints": known if self.masses == "datasheet" else "",
-            "constraints.masses": masses[self.masses],
+            "constraints.masses": "" if self.bodies == "model" else masses[self.masses],
             "data": "The first 70 % of the motion are for training, the rest for "
             "validation."
             if self._is_split
@@ -266,7 +276,7 @@ class Draft:
 def draft_table(draft: Draft) -> Table:
     """Return what was taken from the files, and what was guessed."""
     columns = draft.columns
-    channels = ("time", "position", "velocity", "torque")
+    channels = ("time", "position", "velocity", "torque", "position_command")
     named = ((c, getattr(columns, c)) for c in channels)
     units = ", ".join(f"{channel}: {u}" for channel, u in columns.units.items())
     rows = [
@@ -280,11 +290,12 @@ def draft_table(draft: Draft) -> Table:
             for a, b in (entry.rows,)
         ),
         ("cut-off", f"{draft.cutoff:g} Hz: {draft.cutoff_reason}"),
-        ("masses", "the model's" if draft.masses == "datasheet" else "free"),
+        _taken(draft),
         ("friction", "viscous, Coulomb (tanh), offset"),
     ]
     if draft.selection is not None:
-        del rows[-3:]  # the table of the selection has them
+        # The table of the selection has them.
+        del rows[-3 if draft.bodies == "identified" else -1 :]
     if draft.held:
         rows.insert(1, draft._locked)
     return Table(
@@ -293,6 +304,13 @@ def draft_table(draft: Draft) -> Table:
         tuple(rows),
         (*draft.notes, "consistent-id init writes this down, to be corrected"),
     )
+
+
+def _taken(draft: Draft) -> tuple[str, str]:
+    """Say what is taken from the model."""
+    if draft.bodies == "model":
+        return "bodies", "the model's"
+    return "masses", "the model's" if draft.masses == "datasheet" else "free"
 
 
 def _relative(file: Path, folder: Path) -> str:

@@ -3,48 +3,39 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
-import numpy as np
+import msgspec
 
-from consistent_id.errors import ConsistentIdError, ProblemError, RecordingError
-from consistent_id.estimation.cutoff import CutoffChoice, best_cutoff
+from consistent_id.errors import ConsistentIdError, ProblemError
 from consistent_id.problems.draft import Draft, DraftRecording
-from consistent_id.problems.file import DriveTable, PreparationTable
+from consistent_id.problems.draft_cutoff import (
+    DraftCutoff,
+    draft_cutoff,
+    usual_cutoff,
+)
+from consistent_id.problems.draft_rows import (
+    Clock,
+    clock_of,
+    moving_rows,
+    split_logs,
+)
+from consistent_id.problems.file import DriveTable
+from consistent_id.problems.log_entries import with_torque
 from consistent_id.problems.model import DEFAULT_DRIVE
-from consistent_id.problems.preparation import prepared
 from consistent_id.problems.robot_logs import RobotLogs, robot_logs
 from consistent_id.problems.selection.select import select_model
 from consistent_id.problems.selection.setup import DRIVE
 from consistent_id.recordings.readers.units import Units
 from consistent_id.recordings.recording import Recording
-from consistent_id.recordings.signals import (
-    estimated_period,
-    resampled,
-    split_at_gaps,
-    standstill,
-    trimmed,
-)
-from consistent_id.recordings.signals.clocks import is_uniform, own_rate
+from consistent_id.recordings.signals import PDGains
+from consistent_id.recordings.signals.clocks import own_rate
 from consistent_id.regression.drive.drive_terms import DEFAULTS
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.chains import Selection
 from consistent_id.robot.parameters import did_you_mean
 
-_TRAINING = 0.7  # of the motion; the rest is for validation
-_PERIOD = 0.02  # of the motion: shorter periods need no whole ones
-_GAP = 10.0  # steps without a sample
-_ALIKE = 1.25  # ratio of rates up to which one resampled rate does for both
-_CUTOFFS = (2.0, 3.0, 5.0, 7.5, 10.0, 15.0, 20.0, 30.0, 50.0)  # Hz
-_SHARE = 0.2  # of the rate, up to which a cut-off is tried
-_FOLDS = 6
 _SWITCHES = tuple(name for name, value in DEFAULTS.items() if value in (False, "none"))
-_LOW = 5.0  # Hz; a choice among higher ones alone would be none
-
-
-class _Clock(NamedTuple):
-    resample: float | None  # Hz
-    max_gap: float | None  # s
 
 
 def draft_problem(
@@ -63,6 +54,8 @@ def draft_problem(
     band: float | None = None,
     select: bool = True,
     progress: bool = False,
+    gains: PDGains | None = None,
+    bodies: Literal["identified", "model"] = "identified",
 ) -> Draft:
     """Draft the problem of identifying a robot from one log or several.
 
@@ -106,18 +99,24 @@ def draft_problem(
         offset, and a cut-off of `best_cutoff`.
     progress : bool
         Whether the choice shows on the standard error how far it is.
+    gains : PDGains, optional
+        Of PD-controlled joints: torque is then computed from commands of position.
+    bodies : {"identified", "model"}
+        Whether bodies are identified, or those of the model are the robot's.
 
     Raises
     ------
     ModelError, RecordingError
         If a file cannot be read, or columns cannot be guessed.
     ProblemError
-        If no log is given, or one is given twice.
+        If no log is given, or one is given twice; or bodies are the model's and masses
+        are free.
     """
     model = Path(model)
     given = [log] if isinstance(log, str | Path) else log
     training, held_out = [Path(file) for file in given], [Path(f) for f in validation]
     _require_distinct(training, held_out)
+    _require_known_bodies(bodies, masses)
     logs = robot_logs(
         model,
         training[0],
@@ -126,29 +125,18 @@ def draft_problem(
         torque_joints=torque_joints,
         selection=selection,
         torque_gain=torque_gain,
+        gains=gains,
     )
-    raws = {file: logs.read(file) for file in training}
-    clock = _clock(list(raws.values()))
-    entries, parts = list[DraftRecording](), list[Recording]()
-    for file, raw in raws.items():
-        start, stop = _moving(raw, clock)
-        middle = stop if held_out else start + _training(raw, stop - start)
-        entries += _entries(file, raw, start, middle, stop)
-        parts.append(trimmed(raw, start, middle))
-    table = DEFAULT_DRIVE if drive is None else _drive_table(drive)
-    if cutoff is not None:
-        chosen, reason = cutoff, f"{cutoff:g} Hz, as was asked for"
-    elif select:
-        chosen, reason = _fallback(parts), "the plain default"
-    else:
-        torque_model = TorqueModel(
-            logs.robot, table.terms, torque_joints=tuple(logs.columns.torque_joints)
-        )
-        chosen, reason = _cutoff(torque_model, parts, clock)
+    read = {file: logs.read(file) for file in training}
+    raws = {file: with_torque(raw, gains) for file, raw in read.items()}
+    clock = clock_of(list(raws.values()))
+    split = split_logs(raws, clock, whole=bool(held_out))
+    table = _plain_drive(gains) if drive is None else _drive_table(drive)
+    chosen = _plain_cutoff(logs, table, split.training, clock, cutoff, select)
     known = any(link.datasheet.mass is not None for link in logs.robot.links)
     draft = Draft(
         model=model,
-        recordings=tuple(sorted(entries, key=lambda entry: entry.role)),
+        recordings=tuple(sorted(split.entries, key=lambda entry: entry.role)),
         joints=logs.robot.joint_names,
         held=logs.locked,
         base=None if selection is None else selection.base,
@@ -158,30 +146,57 @@ def draft_problem(
         rate=own_rate(raws[training[0]]),
         resample=clock.resample,
         max_gap=clock.max_gap,
-        cutoff=chosen,
-        cutoff_reason=reason,
+        cutoff=chosen.frequency,
+        cutoff_reason=chosen.reason,
         masses=(masses or "datasheet") if known else "free",
-        raw=raws,
+        raw=read,
         notes=logs.notes,
         drive=table,
+        gains=gains,
+        bodies=bodies,
     )
     if select:
-        fixed_values = {"masses": masses, "motion_cutoff": cutoff}
-        fixed = [kind for kind, value in fixed_values.items() if value is not None]
-        if drive is not None:
-            fixed += [kind for kind in DRIVE if kind != "velocity_scale"]
-        draft = _with_model(draft, fixed, band, progress)
+        draft = _with_model(draft, _fixed(masses, cutoff, drive), band, progress)
     return _with_validation(draft, held_out, logs, clock)
 
 
+def _fixed(
+    masses: str | None, cutoff: float | None, drive: Sequence[str] | None
+) -> list[str]:
+    """Return what is given, and not chosen."""
+    given = {"masses": masses, "motion_cutoff": cutoff}
+    fixed = [kind for kind, value in given.items() if value is not None]
+    if drive is not None:
+        fixed += [kind for kind in DRIVE if kind != "velocity_scale"]
+    return fixed
+
+
+def _plain_cutoff(
+    logs: RobotLogs,
+    drive: DriveTable,
+    training: Sequence[Recording],
+    clock: Clock,
+    given: float | None,
+    select: bool,
+) -> DraftCutoff:
+    """Return the cut-off of a draft whose model has not been selected."""
+    if given is not None:
+        return DraftCutoff(given, f"{given:g} Hz, as was asked for")
+    if select:
+        return DraftCutoff(usual_cutoff(training), "the plain default")
+    measured = tuple(logs.columns.torque_joints)
+    model = TorqueModel(logs.robot, drive.terms, torque_joints=measured)
+    return draft_cutoff(model, training, clock)
+
+
 def _with_validation(
-    draft: Draft, held_out: Sequence[Path], logs: RobotLogs, clock: _Clock
+    draft: Draft, held_out: Sequence[Path], logs: RobotLogs, clock: Clock
 ) -> Draft:
     """Return a draft with logs for validation, read when its model is fixed."""
     raws, entries = dict(draft.raw), list(draft.recordings)
     for file in held_out:
         raws[file] = logs.read(file)
-        rows = _rows(raws[file], *_moving(raws[file], clock))
+        rows = moving_rows(with_torque(raws[file], logs.gains), clock)
         entries.append(DraftRecording(file, "validation", rows))
     return replace(draft, raw=raws, recordings=tuple(entries))
 
@@ -201,6 +216,21 @@ def _with_model(
     return replace(draft, selection=chosen)
 
 
+def _require_known_bodies(bodies: str, masses: str | None) -> None:
+    if bodies == "model" and masses == "free":
+        raise ProblemError(
+            "masses are free and bodies are those of the model, which have masses; "
+            "leave one of the two out"
+        )
+
+
+def _plain_drive(gains: PDGains | None) -> DriveTable:
+    """Return the drive of which nothing is known; PD-controlled motors have gears."""
+    if gains is None:
+        return DEFAULT_DRIVE
+    return msgspec.structs.replace(DEFAULT_DRIVE, rotor_inertia=True)
+
+
 def _drive_table(names: Sequence[str]) -> DriveTable:
     """Return the drive terms of these names; those with shapes have usual ones."""
     for name in names:
@@ -214,12 +244,6 @@ def _drive_table(names: Sequence[str]) -> DriveTable:
     return DriveTable(**keys)
 
 
-def _fallback(training: Sequence[Recording]) -> float:
-    """Return a cut-off [Hz] that no data have chosen."""
-    top = _SHARE * min(own_rate(part) for part in training)
-    return float(f"{min(10.0, top):.2g}")
-
-
 def _require_distinct(training: Sequence[Path], held_out: Sequence[Path]) -> None:
     every = [*training, *held_out]
     if not training:
@@ -229,120 +253,3 @@ def _require_distinct(training: Sequence[Path], held_out: Sequence[Path]) -> Non
             raise ProblemError(
                 f"{file} is given twice; a log is for training or for validation"
             )
-
-
-def _entries(
-    file: Path, raw: Recording, start: float, middle: float, stop: float
-) -> list[DraftRecording]:
-    """Return the rows that are for training and, after the middle, for validation."""
-    first, last = _rows(raw, start, middle)
-    if middle >= stop:
-        return [DraftRecording(file, "training", (first, last))]
-    last -= 1
-    end = _rows(raw, start, stop)[1]
-    return [
-        DraftRecording(file, "training", (first, last)),
-        DraftRecording(file, "validation", (last + 1, end)),
-    ]
-
-
-def _rows(raw: Recording, start: float, stop: float) -> tuple[int, int]:
-    """Return the first and the last row between two times, counted from 1."""
-    first, last = np.searchsorted(raw.time, [start, stop]).tolist()
-    return first + 1, min(last + 1, len(raw))
-
-
-def _training(raw: Recording, duration: float) -> float:
-    """Return how long the training lasts [s]: whole periods, where motion repeats."""
-    share = _TRAINING * duration
-    try:
-        period = estimated_period(raw, shortest=_PERIOD * duration)
-    except RecordingError:
-        return share
-    whole = int(duration / period)
-    if whole < 2:
-        return share
-    return period * min(max(round(_TRAINING * whole), 1), whole - 1)
-
-
-def _clock(raws: Sequence[Recording]) -> _Clock:
-    """Return what makes the logs' clocks uniform.
-
-    Raises
-    ------
-    RecordingError
-        If one uniform rate does not do for all.
-    """
-    rates = [own_rate(raw) for raw in raws]
-    steps = [
-        float(np.diff(raw.time).max()) * rate
-        for raw, rate in zip(raws, rates, strict=True)
-    ]
-    max_gap = float(f"{_GAP / min(rates):.3g}") if max(steps) > _GAP else None
-    if all(is_uniform(raw) for raw in raws):
-        return _Clock(None, max_gap)
-    if max(rates) > _ALIKE * min(rates):
-        seen = ", ".join(
-            f"{raw.name} {rate:.4g} Hz" for raw, rate in zip(raws, rates, strict=True)
-        )
-        raise RecordingError(
-            f"clocks jitter, and the logs' rates differ too much to be resampled to "
-            f"one: {seen}. Resample the faster ones first"
-        )
-    return _Clock(float(f"{min(rates):.4g}"), max_gap)
-
-
-def _moving(raw: Recording, clock: _Clock) -> tuple[float, float]:
-    """Return when the first joint begins to move, and when the last one stops [s]."""
-    low = min(10.0, _SHARE * own_rate(raw))
-    table = PreparationTable(
-        max_gap=clock.max_gap, resample=clock.resample, motion_cutoff=low
-    )
-    times = [
-        part.time[~standstill(part).all(axis=1)]
-        for part in prepared(raw, table)
-        if part.velocity is not None and part.velocity.any()
-    ]
-    moving = np.concatenate([np.empty(0), *times])
-    if len(moving) < 2:
-        raise RecordingError(f"{raw.name}: no joint ever moves")
-    return float(moving[0]), float(moving[-1])
-
-
-def _cutoff(
-    model: TorqueModel, training: Sequence[Recording], clock: _Clock
-) -> tuple[float, str]:
-    """Return the cut-off [Hz], and why it is that."""
-    top = _SHARE * min(own_rate(part) for part in training)
-    fallback = _fallback(training)
-    try:
-        chosen = _chosen(model, training, clock, top)
-    except ConsistentIdError as cause:
-        return fallback, f"{fallback:g} Hz, as none could be chosen ({cause})"
-    tried = ", ".join(f"{f:g}" for f in chosen.motion)
-    return chosen.motion_cutoff, (
-        f"of {tried} Hz the one with which the training rows predict each other best"
-    )
-
-
-def _chosen(
-    model: TorqueModel, training: Sequence[Recording], clock: _Clock, top: float
-) -> CutoffChoice:
-    parts = list(training)
-    if clock.max_gap is not None:
-        shortest = sum(part.duration for part in parts) / _FOLDS
-        parts = [
-            piece
-            for part in parts
-            for piece in split_at_gaps(part, clock.max_gap, shortest=shortest)
-        ]
-    if clock.resample is not None:
-        parts = [
-            resampled(part, clock.resample, max_gap=clock.max_gap) for part in parts
-        ]
-    # A quarter of a fold may be lost at each end to the lowest cut-off.
-    least = 4.0 * _FOLDS / sum(part.duration for part in parts)
-    if least > _LOW:
-        raise RecordingError(f"the motion is too short to try {_LOW:g} Hz and less")
-    tried = [cutoff for cutoff in _CUTOFFS if 1.02 * least < cutoff <= top]
-    return best_cutoff(model, parts, tried, folds=_FOLDS)

@@ -119,10 +119,12 @@ class ConstraintsTable(Table, frozen=True, kw_only=True):
     """Constraints of the constrained estimate."""
 
     margin: Annotated[float, Meta(ge=0.0, lt=1.0)] = 1e-6
+    bodies: Literal["identified", "model"] = "identified"
     masses: Literal["datasheet", "bounds", "free"] = "datasheet"
     centres_of_mass: Literal["datasheet", "box", "free"] = "free"
     drive_signs: bool = True
     shared_motors: bool = False
+    equal_motors: list[Annotated[list[str], Meta(min_length=2)]] = []
     rotor_inertias: Literal["datasheet", "free"] = "datasheet"
     rotor_inertia_tolerance: NonNegative = 0.0
     fixed: dict[str, float] = {}
@@ -152,6 +154,9 @@ class ColumnsTable(Table, frozen=True, kw_only=True):
     velocity: str | None = None
     acceleration: str | None = None
     torque: str | None = None
+    position_command: str | None = None
+    velocity_command: str | None = None
+    torque_command: str | None = None
     names: dict[str, str] = {}
     array_joints: list[str] = []
 
@@ -204,6 +209,19 @@ class RecordingTable(Table, frozen=True, kw_only=True):
     tracks: list[TrackTable] = []
 
 
+class GainsTable(Table, frozen=True, kw_only=True):
+    """Gains of PD-controlled joints: one for all, or one each in the robot's order.
+
+    With them torque is computed from what the joints were told, commands being late by
+    a delay [s].
+    """
+
+    kp: NonNegative | list[NonNegative]
+    kd: NonNegative | list[NonNegative] = 0.0
+    torque_limit: Positive | list[Positive] | None = None
+    delay: NonNegative | Literal["estimated"] = 0.0
+
+
 class DataTable(Table, frozen=True, kw_only=True):
     """Recordings of a real robot."""
 
@@ -214,6 +232,7 @@ class DataTable(Table, frozen=True, kw_only=True):
     topic: str | None = None
     torque_gain: float | list[float] = 1.0
     torque_joints: list[str] = []
+    gains: GainsTable | None = None
     preparation: PreparationTable = PreparationTable()
 
 

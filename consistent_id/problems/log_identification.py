@@ -7,6 +7,7 @@ from typing import Literal
 from consistent_id.problems.drafting import draft_problem
 from consistent_id.problems.study import Study, run_study
 from consistent_id.recordings.readers.units import Units
+from consistent_id.recordings.signals import PDGains
 from consistent_id.robot.chains import Selection
 
 
@@ -23,6 +24,8 @@ def identify_log(
     locked: Mapping[str, float] | None = None,
     torque_gain: float | Sequence[float] = (),
     masses: Literal["datasheet", "free"] = "datasheet",
+    gains: PDGains | None = None,
+    bodies: Literal["identified", "model"] = "identified",
     accepted: Sequence[str] = (),
     seed: int = 0,
     progress: bool = False,
@@ -37,7 +40,7 @@ def identify_log(
         To learn from.
     validation : str or Path, or a sequence of them
         To judge by; by default the last 30 % of each log's motion.
-    columns, units, torque_joints, masses
+    columns, units, torque_joints, masses, gains, bodies
         See `draft_problem`.
     base, tip : str, optional
         Links between which the robot moves.
@@ -73,6 +76,8 @@ def identify_log(
         selection=Selection(base, tip, locked=locked),
         torque_gain=gain,
         masses=masses,
+        gains=gains,
+        bodies=bodies,
     )
     return run_study(
         draft.problem(), seed=seed, progress=progress, accepted=tuple(accepted)

@@ -5,26 +5,30 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
-import numpy as np
-
 from consistent_id._support.run import require_trusted
 from consistent_id._support.tables import Table
 from consistent_id.constraints import Constraint, lowered
-from consistent_id.constraints.priors import Penalty, PointToSet, Prior
+from consistent_id.constraints.priors import Prior
 from consistent_id.errors import ProblemError
-from consistent_id.problems.constraints import constraints_of
+from consistent_id.estimation.command_delay import CommandDelay, command_delay
+from consistent_id.problems.constraints import constraints_of, prior_of
 from consistent_id.problems.data_columns import columns_of
 from consistent_id.problems.file import (
     ColumnsTable,
     DataTable,
-    PriorTable,
     ProblemTable,
     RecordingTable,
     TrackTable,
     read_problem_table,
 )
 from consistent_id.problems.folder import problem_files
+from consistent_id.problems.log_entries import (
+    gains_of_drives,
+    span_of,
+    with_torque,
+)
 from consistent_id.problems.model import torque_model
+from consistent_id.problems.motions import sampled_motion
 from consistent_id.problems.named_files import expanded, require_there
 from consistent_id.problems.paths import names_outside
 from consistent_id.problems.preparation import (
@@ -35,8 +39,7 @@ from consistent_id.problems.preparation import (
 )
 from consistent_id.recordings.readers import read_recording, read_track
 from consistent_id.recordings.recording import Recording
-from consistent_id.recordings.signals import Track
-from consistent_id.recordings.sinusoids import Sinusoid, SinusoidalMotion
+from consistent_id.recordings.signals import PDGains, Track
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.parameters import did_you_mean
 
@@ -124,18 +127,8 @@ class Problem:
         if name not in self.table.motions:
             near = did_you_mean(name, self.table.motions)
             raise ProblemError(f"problem {self.name!r}: no motion {name!r}; {near}")
-        table = self.table.motions[name]
-        joints = tuple(
-            tuple(
-                Sinusoid(
-                    *_ends(term.amplitude), term.frequency, np.radians(term.phase_deg)
-                )
-                for term in terms
-            )
-            for terms in table.joints
-        )
-        motion = SinusoidalMotion(table.duration, table.rate, joints)
-        return motion.recording(self.model.robot.joint_names, name=name)
+        joints = self.model.robot.joint_names
+        return sampled_motion(self.table.motions[name], joints, name)
 
     def logs(self, role: str) -> tuple[Recording, ...]:
         """Return recordings as they were logged, cut to their rows.
@@ -195,6 +188,39 @@ class Problem:
             )
         return self._read[path, *omit]
 
+    @cached_property
+    def gains(self) -> PDGains | None:
+        """Gains of PD-controlled joints, if the file states them."""
+        data = self.table.data
+        return None if data is None else gains_of_drives(data)
+
+    @cached_property
+    def command_delay(self) -> CommandDelay | None:
+        """How late commands are, from the training data, if the file asks for it."""
+        gains = self._data().gains
+        if gains is None or gains.delay != "estimated":
+            return None
+
+        def late(delay: float) -> list[Recording]:
+            return [
+                part
+                for entry in self._data().recordings
+                if entry.role == "training"
+                for raw in [self._raw(entry, delay)]
+                for part in self._log(entry, raw).prepared(*span_of(raw, entry))
+            ]
+
+        return command_delay(self.model, late, constraints=self.constraints)
+
+    @property
+    def delay_of_commands(self) -> float:
+        """By which commands are taken to be late [s]: stated, or found in the data."""
+        table = None if self.table.data is None else self.table.data.gains
+        if table is None:
+            return 0.0
+        found = self.command_delay
+        return found.seconds if found is not None else float(table.delay)
+
     def prepare(self, recording: Recording) -> Recording:
         """Prepare a recording as the file asks; the longest part if it has gaps."""
         data = self._data()
@@ -230,20 +256,27 @@ class Problem:
         """Yield logs, and the times between which they count."""
         for entry in self._data().recordings:
             if entry.role == role:
-                yield self._log(entry), _span(self._raw(entry), entry)
+                yield self._shared_log(entry), span_of(self._raw(entry), entry)
 
-    def _log(self, entry: RecordingTable) -> Log:
+    def _log(self, entry: RecordingTable, raw: Recording | None = None) -> Log:
+        """Return an entry's log, joined with its tracks."""
+        raw = self._raw(entry) if raw is None else raw
+        for other in entry.tracks:
+            raw = joined(raw, self._track(other), other.delay)
+        return Log(raw, self._data().preparation)
+
+    def _shared_log(self, entry: RecordingTable) -> Log:
         """Return an entry's log; entries of the same log share it."""
         key = (entry.file, *entry.omit, *entry.tracks)
         if key not in self._logs:
-            raw = self._raw(entry)
-            for other in entry.tracks:
-                raw = joined(raw, self._track(other), other.delay)
-            self._logs[key] = Log(raw, self._data().preparation)
+            self._logs[key] = self._log(entry)
         return self._logs[key]
 
-    def _raw(self, entry: RecordingTable) -> Recording:
-        return self.read(entry.file, omit=entry.omit)
+    def _raw(self, entry: RecordingTable, delay: float | None = None) -> Recording:
+        """Return an entry's log; of commands that are late by the problem's delay."""
+        raw = self.read(entry.file, omit=entry.omit)
+        late = self.delay_of_commands if delay is None else delay
+        return with_torque(raw, self.gains, delay=late)
 
     @cached_property
     def _read(self) -> dict[tuple[Path | int, ...], Recording]:
@@ -309,6 +342,7 @@ def problem_of(
     if table.data is not None:
         columns = table.data.columns or ColumnsTable()
         check_preparation(table.data.preparation, columns)
+        gains_of_drives(table.data)
         tracks = [track for entry in table.data.recordings for track in entry.tracks]
         check_tracks(tracks, table.data.preparation)
     constraints = constraints_of(table.constraints, file.parent, table.joints)
@@ -318,7 +352,7 @@ def problem_of(
         table=table,
         model=model,
         constraints=constraints,
-        prior=_prior(table.prior, file),
+        prior=prior_of(table.prior, file),
     )
     for name, raw in (read or {}).items():
         problem._read[(problem._path(name),)] = raw
@@ -358,36 +392,3 @@ def require_distinct(names: Sequence[str]) -> None:
                 f"two problems of the folder are named {name!r}; results are "
                 "filed under their names"
             )
-
-
-def _prior(table: PriorTable, file: Path) -> Prior:
-    if table.weight is None:
-        return PointToSet(table.slack, table.distance, table.inside)
-    if table.slack is not None:
-        raise ProblemError(
-            f"{file}: [prior] has both slack = {table.slack} and weight = "
-            f"{table.weight}; give a slack or a weight, not both"
-        )
-    return Penalty(table.weight, table.distance, table.inside)
-
-
-def _span(raw: Recording, entry: RecordingTable) -> tuple[float, float]:
-    """Return the times of the first and the last row that count."""
-    if entry.rows is None:
-        return -np.inf, np.inf
-    first, last = entry.rows
-    omitted = set(entry.omit)
-    rows = len(raw) + len(omitted)
-    if not 1 <= first < last <= rows:
-        raise ProblemError(
-            f"{raw.name}: rows {first} to {last}, but the file has {rows}"
-        )
-    start = first - 1 - sum(row < first for row in omitted)
-    stop = last - 1 - sum(row <= last for row in omitted)
-    return float(raw.time[start]), float(raw.time[stop])
-
-
-def _ends(amplitude: float | list[float]) -> tuple[float, float]:
-    if isinstance(amplitude, list):
-        return amplitude[0], amplitude[1]
-    return amplitude, amplitude

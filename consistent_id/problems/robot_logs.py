@@ -10,6 +10,7 @@ from consistent_id.recordings.log_formats import LOG_FORMATS
 from consistent_id.recordings.readers import Columns, read_recording
 from consistent_id.recordings.readers.units import Units
 from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.signals import PDGains
 from consistent_id.robot.chains import Selection
 from consistent_id.robot.loaders import load_robot
 from consistent_id.robot.model import RobotModel
@@ -32,6 +33,8 @@ class RobotLogs:
         From the torque columns to torque.
     notes : tuple of str
         What was guessed.
+    gains : PDGains, optional
+        Of PD-controlled joints.
     """
 
     robot: RobotModel
@@ -39,9 +42,10 @@ class RobotLogs:
     locked: dict[str, float]
     gain: float | list[float]
     notes: tuple[str, ...]
+    gains: PDGains | None = None
 
     def read(self, log: Path) -> Recording:
-        """Read a log."""
+        """Read a log as it was written; `with_torque` makes torque of its commands."""
         return read_recording(
             log, self.robot.joint_names, self.columns, torque_gain=self.gain
         )
@@ -56,6 +60,7 @@ def robot_logs(
     torque_joints: Sequence[str] = (),
     selection: Selection | None = None,
     torque_gain: Sequence[float] = (),
+    gains: PDGains | None = None,
 ) -> RobotLogs:
     """Find out how a robot's logs are to be read.
 
@@ -72,6 +77,8 @@ def robot_logs(
         have are locked.
     torque_gain : sequence of float
         From the torque columns to torque: one for all joints, or one each.
+    gains : PDGains, optional
+        Of PD-controlled joints: commands of position are wanted in place of torque.
 
     Raises
     ------
@@ -90,6 +97,7 @@ def robot_logs(
         torque_joints=torque_joints,
         units=units,
         currents=len(torque_gain) > 0,
+        commands=gains is not None,
     )
     require_torque(guess.columns.torque, torque_gain)
     absent = [name for name in robot.joint_names if name not in guess.joints]
@@ -97,7 +105,7 @@ def robot_logs(
     if absent:
         robot = load_robot(model, **asdict(replace(selection, locked=locked)))
     gain = gains_of(torque_gain, len(robot.joint_names))
-    return RobotLogs(robot, guess.columns, locked, gain, guess.notes)
+    return RobotLogs(robot, guess.columns, locked, gain, guess.notes, gains)
 
 
 def gains_of(given: Sequence[float], joints: int) -> list[float] | float:

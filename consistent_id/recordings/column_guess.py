@@ -2,8 +2,8 @@
 
 A name is taken for a joint's channel if it holds the joint's name or number and a word
 for the channel, such as ``q``, ``pos`` or ``effort``; an array of all joints has the
-word alone.  Commands are never taken, motor currents neither: how much torque an ampere
-is, no log says.
+word alone.  Commands are taken where they are wanted in place of torque, motor currents
+where there is a gain: how much torque an ampere is, no log says.
 """
 
 from collections.abc import Mapping, Sequence
@@ -29,7 +29,14 @@ from consistent_id.recordings.log_formats import log_format
 from consistent_id.recordings.readers.columns import JOINT_STATE, Columns
 from consistent_id.recordings.readers.recording_file import column_names
 from consistent_id.recordings.readers.units import KNOWN, Units
+from consistent_id.recordings.recording import COMMANDS
 from consistent_id.robot.parameters import did_you_mean
+
+_EXAMPLES = {
+    "position": "q_{joint}",
+    "torque": "tau_{joint}",
+    "position_command": "q_des_{joint}",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +73,7 @@ def guess_columns(
     torque_joints: Sequence[str] = (),
     units: Units | None = None,
     currents: bool = False,
+    commands: bool = False,
 ) -> ColumnGuess:
     """Find a log's columns and their units.
 
@@ -82,6 +90,8 @@ def guess_columns(
         Units by channel, as in `Columns`; the others are found in the columns' names.
     currents : bool
         Whether motor currents stand for torque where there is none: if there is a gain.
+    commands : bool
+        Whether commands of position are wanted in place of torque.
 
     Raises
     ------
@@ -99,22 +109,23 @@ def guess_columns(
     found, notes = replace(usual, **cast(dict[str, Any], known)), list[str]()
     if bag:
         return ColumnGuess(found, joints)
-    if {"time", "position", "torque"} <= set(known):
+    effort = "position_command" if commands else "torque"
+    if {"time", "position", effort} <= set(known):
         return _in_units(ColumnGuess(found, joints))
     names = column_names(log)
     if "time" not in known:
         found = replace(found, time=_time(log, names))
     moved = joints
-    for channel in CHANNELS:
+    for channel in ("position", "velocity", effort):
         if channel in known:
             continue
         patterns = _patterns(channel, names, moved)
         if channel == "torque" and not patterns and currents:
             patterns = _patterns("current", names, moved)
-        if channel == "velocity":
+        if channel in ("velocity", "position_command"):
             patterns = [p for p in patterns if p.joints == moved]
-            if not patterns:
-                continue
+        if channel == "velocity" and not patterns:
+            continue
         if not patterns:
             raise _not_found(log, channel, names, joints)
         best, *others = patterns
@@ -135,7 +146,7 @@ def guess_columns(
 def _in_units(guess: ColumnGuess) -> ColumnGuess:
     """Add the units that the columns' names state, where none was given."""
     columns, notes = guess.columns, list(guess.notes)
-    for channel in ("time", *CHANNELS):
+    for channel in ("time", *CHANNELS, *COMMANDS):
         name = getattr(columns, channel)
         if name is None or channel in columns.units:
             continue
@@ -170,7 +181,7 @@ def require_torque(pattern: str | None, torque_gain: Sequence[float]) -> None:
 
 
 def _require_channels(known: Mapping[str, str]) -> None:
-    channels = ("time", "position", "velocity", "torque")
+    channels = ("time", "position", "velocity", "torque", *COMMANDS)
     for name in known:
         if name not in channels:
             raise ProblemError(
@@ -255,7 +266,7 @@ def _by_number(run: NumberedColumns, joints: Sequence[str]) -> _Pattern:
 def _not_found(
     log: Path, channel: str, names: Sequence[str], joints: Sequence[str]
 ) -> RecordingError:
-    example = {"position": "q_{joint}", "torque": "tau_{joint}"}[channel]
+    example = _EXAMPLES[channel]
     runs = numbered_columns(names)
     others = [run for run in runs if channel_of(run.pattern) == channel]
     more = ""
@@ -266,9 +277,10 @@ def _not_found(
             f" {currents[0].text} are motor currents: the N m per ampere of each "
             "joint, gear ratio included, make torque of them: --torque-gain NUMBER ..."
         )
+    flag = channel.replace("_", "-")
     return RecordingError(
         f"{log}: found no column that is the {channel} of {shown(joints)}; the "
-        f"log has {shown(names, joints)}. Say which: --{channel} {example}, or with "
+        f"log has {shown(names, joints)}. Say which: --{flag} {example}, or with "
         f"{{number}} for the joint's place from 1, {{index}} from 0.{more}"
     )
 

@@ -54,9 +54,12 @@ _WORDS: dict[str, tuple[frozenset[str], ...]] = {
     ),
 }
 _CURRENT = {"current", "currents", "cur", "amp", "amps", "ampere", "amperes", "i", "iq"}
-_NOT_MEASURED = {"target", "desired", "des", "d", "cmd", "command", "commanded", "ref"}
-_NOT_MEASURED |= {"reference", "setpoint", "goal", "error", "limit", "aspos", "action"}
-_NOT_MEASURED |= {"ext", "external", "computed"}
+_TOLD = {"target", "desired", "des", "cmd", "command", "commanded", "ref"}
+_TOLD |= {"reference", "setpoint", "goal"}
+_COMMANDS = {f"{short}{word}" for short in ("q", "pos", "p") for word in _TOLD}
+_COMMANDS |= {"aspos"}  # KUKA
+_TOLD |= {"d"}
+_OTHER = {"error", "limit", "action", "ext", "external", "computed"}
 _DEGREES = ({"ai", "pos"}, {"axis", "act"}, {"feedback", "joints"})  # KUKA, ABB
 _TIMES: tuple[str, ...] = (
     "time",
@@ -86,17 +89,25 @@ def words(pattern: str) -> set[str]:
 
 
 def channel_of(pattern: str) -> str:
-    """Return the channel that a pattern is a measurement of; empty for none.
+    """Return the channel that a pattern is of; empty for none.
+
+    Of what is not measured, commands of position alone are a channel.
 
     Examples
     --------
     >>> channel_of("actual_qd_{number}"), channel_of("q_des_{joint}")
-    ('velocity', '')
+    ('velocity', 'position_command')
+    >>> channel_of("dq_des_{joint}"), channel_of("q_error_{joint}")
+    ('', '')
     """
     said = words(pattern)
-    if said & _NOT_MEASURED:
+    if said & _OTHER:
         return ""
     fits = [c for c in CHANNELS if any(phrase <= said for phrase in _WORDS[c])]
+    if said & _COMMANDS or (said & _TOLD and fits == ["position"]):
+        return "position_command"
+    if said & _TOLD:
+        return ""
     # Of torque_axis_act the torque is meant, of vel_axis_act a share of the limit.
     if "torque" in fits:
         return "torque"
@@ -116,7 +127,10 @@ def is_current(pattern: str) -> bool:
 
 def unit_of(channel: str, pattern: str) -> str:
     """Return the unit that a name states, or that its maker writes; empty for SI."""
-    if channel == "position" and any(words(pattern) >= some for some in _DEGREES):
+    said = words(pattern)
+    if channel == "position" and any(said >= some for some in _DEGREES):
+        return "deg"
+    if channel == "position_command" and "aspos" in said:
         return "deg"
     return unit_of_a_name(channel, pattern)
 

@@ -17,7 +17,11 @@ if TYPE_CHECKING:
     from xarray import Dataset
 
 _LATEST = 1e12  # s, some 30 000 years: no clock that still resolves milliseconds
-_CHANNELS = ("position", "velocity", "acceleration", "torque")
+_MEASURED = ("position", "velocity", "acceleration", "torque")
+COMMANDS = ("position_command", "velocity_command", "torque_command")
+"""What the controller asked of the joints: held from one sample to the next."""
+
+_CHANNELS = (*_MEASURED, *COMMANDS)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,6 +38,10 @@ class Recording:
     torque : array_like, shape (samples, joints), optional, [N m or N]
     name : str
         Where it comes from; used in messages.
+    position_command, velocity_command : array_like, shape (samples, joints), optional
+        What the drives were told, each from its sample to the next.
+    torque_command : array_like, shape (samples, joints), optional, [N m or N]
+        Feed-forward torque; `commanded` makes torque of commands.
 
     Raises
     ------
@@ -56,6 +64,9 @@ class Recording:
     acceleration: Matrix | None = None
     torque: Matrix | None = None
     name: str = "recording"
+    position_command: Matrix | None = None
+    velocity_command: Matrix | None = None
+    torque_command: Matrix | None = None
 
     def __post_init__(self) -> None:
         joints = () if isinstance(self.joints, str) else tuple(self.joints)

@@ -335,7 +335,7 @@ def test_currents_without_a_gain_are_refused(pattern):
 
 @pytest.mark.parametrize(("period", "expected"), [(6.0, 18.0), (9.0, 18.0)])
 def test_a_motion_that_repeats_is_split_by_whole_periods(period, expected):
-    from consistent_id.problems.drafting import _training
+    from consistent_id.problems.draft_rows import _training
     from consistent_id.recordings.recording import Recording
 
     time = np.arange(2701) / 100.0

@@ -196,3 +196,24 @@ def test_joints_that_the_log_does_not_have_are_proposed_to_be_locked(tmp_path):
     names = ["time", *numbered("q_{}", "tau_{}", first=0, count=4)]
     with pytest.raises(RecordingError, match=r"--lock axis_e axis_f$"):
         guessed(tmp_path, names)
+
+
+@pytest.mark.parametrize(
+    ("pattern", "unit"),
+    [("qdes{}", None), ("q_cmd_{}", None), ("target_q_{} [deg]", "deg")],
+)
+def test_commands_stand_for_torque_where_they_are_wanted(tmp_path, pattern, unit):
+    names = ["time", *numbered("q{}", pattern, "tau{}", "dq_des{}")]
+    found = guessed(tmp_path, names, commands=True).columns
+    assert found.position_command == pattern.format("{number}")
+    assert found.torque is None
+    assert found.units.get("position_command") == unit
+    assert guessed(tmp_path, names).columns.position_command is None
+
+
+def test_commands_in_degrees_are_read_in_radians(tmp_path):
+    file = tmp_path / "log.csv"
+    file.write_text("time,q_hip,q_cmd_hip [deg]\n0,0,180\n1,0,90\n2,0,-180\n")
+    columns = guess_columns(file, ["hip"], commands=True).columns
+    command = read_recording(file, ["hip"], columns).position_command
+    np.testing.assert_allclose(command[:, 0], [np.pi, np.pi / 2, -np.pi])

@@ -308,7 +308,7 @@ def test_known_laws_may_be_given_as_terms_too():
 
 
 @pytest.mark.parametrize(
-    ("values", "options"), [((True,), {"viscous": False}), ((False,) * 12, {})]
+    ("values", "options"), [((True,), {"viscous": False}), ((False,) * 13, {})]
 )
 def test_options_given_twice_or_without_a_place_are_refused(values, options):
     with pytest.raises(ProblemError, match="once at most"):

@@ -134,7 +134,7 @@ def _settled(problem: Problem) -> frozenset[str]:
         settled.add("motion_cutoff")
     if columns is None or columns.torque is None:
         settled.add("delay")
-    if table.constraints.masses == "bounds":
+    if table.constraints.masses == "bounds" or table.constraints.bodies == "model":
         settled.add("masses")
     return frozenset(settled)
 
@@ -166,7 +166,10 @@ def _top_speeds(samples: Samples, bodies: TorqueModel) -> Vector:
 def _plain(problem: Problem, fixed: Collection[str], width: float) -> Choice:
     """Return the plain model, with what is fixed as the file has it."""
     table, model = problem.table, problem.model
-    plain = msgspec.structs.replace(DEFAULT_DRIVE, velocity_scale=width)
+    geared = data_of(table).gains is not None  # drives that follow commands have gears
+    plain = msgspec.structs.replace(
+        DEFAULT_DRIVE, velocity_scale=width, rotor_inertia=geared
+    )
     drive = []
     for name in model.robot.joint_names:
         joint = table.joints.get(name)

@@ -11,9 +11,10 @@ from consistent_id.recordings.readers.units import (
     checked_units,
     refuse_units_of_a_name,
 )
+from consistent_id.recordings.recording import COMMANDS
 from consistent_id.robot.parameters import did_you_mean
 
-CHANNELS = ("position", "velocity", "acceleration", "torque")
+CHANNELS = ("position", "velocity", "acceleration", "torque", *COMMANDS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +35,8 @@ class Columns:
     array_joints : sequence of str
         Joints of the columns of two-dimensional arrays, in the arrays' order; a name
         without ``{joint}`` and ``{number}`` is then that of such an array.
+    position_command, velocity_command, torque_command : str, optional
+        What the drives were told, if they are PD-controlled.
     torque_joints : sequence of str
         Joints whose torque the log has; by default all.  Of the others nothing is read,
         and their torque is zero: a `TorqueModel` of the same `torque_joints` has no row
@@ -61,6 +64,9 @@ class Columns:
     array_joints: Sequence[str] = ()
     torque_joints: Sequence[str] = ()
     units: Units = field(default_factory=dict, hash=False)
+    position_command: str | None = None
+    velocity_command: str | None = None
+    torque_command: str | None = None
 
     def __post_init__(self) -> None:
         freeze(self, units=checked_units(self.units))

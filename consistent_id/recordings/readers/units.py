@@ -35,6 +35,9 @@ KNOWN: dict[str, dict[str, float]] = {
     "velocity": _VELOCITIES,
     "acceleration": {f"{unit}/s^2": factor for unit, factor in _MOTIONS.items()},
     "torque": _TORQUES | _BY_GAIN,
+    "position_command": _MOTIONS,
+    "velocity_command": _VELOCITIES,
+    "torque_command": _TORQUES,
 }
 """Factors to SI by channel and unit."""
 
@@ -187,11 +190,11 @@ def unit_of_a_name(channel: str, pattern: str) -> str:
     ('deg', 'ms')
     """
     name = re.sub(r"\{[^}]*\}", "", pattern).rstrip(" _")
-    found = (_LAST_TORQUE if channel == "torque" else _LAST).search(name)
+    found = (_LAST_TORQUE if channel.startswith("torque") else _LAST).search(name)
     if found is None:
         return ""
     said = found[1]
-    if channel in ("velocity", "acceleration") and not _PER.search(said):
+    if channel.startswith(("velocity", "acceleration")) and not _PER.search(said):
         said += "" if said.lower() == "rpm" else {"v": "/s", "a": "/s^2"}[channel[0]]
     try:
         return standard_unit(channel, said)

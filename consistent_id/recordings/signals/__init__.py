@@ -5,6 +5,7 @@ Each function takes a `Recording` and returns a new one, or a small value.
 
 from consistent_id.recordings.signals.alignment import aligned
 from consistent_id.recordings.signals.clocks import resampled, uniform_rate
+from consistent_id.recordings.signals.commanded import PDGains, commanded
 from consistent_id.recordings.signals.cuts import (
     faster,
     split_at_gaps,
@@ -46,9 +47,11 @@ __all__ = [
     "Fold",
     "FourierFit",
     "MotionNoise",
+    "PDGains",
     "Track",
     "aligned",
     "blocked_folds",
+    "commanded",
     "decimated",
     "differentiated",
     "encoder_resolution",

@@ -7,7 +7,12 @@ import numpy as np
 from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.recording import Recording
-from consistent_id.recordings.signals.clocks import is_uniform, own_rate, resampled
+from consistent_id.recordings.signals.clocks import (
+    held_commands,
+    is_uniform,
+    own_rate,
+    resampled,
+)
 from consistent_id.recordings.signals.cuts import trimmed
 from consistent_id.recordings.signals.filters import low_passed
 from consistent_id.recordings.signals.spline import cubic_spline
@@ -60,6 +65,7 @@ def aligned(recording: Recording, track: Track, *, delay: float = 0.0) -> Record
         if (values := getattr(recording, name)) is not None
     }
     channels[track.channel] = _onto(clock, other.time, other.position)
+    channels |= held_commands(recording, clock)
     return replace(recording, time=clock, **channels)  # type: ignore[arg-type]
 
 

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from consistent_id._support.arrays import Matrix
+from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.errors import RecordingError
-from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.recording import COMMANDS, Recording
 from consistent_id.recordings.signals.spline import cubic_spline
 
 _SLOWEST = 0.8  # new rate over old, below which resampling needs a filter first
@@ -80,7 +80,18 @@ def resampled(
         velocity=onto(recording.velocity),
         acceleration=onto(recording.acceleration),
         torque=onto(recording.torque),
+        **held_commands(recording, clock),  # type: ignore[arg-type]
     )
+
+
+def held_commands(recording: Recording, clock: Vector) -> dict[str, Matrix]:
+    """Return the commands in force at other times; each holds until the next."""
+    place = np.searchsorted(recording.time, clock, side="right") - 1
+    return {
+        channel: values[np.maximum(place, 0)]
+        for channel in COMMANDS
+        if (values := getattr(recording, channel)) is not None
+    }
 
 
 def uniform_rate(recording: Recording) -> float:

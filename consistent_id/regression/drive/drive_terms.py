@@ -9,6 +9,7 @@ import numpy as np
 from consistent_id.errors import ProblemError
 from consistent_id.regression.drive.coulomb import AsymmetricCoulomb, Coulomb
 from consistent_id.regression.drive.drag import Drag
+from consistent_id.regression.drive.friction_slope import FrictionSlope
 from consistent_id.regression.drive.load_friction import LoadFriction
 from consistent_id.regression.drive.offset import Offset
 from consistent_id.regression.drive.rotor_inertia import RotorInertia
@@ -40,6 +41,7 @@ class DriveOptions(TypedDict, total=False):
     stribeck_exponent: float
     load_friction: bool
     drag: bool
+    friction_slope: bool
 
 
 LAWS: Mapping[str, type[DriveTerm]] = {
@@ -47,6 +49,7 @@ LAWS: Mapping[str, type[DriveTerm]] = {
     "drag": Drag,
     "coulomb": Coulomb,
     "asymmetric": AsymmetricCoulomb,
+    "friction_slope": FrictionSlope,
     "stribeck_velocity": Stribeck,
     "load_friction": LoadFriction,
     "offset": Offset,
@@ -112,6 +115,9 @@ class DriveTerms:
         load.
     drag : bool
         Term in ``dq |dq|``, [N m s^2/rad^2] or [N s^2/m^2].
+    friction_slope : bool
+        Term in ``s(dq) q``, [N m/rad] or [N/m]: Coulomb friction that varies with
+        position.
     terms : sequence of DriveTerm
         Terms as values, such as laws of one's own.  The keywords given change and add
         to them.

@@ -1,0 +1,128 @@
+"""Closed-loop replay of motion that was not learnt from, on real PD-controlled robots.
+
+``python benchmarks/rollout.py [PROBLEM ...] [--backwards] [--ridges] [--keep]``
+
+By default ``problems/unitree_go2`` and ``problems/unitree_z1``; recordings are found
+through ``CONSISTENT_ID_DATASETS``.  Settings are chosen on the training logs
+(``--keep``: the problem file's are kept), and so is the weight of the torque fit in the
+refinement; then come the torque fit, its refinement, and rollouts of the validation
+logs by both and by the robot's file as it is shipped.  ``--backwards`` learns from the
+validation logs and judges on the training logs.  ``--ridges`` prints what the weight of
+the torque fit does to rollouts of the part of the training logs that was not learnt
+from.  Seconds are those of the processor.
+"""
+
+import argparse
+import os
+from dataclasses import replace
+from pathlib import Path
+from time import process_time
+
+import msgspec
+
+import consistent_id as ci
+from consistent_id.laboratory.rollout import rollout
+from consistent_id.laboratory.rollout.refine import RIDGE, refined
+from consistent_id.laboratory.rollout.ridge import chosen_ridge
+from consistent_id.laboratory.rollout.settings import (
+    chosen_settings,
+    gains_of,
+    rollout_error,
+    torque_fit,
+    with_settings,
+)
+from consistent_id.problems.problem import problem_of
+
+PROBLEMS = ("problems/unitree_go2", "problems/unitree_z1")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("problems", nargs="*", default=PROBLEMS)
+    parser.add_argument("--backwards", action="store_true")
+    parser.add_argument("--ridges", action="store_true")
+    parser.add_argument("--keep", action="store_true")
+    options = parser.parse_args()
+    if "CONSISTENT_ID_DATASETS" not in os.environ:
+        raise SystemExit("CONSISTENT_ID_DATASETS is not set: no recordings")
+    for name in options.problems:
+        problem = ci.load_problem(name)
+        if options.backwards:
+            problem = backwards(problem)
+        print(f"== {problem.name}" + (", backwards" if options.backwards else ""))
+        if not options.keep:
+            started = process_time()
+            found = chosen_settings(problem)
+            problem = with_settings(problem, found.settings)
+            print(
+                f"{found.settings}, error {1e3 * found.error:.2f}, "
+                f"{len(found.tried)} tried in {process_time() - started:.1f} s"
+            )
+        if options.ridges:
+            ridges(problem)
+            continue
+        choice = chosen_ridge(problem)
+        print(f"ridge of the refinement: {choice.ridge or 'none: not refined'}")
+        judged(problem, choice.ridge)
+
+
+def backwards(problem: ci.Problem) -> ci.Problem:
+    """Return the problem with training and validation exchanged."""
+    change = msgspec.structs.replace
+    other = {"training": "validation", "validation": "training"}
+    data = problem.table.data
+    logs = [change(entry, role=other[entry.role]) for entry in data.recordings]
+    table = change(problem.table, data=change(data, recordings=logs))
+    return replace(problem_of(table, problem.source), source=problem.source)
+
+
+def judged(problem: ci.Problem, ridge: float | None) -> None:
+    """Print the errors of the torque fit, of its refinement and of the shipped file."""
+    gains, delay = gains_of(problem), problem.delay_of_commands
+    training, validation = problem.logs("training"), problem.logs("validation")
+    problem.training  # noqa: B018  read and filtered before the clock starts
+    started = process_time()
+    estimate, regression = torque_fit(problem)
+    fitted = process_time()
+    better = refined(
+        estimate,
+        regression,
+        training,
+        gains,
+        constraints=problem.constraints,
+        delay=delay,
+        ridge=ridge or RIDGE,
+    )
+    done = process_time()
+    shipped = [p for p in problem.model_files.values() if p is not None]
+    rivals = rollout(
+        estimate, validation, gains, against=shipped, training=training, delay=delay
+    )
+    rows = [
+        ("torque fit", rollout_error(problem, estimate, validation), fitted - started),
+        (
+            "refined by rollout",
+            rollout_error(problem, better.estimate, validation),
+            done - fitted,
+        ),
+        *(
+            (f"{Path(file).name}, {what}", rivals.rmse(str(file), offsets=given), 0.0)
+            for file in shipped
+            for what, given in (("as shipped", False), ("with offsets", True))
+        ),
+    ]
+    for what, error, seconds in rows:
+        clock = f"{seconds:6.2f} s" if seconds else ""
+        print(f"{what:28} {1e3 * error:6.2f} mrad {clock}", flush=True)
+
+
+def ridges(problem: ci.Problem) -> None:
+    """Print the error on the other part of the training logs, for each weight."""
+    choice = chosen_ridge(problem)
+    for ridge, error in choice.errors.items():
+        what = "no refinement" if ridge is None else f"ridge {ridge:g}"
+        print(f"{what:14} {1e3 * error:.2f} mrad on the other part", flush=True)
+
+
+if __name__ == "__main__":
+    main()

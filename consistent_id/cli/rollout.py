@@ -1,0 +1,115 @@
+"""``consistent-id rollout PROBLEM``: its options, and what it prints."""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from consistent_id.cli.answers import Answer, answered
+from consistent_id.cli.options import (
+    add_accept,
+    add_command,
+    add_output,
+    add_problem,
+    add_time_limit,
+)
+
+if TYPE_CHECKING:
+    from consistent_id.laboratory.rollout.from_problem import ProblemRollout
+
+_MORE = """For logs of command, position and gains ([data.gains]).  MuJoCo replays the
+commands of the validation logs through the identified robot, and through other files
+of it.  With --output FOLDER the estimate, an MJCF file, rollout.json and a page are
+written.  MuJoCo is the extra mjcf."""
+_EXAMPLES = """
+consistent-id rollout problems/unitree_go2
+consistent-id rollout problems/unitree_go2 --against shipped.xml --refine
+consistent-id rollout problems/unitree_z1 --choose --refine --output results/z1
+"""
+
+
+def add_rollout(commands: Any) -> None:
+    """Add the command to a parser's commands."""
+    command = add_command(
+        commands,
+        "rollout",
+        "replay logged commands in MuJoCo",
+        run_rollout,
+        more=_MORE,
+        examples=_EXAMPLES,
+    )
+    add_problem(command)
+    command.add_argument(
+        "--against",
+        nargs="+",
+        type=Path,
+        default=[],
+        metavar="FILE",
+        help="MJCF or URDF files of the robot, to be replayed beside it",
+    )
+    command.add_argument(
+        "--refine",
+        action="store_true",
+        help="refine the estimate on the rollouts of the training logs",
+    )
+    command.add_argument(
+        "--choose",
+        action="store_true",
+        help="choose delay, cut-off and shape of friction on the training logs",
+    )
+    add_output(command, None)
+    add_accept(command)
+    add_time_limit(command)
+
+
+def run_rollout(options: argparse.Namespace) -> int:
+    """Replay; return the exit code."""
+    return answered(options, _rollout)
+
+
+def _rollout(options: argparse.Namespace) -> Answer:
+    from consistent_id._support.files import require_writable
+    from consistent_id.laboratory.rollout.from_problem import rollout_of
+    from consistent_id.problems.problem import load_problem
+
+    problem = load_problem(options.problem)
+    if options.output is not None and not options.dry_run:
+        require_writable(options.output)
+    done = rollout_of(
+        problem,
+        against=options.against,
+        refine=options.refine,
+        choose=options.choose,
+        accepted=tuple(options.accept),
+    )
+    text = "\n\n".join(table.text() for table in done.tables())
+
+    def write() -> list[Path]:
+        return [] if options.output is None else _written(done, options.output)
+
+    return Answer(
+        0 if done.estimate.verdict.usable else 1,
+        text,
+        done.to_dict(),
+        None if options.dry_run else write,
+    )
+
+
+def _written(done: "ProblemRollout", folder: Path) -> list[Path]:
+    import json
+
+    from consistent_id._support.files import write_atomically
+    from consistent_id.laboratory.rollout.rollout_page import rollout_html
+    from consistent_id.problems.toml_text import toml_text
+
+    name = done.problem.name
+    head = "# consistent-id: the problem, with the settings of a rollout.\n\n"
+    record = json.dumps(done.to_dict(), indent=1, allow_nan=False) + "\n"
+    paths = [
+        done.estimate.save(folder / f"{done.estimate.method.replace(' ', '_')}.json"),
+        write_atomically(folder / "rollout.json", record),
+        write_atomically(folder / "rollout.html", rollout_html(done.rollout, name)),
+    ]
+    if done.settings is not None:
+        text = head + toml_text(done.problem.table, {})
+        paths.append(write_atomically(folder / "problem.toml", text))
+    return paths

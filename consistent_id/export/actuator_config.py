@@ -1,0 +1,187 @@
+"""Drives as learning environments configure them: Isaac Lab, and mjlab.
+
+Python source that makes the configuration when it is imported where that environment
+is installed; it needs nothing of this package.
+"""
+
+from collections.abc import Mapping
+from pprint import pformat
+
+import numpy as np
+
+from consistent_id.estimation.estimate import Estimate
+from consistent_id.export.drive_values import joint_drives, not_expressed
+from consistent_id.export.exported_file import Export
+from consistent_id.export.provenance import provenance, require_usable
+from consistent_id.recordings.signals import PDGains
+
+_ISAAC_LAB = '''"""{line}.
+
+Put `actuators(physics_dt)` into the ArticulationCfg of Isaac Lab 2.2 or later on Isaac
+Sim 5.0 or later, where joint friction is a torque.
+"""
+
+from isaaclab.actuators import DelayedPDActuatorCfg
+
+DELAY = {delay!r}  # s, of commands
+{tables}
+
+def actuators(physics_dt):
+    """Return the actuators, for a time step of the physics [s]."""
+    steps = round(DELAY / physics_dt)
+    return {{
+        "drives": DelayedPDActuatorCfg(
+            joint_names_expr=list(ARMATURE),
+            effort_limit={limit},
+            stiffness={kp},
+            damping={kd},
+            armature=ARMATURE,
+            friction=FRICTION,
+            dynamic_friction=FRICTION,
+            viscous_friction=VISCOUS,
+            min_delay=steps,
+            max_delay=steps,
+        )
+    }}
+'''
+
+_MJLAB = '''"""{line}.
+
+Put `actuators(timestep)` into the EntityArticulationInfoCfg of mjlab, with the MJCF
+file of the same robot: that has armature, damping, friction and offsets.  In MuJoCo
+Playground, which takes gains from the MJCF itself, use STIFFNESS and DAMPING as kp and
+kv of its position actuators.
+"""
+
+from mjlab.actuator import BuiltinPositionActuatorCfg, DelayedActuatorCfg
+
+DELAY = {delay!r}  # s, of commands
+{tables}
+
+def actuators(timestep):
+    """Return the actuators, for a time step of the physics [s]."""
+    steps = round(DELAY / timestep)
+    return tuple(
+        DelayedActuatorCfg(
+            base_cfg=BuiltinPositionActuatorCfg(
+                target_names_expr=(joint,),
+                stiffness={kp_of},
+                damping={kd_of},
+                effort_limit={limit_of},
+            ),
+            delay_target="position",
+            delay_min_lag=steps,
+            delay_max_lag=steps,
+        )
+        for joint in JOINTS
+    )
+'''
+
+
+def to_isaac_lab(
+    estimate: Estimate,
+    *,
+    gains: PDGains | None = None,
+    delay: float = 0.0,
+    allow_refused: bool = False,
+) -> Export:
+    """Return the drives as actuators of Isaac Lab: Python source.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    gains : PDGains, optional
+        Of the joints' drives; without them stiffness and damping are to be filled in.
+    delay : float, [s]
+        Of commands.
+    allow_refused : bool
+        Export what is refused, too.
+
+    Raises
+    ------
+    ProblemError
+        If the estimate is refused.
+    """
+    tables = {
+        name: _values(estimate, parameter)
+        for name, parameter in (
+            ("ARMATURE", "armature"),
+            ("FRICTION", "friction"),
+            ("VISCOUS", "damping"),
+        )
+    }
+    expressed = ("damping", "friction", "armature")
+    notes = not_expressed(estimate, "Isaac Lab", expressed)
+    return _export(
+        estimate, "isaaclab", _ISAAC_LAB, tables, gains, delay, notes, allow_refused
+    )
+
+
+def to_mjlab(
+    estimate: Estimate,
+    *,
+    gains: PDGains | None = None,
+    delay: float = 0.0,
+    allow_refused: bool = False,
+) -> Export:
+    """Return gains and delay as actuators of mjlab, to go with `to_mjcf`.
+
+    Parameters and errors are those of `to_isaac_lab`.
+    """
+    joints: dict[str, object] = {"JOINTS": list(estimate.model.robot.joint_names)}
+    note = "the MJCF file has armature, damping, friction and offsets: export it, too"
+    return _export(
+        estimate, "mjlab", _MJLAB, joints, gains, delay, (note,), allow_refused
+    )
+
+
+def _export(
+    estimate: Estimate,
+    form: str,
+    template: str,
+    tables: Mapping[str, object],
+    gains: PDGains | None,
+    delay: float,
+    notes: tuple[str, ...],
+    allow_refused: bool,
+) -> Export:
+    require_usable(estimate, allow_refused)
+    given = dict(tables)
+    names = {"kp": "None", "kd": "None", "limit": "None"}
+    if gains is not None:
+        of_joints = gains.of(len(estimate.model.robot))
+        given |= {
+            "STIFFNESS": _by_joint(estimate, of_joints.kp),
+            "DAMPING": _by_joint(estimate, of_joints.kd),
+        }
+        names |= {"kp": "STIFFNESS", "kd": "DAMPING"}
+        if np.isfinite(of_joints.torque_limit).all():
+            given["LIMIT"] = _by_joint(estimate, of_joints.torque_limit)
+            names["limit"] = "LIMIT"
+    else:
+        notes = (*notes, "no gains are known: fill in stiffness and damping")
+    single = {
+        f"{key}_of": name if name == "None" else f"{name}[joint]"
+        for key, name in names.items()
+    }
+    written = "".join(
+        f"{name} = {pformat(table, width=72, sort_dicts=False)}\n"
+        for name, table in given.items()
+    )
+    line = provenance(estimate).replace('"""', "'''").replace("\\", "/")
+    text = template.format(
+        line=line, delay=float(delay), tables=written, **names, **single
+    )
+    return Export(form, text.encode(), notes)
+
+
+def _values(estimate: Estimate, parameter: str) -> dict[str, float]:
+    return {
+        drive.joint: float(drive.simulated(parameter) or 0.0)
+        for drive in joint_drives(estimate)
+    }
+
+
+def _by_joint(estimate: Estimate, values: np.ndarray) -> dict[str, float]:
+    names = estimate.model.robot.joint_names
+    return dict(zip(names, values.tolist(), strict=True))

@@ -1,0 +1,163 @@
+"""A problem's rollout: its torque fit, perhaps refined, replayed beside others."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from consistent_id._support.tables import Table
+from consistent_id.comparison.comparison import compare
+from consistent_id.estimation.estimate import Estimate
+from consistent_id.laboratory.rollout.refine import RIDGE, Refined, refined
+from consistent_id.laboratory.rollout.ridge import chosen_ridge
+from consistent_id.laboratory.rollout.rollout import Rollout, rollout
+from consistent_id.laboratory.rollout.settings import (
+    SettingsChoice,
+    chosen_settings,
+    gains_of,
+    torque_fit,
+    with_settings,
+)
+from consistent_id.problems.problem import Problem
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ProblemRollout:
+    """What a problem's commands make of its estimate.
+
+    Parameters
+    ----------
+    problem : Problem
+        With the settings that were chosen, if they were.
+    estimate : Estimate
+    rollout : Rollout
+        Of the validation logs, or of the training logs if there are no others.
+    settings : SettingsChoice, optional
+    refinement : Refined, optional
+    """
+
+    problem: Problem
+    estimate: Estimate
+    rollout: Rollout
+    settings: SettingsChoice | None = None
+    refinement: Refined | None = None
+
+    def tables(self) -> list[Table]:
+        """Return what was found, for people."""
+        verdict = self.estimate.verdict
+        verdict_table = Table(verdict.sentence, (), (), verdict.lines)
+        tables = [verdict_table, *self.rollout.tables()]
+        if self.settings is not None:
+            s = self.settings.settings
+            tables.append(
+                Table(
+                    "Settings chosen on parts of the training motion",
+                    ("cut-off [Hz]", "velocity scale", "friction slope", "delay [ms]"),
+                    (
+                        (
+                            f"{s.cutoff:g}",
+                            f"{s.velocity_scale:g}",
+                            "yes" if s.friction_slope else "no",
+                            f"{1e3 * s.delay:g}",
+                        ),
+                    ),
+                    (
+                        f"error on the other part {1e3 * self.settings.error:.2f} mrad "
+                        f"(mm), the least of {len(self.settings.tried)}",
+                    ),
+                )
+            )
+        found = self.problem.command_delay
+        return tables if found is None else [*tables, found.table()]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what was found by name, for JSON."""
+        record = {**self.estimate.verdict.to_dict(), **self.rollout.to_dict()}
+        if self.refinement is not None:
+            record["refined"] = {
+                "training_error_before": self.refinement.before,
+                "training_error_after": self.refinement.after,
+            }
+        if self.settings is not None:
+            s = self.settings.settings
+            record["settings"] = {
+                "cutoff": s.cutoff,
+                "velocity_scale": s.velocity_scale,
+                "friction_slope": s.friction_slope,
+                "delay": s.delay,
+                "error": self.settings.error,
+            }
+        return record
+
+
+def rollout_of(
+    problem: Problem,
+    *,
+    against: Sequence[str | Path] = (),
+    refine: bool = False,
+    choose: bool = False,
+    accepted: Sequence[str] = (),
+) -> ProblemRollout:
+    """Fit a problem's torques, and replay its commands.
+
+    Parameters
+    ----------
+    problem : Problem
+        With gains of its drives.
+    against : sequence of str or Path
+        MJCF or URDF files of the robot.
+    refine : bool
+        Refine the estimate on rollouts of the training logs.
+    choose : bool
+        Choose cut-off, delay and shape of friction on the training logs; and whether to
+        refine, and how far, if it is to be refined.
+    accepted : sequence of str
+        Kinds of reasons that the verdict is to overlook.
+
+    Raises
+    ------
+    ProblemError
+        If the problem has no gains.
+    ModelError
+        If MuJoCo is not installed, or refuses a robot.
+    RecordingError
+        If a motion diverges.
+    """
+    choice = chosen_settings(problem) if choose else None
+    if choice is not None:
+        problem = with_settings(problem, choice.settings)
+    gains = gains_of(problem)
+    estimate, regression = torque_fit(problem)
+    training, delay = problem.logs("training"), problem.delay_of_commands
+    done = None
+    ridge = _ridge(problem, refine, choose)
+    if ridge is not None:
+        done = refined(
+            estimate,
+            regression,
+            training,
+            gains,
+            constraints=problem.constraints,
+            delay=delay,
+            ridge=ridge,
+        )
+        estimate = done.estimate
+    own = replace(estimate, accepted=tuple(accepted))
+    judged = compare([own], problem.validation).reports[0].judged
+    replays = rollout(
+        judged,
+        problem.logs("validation") or training,
+        gains,
+        against=against,
+        training=training,
+        delay=delay,
+        locked=problem.table.model.locked,
+    )
+    return ProblemRollout(problem, judged, replays, choice, done)
+
+
+def _ridge(problem: Problem, refine: bool, choose: bool) -> float | None:
+    """Return the weight of the torque fit in a refinement; None for no refinement."""
+    if not refine:
+        return None
+    return chosen_ridge(problem).ridge if choose else RIDGE

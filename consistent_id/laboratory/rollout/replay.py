@@ -1,0 +1,125 @@
+"""One model's motion under the commands of a log."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from consistent_id._support.arrays import Matrix, Vector
+from consistent_id.errors import RecordingError
+from consistent_id.export.mjcf_body import require_mujoco
+from consistent_id.laboratory.rollout.held_commands import drive_commands
+from consistent_id.laboratory.rollout.replay_model import ReplayModel
+from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.signals import resampled
+from consistent_id.recordings.signals.clocks import is_uniform, own_rate
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Replay:
+    """What a model did when it was told what the robot was told.
+
+    Parameters
+    ----------
+    model : str
+    log : Recording
+        What the robot did, on a uniform clock.
+    position, velocity : ndarray, shape (samples, joints)
+        What the model did.
+    """
+
+    model: str
+    log: Recording
+    position: Matrix
+    velocity: Matrix
+
+    @property
+    def errors(self) -> Matrix:
+        """Position of the model less that of the robot, [rad or m]."""
+        return np.asarray(self.position - self.log.position)
+
+    @property
+    def rmse(self) -> Vector:
+        """Root-mean-square error of position, shape (joints,), [rad or m]."""
+        return np.asarray(np.sqrt((self.errors**2).mean(axis=0)))
+
+    @property
+    def velocity_rmse(self) -> Vector:
+        """Root-mean-square error of velocity, shape (joints,), [rad/s or m/s]."""
+        measured = self.log.velocity
+        if measured is None:
+            measured = np.gradient(self.log.position, self.log.time, axis=0)
+        error = self.velocity - measured
+        return np.asarray(np.sqrt((error**2).mean(axis=0)))
+
+
+def replayable(log: Recording) -> Recording:
+    """Return a log on a uniform clock, to be replayed.
+
+    Raises
+    ------
+    RecordingError
+        If it has no commands of position.
+    """
+    if log.position_command is None:
+        raise RecordingError(
+            f"{log.name}: a rollout replays commands, but there is no "
+            "position_command; name its columns"
+        )
+    return log if is_uniform(log) else resampled(log, own_rate(log))
+
+
+def replay(
+    model: ReplayModel,
+    log: Recording,
+    *,
+    delay: float = 0.0,
+    offsets: Vector | None = None,
+) -> Replay:
+    """Tell a model what the robot was told, from the robot's state at the start.
+
+    Parameters
+    ----------
+    model : ReplayModel
+        Its time step is a whole fraction of the log's.
+    log : Recording
+        See `replayable`.
+    delay : float, [s]
+        Of the commands.
+    offsets : ndarray, shape (joints,), optional, [N m or N]
+        Torque that friction has besides what the model has of it, as the term
+        ``offset`` is counted: a positive one holds the joint back.
+
+    Raises
+    ------
+    RecordingError
+        If the motion diverges.
+    """
+    from mujoco import rollout
+
+    mujoco = require_mujoco()
+    log = log.of(model.joints)
+    compiled = model.compiled
+    per_sample = max(round(log.duration / (len(log) - 1) / compiled.opt.timestep), 1)
+    steps = per_sample * (len(log) - 1)
+    control = drive_commands(log, model.gains, log.duration / steps, steps, delay=delay)
+    if offsets is not None:
+        control = control - offsets
+    velocity = log.velocity
+    if velocity is None:
+        velocity = np.gradient(log.position, log.time, axis=0)
+    data = mujoco.MjData(compiled)
+    data.qpos[model.positions] = log.position[0]
+    data.qvel[model.velocities] = velocity[0]
+    kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
+    start = np.zeros(mujoco.mj_stateSize(compiled, kind))
+    mujoco.mj_getState(compiled, data, start, kind)
+    states = np.asarray(rollout.rollout(compiled, data, start, control)[0])[0]
+    states = np.vstack([start, states[per_sample - 1 :: per_sample]])
+    if not np.isfinite(states).all() or np.ptp(states[:, 0]) < 0.9 * log.duration:
+        raise RecordingError(
+            f"{model.name}: its motion under the commands of {log.name} diverges; "
+            "check gains, units and the robot's inertias"
+        )
+    q = states[:, 1 : 1 + compiled.nq]
+    dq = states[:, 1 + compiled.nq : 1 + compiled.nq + compiled.nv]
+    return Replay(model.name, log, q[:, model.positions], dq[:, model.velocities])

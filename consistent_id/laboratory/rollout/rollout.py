@@ -1,0 +1,216 @@
+"""Models side by side: how far each moves from the robot, told the same."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from consistent_id._support.arrays import Vector
+from consistent_id._support.tables import Table
+from consistent_id._support.threads import worker_threads
+from consistent_id.errors import RecordingError
+from consistent_id.estimation.estimate import Estimate
+from consistent_id.laboratory.rollout.replay import Replay, replay, replayable
+from consistent_id.laboratory.rollout.replay_model import (
+    ReplayModel,
+    replay_model,
+)
+from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.signals import PDGains
+
+_WORKERS = 2
+_PASSES = 4  # of the search of offsets; each leaves a small share of what was left
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rollout:
+    """Replays of several models.
+
+    Parameters
+    ----------
+    replays : mapping of str to tuple of Replay
+        By model, one for each log; the first model is the estimate's.
+    offsets : mapping of str to tuple of Replay
+        The same with torque offsets that were found for each model on training motion:
+        what a file cannot say counts for none.  The estimate's are its own.
+    delay : float, [s]
+        Of the commands, for the estimate and for all.
+    """
+
+    replays: Mapping[str, tuple[Replay, ...]]
+    offsets: Mapping[str, tuple[Replay, ...]]
+    delay: float = 0.0
+
+    def rmse(self, model: str, *, offsets: bool = False) -> float:
+        """Return a model's root-mean-square error of position over all [rad or m]."""
+        found = (self.offsets if offsets else self.replays)[model]
+        return _over_all([r.errors for r in found])
+
+    def tables(self) -> list[Table]:
+        """Return the errors of all models, and those of their joints, for people."""
+        rows = []
+        for model, replays in self.replays.items():
+            velocity = np.sqrt(np.mean([r.velocity_rmse**2 for r in replays]))
+            given = self.rmse(model, offsets=True) if model in self.offsets else None
+            rows.append(
+                (
+                    model,
+                    f"{1e3 * self.rmse(model):.2f}",
+                    "" if given is None else f"{1e3 * given:.2f}",
+                    f"{1e3 * velocity:.0f}",
+                )
+            )
+        logs = ", ".join(r.log.name for r in next(iter(self.replays.values())))
+        whole = Table(
+            f"Closed-loop replay of {logs}: root-mean-square errors",
+            ("model", "position", "with offsets", "velocity"),
+            tuple(rows),
+            (
+                "in mrad (mm) and mrad/s (mm/s)",
+                f"commands late by {1e3 * self.delay:.2f} ms for the first model; the "
+                "others as their files say, with offsets also with that delay, "
+                "if it makes them better on the training motion",
+            ),
+        )
+        return [whole, self._of_joints()]
+
+    def _of_joints(self) -> Table:
+        shown = self.offsets or self.replays
+        joints = next(iter(shown.values()))[0].log.joints
+        errors = [
+            np.sqrt(np.mean([r.rmse**2 for r in replays], axis=0))
+            for replays in shown.values()
+        ]
+        return Table(
+            "Position error of each joint" + (", with offsets" if self.offsets else ""),
+            ("joint", *shown),
+            tuple(
+                (joint, *(f"{1e3 * error[j]:.2f}" for error in errors))
+                for j, joint in enumerate(joints)
+            ),
+            ("in mrad (mm)",),
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the errors by name, for JSON."""
+        return {
+            "delay": self.delay,
+            "models": {
+                model: {
+                    "position_rmse": self.rmse(model),
+                    "position_rmse_with_offsets": (
+                        self.rmse(model, offsets=True)
+                        if model in self.offsets
+                        else None
+                    ),
+                    "logs": {
+                        r.log.name: {
+                            joint: {"position": float(q), "velocity": float(dq)}
+                            for joint, q, dq in zip(
+                                r.log.joints, r.rmse, r.velocity_rmse, strict=True
+                            )
+                        }
+                        for r in replays
+                    },
+                }
+                for model, replays in self.replays.items()
+            },
+        }
+
+
+def rollout(
+    estimate: Estimate,
+    logs: Recording | Sequence[Recording],
+    gains: PDGains,
+    *,
+    against: Sequence[str | Path] = (),
+    training: Sequence[Recording] = (),
+    delay: float = 0.0,
+    locked: Mapping[str, float] | None = None,
+) -> Rollout:
+    """Replay logs by an estimate and by files of the robot, closed loop.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    logs : Recording or sequence of Recording
+        With commands, as they were logged: not filtered.
+    gains : PDGains
+        Of the robot's joints, in its order.
+    against : sequence of str or Path
+        MJCF or URDF files of the robot.
+    training : sequence of Recording
+        On which torque offsets of these files are found; without it there are none.
+    delay : float, [s]
+        Of the commands.
+    locked : mapping of str to float, optional
+        Positions at which other joints of the files are held.
+
+    Raises
+    ------
+    ModelError
+        If MuJoCo is not installed, or refuses a robot.
+    RecordingError
+        If a log has no commands, or a motion diverges.
+    """
+    joints = estimate.model.robot.joint_names
+    given = [logs] if isinstance(logs, Recording) else list(logs)
+    if not given:
+        raise RecordingError("there is no log to replay")
+    known = [replayable(log.of(joints)) for log in given]
+    learnt = [replayable(log.of(joints)) for log in training]
+    period = min(1.0 / log.rate for log in known)
+
+    def made(robot: Estimate | str | Path) -> ReplayModel:
+        held = None if isinstance(robot, Estimate) else locked
+        return replay_model(robot, joints, gains, locked=held, period=min(period, 1.0))
+
+    own = made(estimate)
+    name = f"identified ({estimate.method})"
+    replays = {name: replayed(own, known, delay)}
+    offsets = {name: replays[name]} if learnt else {}
+    for file in against:
+        model = made(file)
+        replays[str(file)] = replayed(model, known, 0.0)
+        if learnt:
+            choices = (found_offsets(model, learnt, late) for late in {0.0, delay})
+            best = min(choices, key=lambda found: found[0])
+            offsets[str(file)] = replayed(model, known, best[1], best[2])
+    return Rollout(replays, offsets, delay)
+
+
+def replayed(
+    model: ReplayModel,
+    logs: Sequence[Recording],
+    delay: float,
+    offsets: Vector | None = None,
+) -> tuple[Replay, ...]:
+    """Return replays of several logs, side by side."""
+    with worker_threads(_WORKERS) as pool:
+        return tuple(
+            pool.map(lambda log: replay(model, log, delay=delay, offsets=offsets), logs)
+        )
+
+
+def found_offsets(
+    model: ReplayModel, logs: Sequence[Recording], delay: float
+) -> tuple[float, float, Vector]:
+    """Return the error, the delay and the torque offsets of a model's best replay.
+
+    An offset moves a joint by itself over the drive's stiffness, nearly.
+    """
+    offsets = np.zeros(len(model.joints))
+    best = (np.inf, delay, offsets)
+    for _ in range(_PASSES):
+        errors = [r.errors for r in replayed(model, logs, delay, offsets)]
+        size = _over_all(errors)
+        if size < best[0]:
+            best = (size, delay, offsets)
+        offsets = offsets + model.gains.kp * np.vstack(errors).mean(axis=0)
+    return best
+
+
+def _over_all(errors: Sequence[Any]) -> float:
+    return float(np.sqrt((np.vstack(errors) ** 2).mean()))

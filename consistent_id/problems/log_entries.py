@@ -1,0 +1,91 @@
+"""What a problem file says of its logs: rows that count, gains that make torque."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from consistent_id.errors import ProblemError
+from consistent_id.problems.file import DataTable, GainsTable, RecordingTable
+from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.signals import PDGains, commanded
+
+
+def span_of(raw: Recording, entry: RecordingTable) -> tuple[float, float]:
+    """Return the times of the first and the last row that count [s].
+
+    Raises
+    ------
+    ProblemError
+        If the log has no such rows.
+    """
+    if entry.rows is None:
+        return -np.inf, np.inf
+    first, last = entry.rows
+    omitted = set(entry.omit)
+    rows = len(raw) + len(omitted)
+    if not 1 <= first < last <= rows:
+        raise ProblemError(
+            f"{raw.name}: rows {first} to {last}, but the file has {rows}"
+        )
+    start = first - 1 - sum(row < first for row in omitted)
+    stop = last - 1 - sum(row <= last for row in omitted)
+    return float(raw.time[start]), float(raw.time[stop])
+
+
+def gains_table(gains: PDGains) -> GainsTable:
+    """Return gains as a problem file has them."""
+    limit = gains.torque_limit
+    return GainsTable(
+        kp=gains.kp.tolist(),
+        kd=gains.kd.tolist(),
+        torque_limit=limit.tolist() if np.isfinite(limit).all() else None,
+    )
+
+
+def gains_of_drives(data: DataTable) -> PDGains | None:
+    """Return the gains of PD-controlled joints, if the file states any.
+
+    Raises
+    ------
+    ProblemError
+        If there are gains and no column of commands, or both gains and torque.
+    """
+    if data.gains is None:
+        return None
+    columns = data.columns
+    if columns is None or columns.position_command is None:
+        raise ProblemError(
+            "[data.gains] make torque of commands, but [data.columns] names no "
+            "position_command"
+        )
+    if columns.torque is not None:
+        raise ProblemError(
+            f"[data.columns] names a torque, {columns.torque}, and [data.gains] make "
+            "one of commands; leave one of them out"
+        )
+    limit = data.gains.torque_limit
+    return PDGains(
+        np.array(data.gains.kp),
+        np.array(data.gains.kd),
+        np.array(np.inf if limit is None else limit),
+    )
+
+
+def with_torque(
+    raw: Recording, gains: PDGains | None, *, delay: float = 0.0
+) -> Recording:
+    """Return a log with the torque of its commands, if there are gains.
+
+    The measured velocity is left out then: the drive has it in its torque, and noise
+    that is in the motion and in the torque would bias estimates.
+
+    Parameters
+    ----------
+    raw : Recording
+    gains : PDGains, optional
+    delay : float, [s]
+        See `commanded`.
+    """
+    if gains is None:
+        return raw
+    return replace(commanded(raw, gains, delay=delay), velocity=None)

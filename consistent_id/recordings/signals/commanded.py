@@ -1,0 +1,132 @@
+"""The torque of PD-controlled joints, from what they were told."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from consistent_id._support.arrays import Matrix, Vector, array_default, freeze, frozen
+from consistent_id.errors import RecordingError
+from consistent_id.recordings.recording import Recording
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PDGains:
+    """Gains of drives that follow commands of position.
+
+    ``tau = kp (q_command - q) + kd (dq_command - dq) + tau_command``
+
+    Parameters
+    ----------
+    kp : array_like, shape () or (joints,), [N m/rad or N/m]
+    kd : array_like, shape () or (joints,), [N m s/rad or N s/m]
+    torque_limit : array_like, shape () or (joints,), [N m or N]
+        Where the drive clips the torque; infinite if it does not.
+
+    Raises
+    ------
+    RecordingError
+        If a gain is negative or not finite, or a limit is not positive.
+
+    Examples
+    --------
+    >>> PDGains(20.0, 1.5).of(2).kp
+    array([20., 20.])
+    """
+
+    kp: Vector
+    kd: Vector
+    torque_limit: Vector = array_default(np.inf)
+
+    def __post_init__(self) -> None:
+        for name in ("kp", "kd", "torque_limit"):
+            value = getattr(self, name)
+            shape = (None,) if np.ndim(value) else ()
+            array = frozen(
+                value, shape, name, RecordingError, finite=name != "torque_limit"
+            )
+            least = 0.0 if name != "torque_limit" else np.nextafter(0.0, 1.0)
+            if not (array >= least).all():
+                expected = "positive" if name == "torque_limit" else "0 or more"
+                raise RecordingError(f"{name} is {array}, expected {expected}")
+            freeze(self, **{name: array})
+
+    def of(self, joints: int) -> "PDGains":
+        """Return the gains of so many joints, one each.
+
+        Raises
+        ------
+        RecordingError
+            If there are gains for another number of joints.
+        """
+        values = {}
+        for name in ("kp", "kd", "torque_limit"):
+            array = getattr(self, name)
+            if array.ndim and len(array) != joints:
+                raise RecordingError(
+                    f"{name} has {len(array)} values for {joints} joints; give one "
+                    "for all, or one each in the robot's order"
+                )
+            values[name] = np.broadcast_to(array, (joints,))
+        return PDGains(**values)
+
+
+def commanded(recording: Recording, gains: PDGains, *, delay: float = 0.0) -> Recording:
+    """Return a recording with the torque that its commands and gains make.
+
+    A command holds from its sample to the next, so that in the mean it is half a step
+    late: at the instant of a sample the command before counts as much as its own.
+
+    Parameters
+    ----------
+    recording : Recording
+        With position and the command of it.  Without a command of velocity the drive's
+        is zero; without a measured velocity central differences stand in.
+    gains : PDGains
+    delay : float, [s]
+        By which commands reach the drives late, besides: they are read at an earlier
+        time, between samples by linear interpolation.  What the drives measure is not
+        late.
+
+    Raises
+    ------
+    RecordingError
+        If there is no command of position, or the delay is negative.
+
+    Examples
+    --------
+    >>> time = np.arange(4) / 100.0
+    >>> still, told = np.zeros((4, 1)), np.ones((4, 1))
+    >>> log = Recording(("hip",), time, still, still, position_command=told)
+    >>> commanded(log, PDGains(20.0, 1.5)).torque[0]
+    array([20.])
+    """
+    if recording.position_command is None:
+        raise RecordingError(
+            f"{recording.name}: gains make torque of commands, but there is no "
+            "position_command; name its columns"
+        )
+    if not 0.0 <= delay < np.inf:
+        raise RecordingError(f"delay of commands is {delay} s, expected 0 or more")
+    gains = gains.of(len(recording.joints))
+    velocity = recording.velocity
+    if velocity is None:
+        velocity = np.gradient(recording.position, recording.time, axis=0)
+    late = delay + 0.5 * float(np.median(np.diff(recording.time)))
+    told = (
+        None if values is None else _late(recording.time, values, late)
+        for values in (
+            recording.position_command,
+            recording.velocity_command,
+            recording.torque_command,
+        )
+    )
+    q, dq, feed_forward = (0.0 if values is None else values for values in told)
+    torque = gains.kp * (q - recording.position) + gains.kd * (dq - velocity)
+    torque = np.clip(torque + feed_forward, -gains.torque_limit, gains.torque_limit)
+    return replace(recording, torque=torque)
+
+
+def _late(time: Vector, values: Matrix, delay: float) -> Matrix:
+    """Return what was told a delay ago."""
+    columns = (np.interp(time - delay, time, column) for column in values.T)
+    return np.column_stack(list(columns))

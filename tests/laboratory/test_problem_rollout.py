@@ -1,0 +1,220 @@
+"""Rollouts of whole problems: simulated, from the shell, and of real robots."""
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from consistent_id import load_problem, to_mjcf
+from consistent_id.cli import main
+from consistent_id.constraints import lowered
+from consistent_id.errors import ProblemError
+
+mujoco = pytest.importorskip("mujoco")
+
+from consistent_id.laboratory.rollout import rollout  # noqa: E402
+from consistent_id.laboratory.rollout.from_problem import rollout_of  # noqa: E402
+from consistent_id.laboratory.rollout.ridge import RIDGES, chosen_ridge  # noqa: E402
+from consistent_id.laboratory.rollout.settings import (  # noqa: E402
+    Settings,
+    _between,
+    chosen_settings,
+    rollout_error,
+    torque_fit,
+    with_settings,
+)
+
+ROBOT = """
+<mujoco model="leg">
+  <compiler angle="radian"/>
+  <option gravity="0 0 -9.81" timestep="0.0005" integrator="implicitfast"/>
+  <worldbody>
+    <body name="trunk">
+      <freejoint/>
+      <inertial pos="0 0 0" mass="5" diaginertia="0.1 0.1 0.1"/>
+      <body name="thigh" pos="0 0 0">
+        <joint name="hip" axis="0 1 0" range="-1.5 1.5" {hip}/>
+        <inertial pos="0 0 -0.1" mass="1" diaginertia="0.005 0.005 0.001"/>
+        <body name="shank" pos="0 0 -0.2">
+          <joint name="knee" axis="0 1 0" range="-1.5 1.5" {knee}/>
+          <inertial pos="0 0 -0.1" mass="0.3" diaginertia="0.001 0.001 0.0002"/>
+        </body>
+      </body>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+TRUTH = {
+    "hip": 'damping="0.3" frictionloss="0.4" armature="0.02"',
+    "knee": 'damping="0.2" frictionloss="0.25" armature="0.015"',
+}
+PROBLEM = """
+name = "leg"
+[model]
+mjcf = "leg.xml"
+joints = ["hip", "knee"]
+[drive]
+viscous = true
+coulomb = "tanh"
+velocity_scale = 0.05
+rotor_inertia = true
+[constraints]
+bodies = "model"
+[data.columns]
+position = "q{number}"
+position_command = "qdes{number}"
+[data.gains]
+kp = 25.0
+kd = 1.0
+[data.preparation]
+motion_cutoff = 20.0
+torque_cutoff = 20.0
+[[data.recordings]]
+file = "log.csv"
+role = "training"
+rows = [1, 1200]
+[[data.recordings]]
+file = "log.csv"
+role = "validation"
+rows = [1220, 1900]
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A problem whose log is MuJoCo's own, of a robot with drives that are known."""
+    place = tmp_path_factory.mktemp("leg")
+    (place / "leg.xml").write_text(ROBOT.format(hip="", knee=""))
+    true = ROBOT.format(**TRUTH)
+    (place / "true.xml").write_text(true)
+    (place / "problem.toml").write_text(PROBLEM)
+    model = mujoco.MjModel.from_xml_string(true.replace("<freejoint/>", ""))
+    data, rows = mujoco.MjData(model), []
+    for k in range(1900):
+        t = k / 200.0
+        phase = np.array([1.0, 1.4]) * t * 2.0 + 0.7 * t**2
+        told = 0.5 * np.sin(phase)
+        rows.append([t, *data.qpos, *told])
+        for _ in range(10):
+            data.qfrc_applied = 25.0 * (told - data.qpos) - 1.0 * data.qvel
+            mujoco.mj_step(model, data)
+    head = "time,q1,q2,qdes1,qdes2"
+    np.savetxt(place / "log.csv", rows, delimiter=",", header=head, comments="")
+    return place
+
+
+@pytest.mark.slow
+def test_the_true_drives_are_found_and_move_like_the_robot(folder):
+    problem = load_problem(folder)
+    done = rollout_of(problem, against=[folder / "true.xml", folder / "leg.xml"])
+    (own, _), (true, _), (blank, _) = (
+        (done.rollout.rmse(name), name) for name in done.rollout.replays
+    )
+    assert true < 1.5e-3  # the log's own robot, but for steps of time
+    assert own < 4e-3 < 0.2 * blank
+    for joint, armature in (("hip", 0.02), ("knee", 0.015)):
+        assert done.estimate[f"{joint}.rotor_inertia"] == pytest.approx(
+            armature, abs=0.003
+        )
+
+
+@pytest.mark.slow
+def test_refinement_lowers_the_error_it_learns_from_within_the_constraints(folder):
+    problem = load_problem(folder)
+    done = rollout_of(problem, refine=True)
+    found = done.refinement
+    assert found.after < 0.95 * found.before
+    again = rollout_error(problem, done.estimate, problem.logs("training"))
+    assert again == pytest.approx(found.after, rel=1e-9)
+    known = lowered(problem.constraints, problem.model)
+    assert known.violation(done.estimate.parameters) < 1e-9
+    assert done.to_dict()["refined"]["training_error_after"] == found.after
+    assert done.estimate.certificate.verdict == "uncertified"
+
+
+@pytest.mark.slow
+def test_how_far_to_refine_is_chosen_on_motion_that_was_not_learnt_from(folder):
+    choice = chosen_ridge(load_problem(folder))
+    assert set(choice.errors) == {None, *RIDGES}
+    assert choice.errors[choice.ridge] == min(choice.errors.values())
+
+
+@pytest.mark.slow
+def test_settings_are_the_best_of_those_that_were_tried(folder):
+    problem = load_problem(folder)
+    choice = chosen_settings(problem)
+    errors = dict(choice.tried)
+    assert choice.error == errors[choice.settings] <= 1.03 * min(errors.values())
+    assert choice.settings.delay <= 0.0025  # there is none
+    assert not choice.settings.friction_slope
+    made = with_settings(problem, choice.settings)
+    assert made.delay_of_commands == choice.settings.delay
+    assert made.table.drive.velocity_scale == choice.settings.velocity_scale
+
+
+@pytest.mark.slow
+def test_the_shell_replays_and_writes_what_it_found(folder, tmp_path, capsys):
+    out = tmp_path / "out"
+    others = ["--against", str(folder / "true.xml")]
+    code = main(["rollout", str(folder), *others, "--output", str(out), "--json"])
+    assert code == 0
+    record = json.loads(capsys.readouterr().out)
+    assert len(record["models"]) == 2
+    assert json.loads((out / "rollout.json").read_text()) == record
+    page = (out / "rollout.html").read_text()
+    assert "hip: gain" in page and "true.xml" in page
+    written = out / "weighted_constrained.json"
+    export = tmp_path / "leg.xml"
+    export_options = ["--format", "mjcf", "--output", str(export)]
+    options = ["export", str(folder), "--estimate", str(written), *export_options]
+    assert main([*options, "--accept", "misfit"]) == 0
+    problem = load_problem(folder)
+    found = rollout(
+        torque_fit(problem)[0],
+        problem.logs("validation"),
+        problem.gains,
+        against=[export],
+    )
+    one, other = (found.rmse(name) for name in found.replays)
+    assert one == pytest.approx(other, rel=1e-4)
+
+
+@pytest.mark.parametrize(("true", "found"), [(0.0041, 0.0041), (0.009, 0.0075)])
+def test_the_delay_is_where_a_parabola_is_lowest(true, found):
+    best = Settings(delay=0.005)
+    delay = _between(best, lambda s: 1.0 + (s.delay - true) ** 2)
+    assert delay == pytest.approx(found, abs=1e-5)  # no further than the grid's next
+
+
+def test_a_problem_without_gains_has_no_rollout():
+    with pytest.raises(ProblemError, match=r"no \[data.gains\]"):
+        with_settings(load_problem("problems/rx60"), Settings())
+
+
+REAL = [
+    ("unitree_go2", 5e-3, 7.7e-3),
+    ("unitree_z1", 7.5e-3, 12.7e-3),
+]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(
+    "CONSISTENT_ID_DATASETS" not in os.environ, reason="CONSISTENT_ID_DATASETS not set"
+)
+@pytest.mark.parametrize(("name", "best", "shipped"), REAL)
+def test_real_robots_are_followed_better_than_by_their_files(
+    name, best, shipped, tmp_path
+):
+    problem = load_problem(Path("problems") / name)
+    estimate, _ = torque_fit(problem)
+    logs = problem.logs("validation")
+    assert rollout_error(problem, estimate, logs) < best
+    source = problem.model_files["mjcf"]
+    file = tmp_path / "identified.xml"
+    to_mjcf(estimate, source, folder=tmp_path, allow_refused=True).save(file)
+    found = rollout(estimate, logs, problem.gains, against=[source, file], delay=0.0)
+    own, as_shipped, fresh = (found.rmse(n) for n in found.replays)
+    assert as_shipped > shipped  # as published with the recordings
+    assert fresh == pytest.approx(own, rel=1e-3)

@@ -1,0 +1,87 @@
+"""Logs of commands are drafted with gains: several of them, with a model selected."""
+
+import numpy as np
+import pytest
+
+from consistent_id import (
+    PDGains,
+    ProblemError,
+    TorqueModel,
+    draft_problem,
+    load_urdf,
+)
+from consistent_id.problems.robot_logs import robot_logs
+from tests.helpers.logged import DRIVE, URDF, moved
+
+GAINS = PDGains([60.0, 40.0], [2.0, 1.0])
+
+
+def commanded_logs(folder, *tempos):
+    """Write a robot, and logs of the commands that make its motions.
+
+    A drive holds a command, so that the torque at a sample is half that of the command
+    before: commands are made half a step early.
+    """
+    urdf = folder / "arm.urdf"
+    urdf.write_text(URDF)
+    logs = []
+    for tempo in tempos:
+        motion = moved(TorqueModel(load_urdf(urdf), DRIVE), tempo=tempo)
+        early = motion.time + 0.5 * (motion.time[1] - motion.time[0])
+        dq = np.gradient(motion.position, motion.time, axis=0)
+        told = motion.position + (motion.torque + GAINS.kd * dq) / GAINS.kp
+        told = np.column_stack([np.interp(early, motion.time, q) for q in told.T])
+        logs.append(folder / f"tempo{tempo:g}.csv")
+        np.savetxt(
+            logs[-1],
+            np.column_stack([motion.time, motion.position, np.rad2deg(told)]),
+            "%.9g",
+            ",",
+            header="time,q_shoulder,q_elbow,q_des_shoulder_deg,q_des_elbow_deg",
+            comments="",
+        )
+    return urdf, logs
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory):
+    return commanded_logs(tmp_path_factory.mktemp("arm"), 1.0, 0.8)
+
+
+def test_gains_make_the_torque_of_every_log(arm):
+    urdf, logs = arm
+    problem = draft_problem(urdf, logs, gains=GAINS, select=False).problem()
+    for log, tempo in zip(problem.logs("training"), (1.0, 0.8), strict=True):
+        truth = moved(TorqueModel(load_urdf(urdf), DRIVE), tempo=tempo)
+        start = np.searchsorted(truth.time, log.time[0])
+        expected = truth.torque[start : start + len(log)]
+        # Twice interpolated, jumps of friction are rounded off, and nothing else.
+        error = np.sqrt(np.mean((log.torque - expected) ** 2))
+        assert error < 0.02 * expected.std()
+
+
+def test_a_log_is_read_as_it_was_written(arm):
+    urdf, logs = arm
+    found = robot_logs(urdf, logs[0], gains=GAINS)
+    raw = found.read(logs[0])
+    assert raw.torque is None
+    assert raw.position_command is not None
+
+
+@pytest.mark.slow
+def test_a_model_is_selected_for_the_bodies_of_the_file(arm):
+    urdf, logs = arm
+    draft = draft_problem(urdf, logs, gains=GAINS, bodies="model")
+    table = draft.table(urdf.parent)
+    assert draft.selection is not None
+    assert all(step.move.kind != "masses" for step in draft.selection.steps)
+    assert table.constraints.bodies == "model"
+    assert table.data.gains is not None
+    assert table.drive.rotor_inertia  # drives that follow commands have gears
+    assert len(table.data.recordings) == 4
+
+
+def test_free_masses_of_known_bodies_are_refused(arm):
+    urdf, logs = arm
+    with pytest.raises(ProblemError, match="leave one"):
+        draft_problem(urdf, logs, gains=GAINS, bodies="model", masses="free")
