@@ -104,12 +104,14 @@ def test_a_unit_that_a_name_states_is_asked_for_until_it_is_stated(tmp_path):
     np.testing.assert_allclose(log.position[:, 0], [0, math.pi])
 
 
-def test_in_the_shell_an_angle_is_also_that_of_the_derivatives():
+def test_in_the_shell_an_angle_is_also_that_of_derivatives_and_commands():
     assert units_of(["deg", "ms", "%"]) == {
         "position": "deg",
         "velocity": "deg/s",
         "acceleration": "deg/s^2",
         "time": "ms",
+        "position_command": "deg",
+        "velocity_command": "deg/s",
         "torque": "%",
     }
     assert units_of(["velocity=rpm", "deg"])["velocity"] == "rpm"
