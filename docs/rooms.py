@@ -8,6 +8,7 @@ An arrow that follows from others is left out (transitive reduction).
 import ast
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import cache
 from html import escape
 from itertools import pairwise
 from pathlib import Path
@@ -43,27 +44,37 @@ class Arc:
         return first.start < last.start < first.end < last.end
 
 
+@cache
+def modules() -> dict[Path, ast.Module]:
+    """Return the modules of the package, by their paths in it."""
+    return {
+        file.relative_to(_PACKAGE): ast.parse(file.read_text(encoding="utf-8"))
+        for file in _PACKAGE.rglob("*.py")
+    }
+
+
 def rooms() -> dict[str, str]:
     """Return the first line of each room's docstring."""
-    files = [*_PACKAGE.glob("*/__init__.py"), _PACKAGE / "errors.py"]
     found = {}
-    for file in sorted(files):
-        room = file.stem if file.parent == _PACKAGE else file.parent.name
-        words = ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or ""
-        found[room] = words.partition("\n")[0].replace("`", "")
+    for file, tree in sorted(modules().items(), key=lambda item: item[0]):
+        first = len(file.parts) == 2 and file.name == "__init__.py"
+        if first or file == Path("errors.py"):
+            words = ast.get_docstring(tree) or ""
+            found[_room(file)] = words.partition("\n")[0].replace("`", "")
     return found
+
+
+def _room(file: Path) -> str:
+    return file.parts[0].removesuffix(".py")
 
 
 def imports(names: Iterable[str]) -> dict[str, set[str]]:
     """Return the other rooms that each room imports, inside functions too."""
     found: dict[str, set[str]] = {name: set() for name in names}
-    for room, below in found.items():
-        folder = _PACKAGE / room
-        files = folder.rglob("*.py") if folder.is_dir() else [folder.with_suffix(".py")]
-        for file in files:
-            below.update(_imported(ast.parse(file.read_text(encoding="utf-8"))))
-        below &= found.keys() - {room}
-    return found
+    for file, tree in modules().items():
+        if (room := _room(file)) in found:
+            found[room] |= {below for below in _imported(tree) if below in found}
+    return {room: below - {room} for room, below in found.items()}
 
 
 def _imported(tree: ast.AST) -> Iterator[str]:

@@ -4,6 +4,7 @@ import ast
 import runpy
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import consistent_id
 
@@ -36,9 +37,12 @@ def _imported(tree: ast.AST) -> list[str]:
 
 
 @cache
+def _rooms() -> dict[str, Any]:
+    return runpy.run_path(str(DOCS / "rooms.py"))
+
+
 def _modules() -> dict[Path, ast.Module]:
-    paths = (path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py"))
-    return {path: ast.parse((PACKAGE / path).read_text()) for path in paths}
+    return _rooms()["modules"]()
 
 
 def test_imports_run_one_way_room_by_room():
@@ -72,13 +76,12 @@ def test_estimators_do_not_know_casadi():
 
 
 def test_the_drawing_of_the_rooms_is_current():
-    rooms = runpy.run_path(str(DOCS / "rooms.py"))
-    shown = rooms["DRAWING"].read_text()
-    assert shown == rooms["drawing"](), "draw it again: python docs/rooms.py"
+    shown = _rooms()["DRAWING"].read_text()
+    assert shown == _rooms()["drawing"](), "draw it again: python docs/rooms.py"
 
 
 def test_the_drawing_leaves_out_what_follows_from_other_arrows():
-    reduced = runpy.run_path(str(DOCS / "rooms.py"))["reduced"]
+    reduced = _rooms()["reduced"]
     graph = {"a": set(), "b": {"a"}, "c": {"a", "b"}, "d": {"a"}, "e": {"c", "d", "a"}}
     assert reduced(graph) == {
         "a": set(),

@@ -276,10 +276,10 @@ def _scores(
     count = len(segments)
     alone = min(Counter(sources).values()) < 2
     if (shortest >= LONG * noise.length).all() and not alone:
-        from scipy import stats
+        from scipy.special import stdtrit  # scipy.stats takes a second to import
 
         freedom = count - len(set(sources))
-        t = float(stats.t.ppf(0.975, freedom))
+        t = float(stdtrit(freedom, 0.975))
         few = "; they are few, so that errors are rough" if freedom < FEW else ""
         return _Scores(
             segment_scores(fitted, segments, base, sources),

@@ -91,11 +91,11 @@ def _expanded(tail: float, segments: int) -> float:
     """Return the share to cut off at each end, so that intervals are wide enough."""
     if segments < 2:
         return tail
-    from scipy import stats
+    from scipy.special import ndtr, stdtrit  # scipy.stats takes a second to import
 
     n = segments
-    t = float(stats.t.isf(tail, n - 1)) * np.sqrt(n / (n - 1))
-    return float(stats.norm.sf(t))
+    t = -float(stdtrit(n - 1, tail)) * np.sqrt(n / (n - 1))
+    return float(ndtr(-t))
 
 
 @single_threaded

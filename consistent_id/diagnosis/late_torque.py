@@ -84,12 +84,14 @@ def low_pass(values: Array, samples: float) -> Array:
     """
     if samples == 0.0:
         return values
-    from scipy.signal import lfilter
+    from scipy.linalg.lapack import dtbtrs  # scipy.signal takes a second to import
 
-    keep = float(np.exp(-1.0 / samples))
-    start = keep * values[..., :1]
-    filtered, _ = lfilter([1.0 - keep], [1.0, -keep], values, axis=-1, zi=start)
-    return np.asarray(filtered)
+    # y[k] - keep y[k - 1] = (1 - keep) x[k], with x less its first value.
+    keep, first = float(np.exp(-1.0 / samples)), values[..., :1]
+    series = (1.0 - keep) * (values - first).reshape(-1, values.shape[-1])
+    band = np.repeat([[1.0], [-keep]], values.shape[-1], axis=1)
+    filtered, _ = dtbtrs(band, series.T, uplo="L", diag="U", overwrite_b=1)
+    return np.asarray(filtered.T.reshape(values.shape) + first)
 
 
 def _misfits(columns: Array, torque: Matrix, lags: Array) -> Array:

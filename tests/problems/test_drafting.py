@@ -75,7 +75,11 @@ def test_the_file_loads_as_the_problem_that_was_drafted(arm):
 
 @pytest.mark.parametrize(
     "options",
-    [{}, {"masses": "free", "torque_gain": (2.0, 0.5)}, {"torque_joints": ["elbow"]}],
+    [
+        {},
+        {"masses": "free", "torque_gain": (2.0, 0.5), "select": False},
+        {"torque_joints": ["elbow"]},
+    ],
 )
 def test_the_text_holds_exactly_what_was_drafted(arm, options):
     folder, _ = arm
@@ -192,7 +196,7 @@ def test_masses_are_free_where_asked_and_where_there_are_none(tmp_path):
 def test_a_joint_that_the_log_does_not_have_is_held(tmp_path):
     urdf, log = write_arm(tmp_path)
     log.write_text(log.read_text().replace("q_elbow", "x").replace("tau_elbow", "y"))
-    draft = draft_problem(urdf, log)
+    draft = draft_problem(urdf, log, select=False)
     assert (draft.joints, draft.locked) == (("shoulder",), ("elbow",))
     assert draft.problem().model.robot.joint_names == ("shoulder",)
     assert "Locked at zero: elbow." in draft.text(tmp_path)

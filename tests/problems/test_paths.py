@@ -1,21 +1,30 @@
 """What a problem file of a stranger may name."""
 
+from shutil import copytree
+
 import pytest
 from logged import write_arm
 
 from consistent_id import ProblemError, draft_problem, load_problem, load_problems
 
 
+@pytest.fixture(scope="module")
+def drafted(tmp_path_factory):
+    """A folder with a problem, a robot and a log."""
+    folder = tmp_path_factory.mktemp("drafted")
+    urdf, log = write_arm(folder)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.delenv("CONSISTENT_ID_DATASETS", raising=False)
+        text = draft_problem(urdf, log, select=False).text(folder)
+    (folder / "problem.toml").write_text(text)
+    return folder
+
+
 @pytest.fixture
-def here(tmp_path, monkeypatch):
-    """A folder with a problem, a robot and a log, and no other data folder."""
+def here(drafted, tmp_path, monkeypatch):
+    """A copy of that folder of the test's own, and no other data folder."""
     monkeypatch.delenv("CONSISTENT_ID_DATASETS", raising=False)
-    inner = tmp_path / "study"
-    inner.mkdir()
-    urdf, log = write_arm(inner)
-    text = draft_problem(urdf, log).text(inner)
-    (inner / "problem.toml").write_text(text)
-    return inner
+    return copytree(drafted, tmp_path / "study")
 
 
 def changed(folder, old, new):
