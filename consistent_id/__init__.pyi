@@ -117,6 +117,8 @@ from consistent_id.problems.draft import Draft
 from consistent_id.problems.drafting import draft_problem
 from consistent_id.problems.problem import Problem, load_problem, load_problems
 from consistent_id.problems.study import Study, identify, run_study
+from consistent_id.recordings.base_motion import BaseMotion
+from consistent_id.recordings.contacts import ContactFlags, Wrench
 from consistent_id.recordings.readers import (
     JOINT_STATE,
     Columns,
@@ -173,6 +175,8 @@ from consistent_id.regression.regressor import (
     casadi_regressor,
     joint_torque_regressor,
 )
+from consistent_id.regression.row_names import BASE_ROWS
+from consistent_id.regression.rows.generalised_forces import contact_jacobian
 from consistent_id.regression.segments import segment_regressions
 from consistent_id.regression.simulation import simulate_torque
 from consistent_id.report import (
@@ -213,10 +217,12 @@ from consistent_id.robot.model import (
 __version__: str
 
 __all__ = [
+    "BASE_ROWS",
     "JOINT_STATE",
     "TRAJECTORY_COLUMNS",
     "Advice",
     "Aim",
+    "BaseMotion",
     "BaseParameters",
     "Body",
     "Bootstrap",
@@ -230,6 +236,7 @@ __all__ = [
     "Comparison",
     "ConsistentIdError",
     "ConsistentIntervals",
+    "ContactFlags",
     "Contradiction",
     "CrossCheck",
     "CutoffChoice",
@@ -320,6 +327,7 @@ __all__ = [
     "Uncertainty",
     "ValidationPath",
     "Verdict",
+    "Wrench",
     "Writer",
     "WritingTask",
     "advise",
@@ -340,6 +348,7 @@ __all__ = [
     "consistent_intervals",
     "constrained_least_squares",
     "constraint_costs",
+    "contact_jacobian",
     "contradiction",
     "cross_check",
     "cross_validated",

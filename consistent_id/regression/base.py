@@ -12,6 +12,7 @@ import numpy as np
 from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays
 from consistent_id._support.threads import single_threaded
 from consistent_id.errors import NotExcitedError
+from consistent_id.recordings.base_motion import BaseMotion
 from consistent_id.regression.columns import STRUCTURAL_TOLERANCE, split_at_gap
 from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.regressor import TorqueModel
@@ -137,7 +138,18 @@ def random_regressor(model: TorqueModel, *, seed: int = 0) -> Array:
     q = rng.uniform(-np.pi, np.pi, (samples, n))
     dq, ddq = rng.uniform(-2.0, 2.0, (2, samples, n))
     dq[::2] *= [_slow(terms) for terms in model.terms]
-    return model.regressor(q, dq, ddq)
+    base = _random_base(model, samples, rng) if model.robot.floating else None
+    return model.regressor(q, dq, ddq, base=base)
+
+
+def _random_base(
+    model: TorqueModel, samples: int, rng: np.random.Generator
+) -> BaseMotion:
+    """Return random motion of a base, in all directions of gravity."""
+    w, dw, a = rng.uniform(-2.0, 2.0, (3, samples, 3))
+    down = rng.normal(size=(samples, 3))
+    down *= np.linalg.norm(model.robot.gravity) / np.linalg.norm(down, axis=1)[:, None]
+    return BaseMotion(w, dw, a - down)
 
 
 def _slow(terms: DriveTerms) -> float:
