@@ -177,6 +177,7 @@ from consistent_id.regression.regressor import (
 )
 from consistent_id.regression.row_names import BASE_ROWS
 from consistent_id.regression.rows.generalised_forces import contact_jacobian
+from consistent_id.regression.rows.given_rows import GivenRows, given_rows
 from consistent_id.regression.segments import segment_regressions
 from consistent_id.regression.simulation import simulate_torque
 from consistent_id.report import (
@@ -187,6 +188,7 @@ from consistent_id.report import (
     write_report,
 )
 from consistent_id.robot.chains import chain, held
+from consistent_id.robot.free_bodies import free_bodies
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.kinematics import frame_places
 from consistent_id.robot.loaders import (
@@ -268,6 +270,7 @@ __all__ = [
     "FourierFit",
     "FourierTrajectory",
     "GearCoupling",
+    "GivenRows",
     "HalfSpace",
     "Hull",
     "InertialParameters",
@@ -367,8 +370,10 @@ __all__ = [
     "fourier_differentiated",
     "fourier_fit",
     "frame_places",
+    "free_bodies",
     "from_classical_dh",
     "from_modified_dh",
+    "given_rows",
     "harmonics_of",
     "held",
     "huber",

@@ -52,7 +52,9 @@ def add_draft_options(command: argparse.ArgumentParser) -> None:
     """Take what a draft of a problem file is made from."""
     add_columns(command)
     command.add_argument(
-        "--base", metavar="LINK", help="link that stands still (default: the root)"
+        "--base",
+        metavar="LINK",
+        help="link that stands still (default: the root), or 'floating'",
     )
     command.add_argument(
         "--tip", metavar="LINK", help="last link that counts, such as the flange"
