@@ -176,6 +176,12 @@ from consistent_id.regression.regressor import (
     joint_torque_regressor,
 )
 from consistent_id.regression.row_names import BASE_ROWS
+from consistent_id.regression.rows.contact_free import (
+    contact_free_base,
+    contact_free_model,
+    contact_free_regression,
+)
+from consistent_id.regression.rows.contact_maps import contact_force_left, row_levels
 from consistent_id.regression.rows.generalised_forces import contact_jacobian
 from consistent_id.regression.rows.given_rows import GivenRows, given_rows
 from consistent_id.regression.segments import segment_regressions
@@ -351,6 +357,10 @@ __all__ = [
     "consistent_intervals",
     "constrained_least_squares",
     "constraint_costs",
+    "contact_force_left",
+    "contact_free_base",
+    "contact_free_model",
+    "contact_free_regression",
     "contact_jacobian",
     "contradiction",
     "cross_check",
@@ -417,6 +427,7 @@ __all__ = [
     "report_html",
     "resampled",
     "robot_record",
+    "row_levels",
     "row_weights",
     "run_study",
     "saturated",

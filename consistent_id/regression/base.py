@@ -6,6 +6,7 @@ of the robot.  The independent ones carry the base parameters [Gautier1991]_: wi
 """
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -132,6 +133,21 @@ def random_regressor(model: TorqueModel, *, seed: int = 0) -> Array:
     There are three times as many samples as there are parameters.  Every other one is
     slow for joints whose friction at rest fades: at full speed nothing is left of it.
     """
+    states = random_states(model, seed=seed)
+    return model.regressor(states.q, states.dq, states.ddq, base=states.base)
+
+
+class RandomStates(NamedTuple):
+    """Random states of joints, shape (samples, joints), and of a floating base."""
+
+    q: Matrix
+    dq: Matrix
+    ddq: Matrix
+    base: BaseMotion | None
+
+
+def random_states(model: TorqueModel, *, seed: int = 0) -> RandomStates:
+    """Return the states of `random_regressor`."""
     rng = np.random.default_rng(seed)
     n, p = len(model.robot), len(model.layout)
     samples = 3 * p
@@ -139,7 +155,7 @@ def random_regressor(model: TorqueModel, *, seed: int = 0) -> Array:
     dq, ddq = rng.uniform(-2.0, 2.0, (2, samples, n))
     dq[::2] *= [_slow(terms) for terms in model.terms]
     base = _random_base(model, samples, rng) if model.robot.floating else None
-    return model.regressor(q, dq, ddq, base=base)
+    return RandomStates(q, dq, ddq, base)
 
 
 def _random_base(

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from quadrupeds import quadruped_text
 
 from consistent_id import (
     BASE_ROWS,
@@ -16,42 +17,12 @@ from consistent_id import (
 from consistent_id.robot.limbs import base_question
 from consistent_id.robot.model import Joint, Link, RobotModel
 
-BODY = """
-<inertial pos="0.1 0 0" mass="{mass}" diaginertia="0.02 0.03 0.04"/>
-"""
-
-QUADRUPED = f"""
-<mujoco>
-  <worldbody>
-    <body name="trunk" pos="0 0 0.4" quat="0 0 0 1">{{joint}}
-      {BODY.format(mass=7)}
-      {{legs}}
-    </body>
-  </worldbody>
-</mujoco>
-"""
-
-LEG = f"""
-<body name="{{0}}_hip" pos="0.2 {{1}} 0">{BODY.format(mass=1)}
-  <joint name="{{0}}_roll" axis="1 0 0"/>
-  <body name="{{0}}_thigh" pos="0 0.05 0">{BODY.format(mass=1)}
-    <joint name="{{0}}_pitch" axis="0 1 0"/>
-    <body name="{{0}}_calf" pos="0 0 -0.2">{BODY.format(mass=0.3)}
-      <joint name="{{0}}_knee" axis="0 1 0"/>
-    </body>
-  </body>
-</body>
-"""
-
 
 @pytest.fixture
 def quadruped(tmp_path):
     def write(joint="<freejoint/>"):
-        legs = "".join(
-            LEG.format(k, y) for k, y in zip("abcd", (-3, -1, 1, 3), strict=True)
-        )
         path = tmp_path / "robot.xml"
-        path.write_text(QUADRUPED.format(joint=joint, legs=legs))
+        path.write_text(quadruped_text(joint))
         return path
 
     return write
