@@ -60,7 +60,7 @@ def standing(robot, closed, *, noise=0.0, seed=0):
     samples, n = len(closed), len(robot)
     q, dq, ddq = rng.uniform(-1.0, 1.0, (3, samples, n))
     w, dw, a = rng.uniform(-1.0, 1.0, (3, samples, 3))
-    base = BaseMotion(w, dw, a + [0.0, 0.0, 9.81])
+    base = BaseMotion(w, dw, a + np.array([0.0, 0.0, 9.81]))
     forces = TorqueModel(robot).predict(robot.nominal, q, dq, ddq, base=base)
     jacobians = [
         contact_jacobian(robot, q, frame=foot, point=FOOT)[:, :3] for foot in FEET

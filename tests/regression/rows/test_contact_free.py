@@ -164,7 +164,9 @@ def test_two_contacts_at_one_point_are_one(robot):
     twice = replace(log, contacts=(*log.contacts, log.contacts[0]))
     once, doubled = (contact_free_regression(model, x) for x in (log, twice))
     assert once.counts == doubled.counts
-    assert np.allclose(abs(once.factors[0]), abs(doubled.factors[0]), atol=1e-8)
+    # Factors of deficient rank are not unique, what they say is.
+    squares = [r.factors[0].T @ r.factors[0] for r in (once, doubled)]
+    assert np.allclose(*squares, rtol=0, atol=1e-9 * abs(squares[0]).max())
 
 
 def test_a_fixed_base_has_no_rows_free_of_contact_forces(robot):
