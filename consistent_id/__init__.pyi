@@ -158,6 +158,11 @@ from consistent_id.recordings.signals import (
     trimmed,
     without,
 )
+from consistent_id.recordings.signals.base_signals import (
+    base_from_imu,
+    base_from_pose,
+    rotations,
+)
 from consistent_id.recordings.trajectory import FourierTrajectory, harmonics_of
 from consistent_id.regression.base import (
     BaseParameters,
@@ -342,6 +347,8 @@ __all__ = [
     "advise",
     "aligned",
     "base_feasibility",
+    "base_from_imu",
+    "base_from_pose",
     "base_parameters",
     "best_cutoff",
     "blocked_folds",
@@ -427,6 +434,7 @@ __all__ = [
     "report_html",
     "resampled",
     "robot_record",
+    "rotations",
     "row_levels",
     "row_weights",
     "run_study",

@@ -71,6 +71,9 @@ class ContactFlags:
         Whether it touches.
     point : array_like, shape (3,), [m]
         Of the contact, in the frame.
+    radius : float, [m]
+        Of a foot that is a ball about the point and rolls on level ground: the contact
+        is below the point.  Needs `BaseMotion.rotation`.
     surface : bool
         Whether moments are transmitted too, as by the sole of a humanoid's foot.
     certain : array_like of bool, shape (samples,), optional
@@ -83,6 +86,7 @@ class ContactFlags:
     point: Vector = array_default((0.0, 0.0, 0.0))
     surface: bool = False
     certain: BoolArray = field(default_factory=lambda: np.ones(0, dtype=bool))
+    radius: float = 0.0
 
     def __post_init__(self) -> None:
         where = f"contact at {self.frame!r}"
@@ -107,7 +111,29 @@ class ContactFlags:
             self.point,
             self.surface,
             self.certain[keep],
+            self.radius,
         )
+
+    @classmethod
+    def from_wrench(
+        cls, wrench: Wrench, *, threshold: float, guard: int = 0, radius: float = 0.0
+    ) -> "ContactFlags":
+        """Return when a measured force says that there is contact.
+
+        Parameters
+        ----------
+        wrench : Wrench
+        threshold : float, [N]
+            Force from which on there is contact.
+        guard : int
+            Samples before and after touch-down and lift-off that are not certain.
+        radius : float, [m]
+        """
+        closed = np.linalg.norm(wrench.values[:, :3], axis=1) > threshold
+        doubtful = np.zeros(len(closed), dtype=bool)
+        for change in np.flatnonzero(np.diff(closed)):
+            doubtful[max(change + 1 - guard, 0) : change + 1 + guard] = True
+        return cls(wrench.frame, closed, wrench.point, certain=~doubtful, radius=radius)
 
 
 def _flags(values: BoolArray, where: str) -> BoolArray:

@@ -163,9 +163,10 @@ def _random_base(
 ) -> BaseMotion:
     """Return random motion of a base, in all directions of gravity."""
     w, dw, a = rng.uniform(-2.0, 2.0, (3, samples, 3))
-    down = rng.normal(size=(samples, 3))
-    down *= np.linalg.norm(model.robot.gravity) / np.linalg.norm(down, axis=1)[:, None]
-    return BaseMotion(w, dw, a - down)
+    R, _ = np.linalg.qr(rng.normal(size=(samples, 3, 3)))
+    R *= np.linalg.det(R)[:, None, None]
+    down = np.swapaxes(R, 1, 2) @ model.robot.gravity
+    return BaseMotion(w, dw, a - down, R)
 
 
 def _slow(terms: DriveTerms) -> float:

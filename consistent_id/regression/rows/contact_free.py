@@ -135,9 +135,10 @@ def _compress(
     rows = np.empty((n, Y.shape[0], Y.shape[1] + 1))
     rows[:, :, :-1] = np.moveaxis(Y, 2, 0)
     rows[:, :, -1] = motion.torque
+    turned = None if motion.base is None else motion.base.rotation
     mapped = [
         (found.maps @ rows[found.samples]).reshape(-1, rows.shape[2])
-        for found in contact_maps(whole.robot, motion.q, flags, levels)
+        for found in contact_maps(whole.robot, motion.q, flags, levels, turned)
     ]
     stacked = np.vstack([np.zeros((0, rows.shape[2])), *mapped])
     peak = float(abs(stacked[:, -1]).max(initial=0.0))
@@ -178,17 +179,18 @@ def contact_free_base(
     """
     whole = _every_row(model)
     Y = np.ascontiguousarray(np.moveaxis(random_regressor(whole, seed=seed), 2, 0))
-    q = random_states(whole, seed=seed).q
+    states = random_states(whole, seed=seed)
+    q, turned = states.q, None if states.base is None else states.base.rotation
     patterns = np.unique(np.array([c.closed for c in contacts]).T, axis=0)
     drawn = patterns[np.arange(len(q)) % len(patterns)]
     flags = [
-        ContactFlags(c.frame, drawn[:, i], c.point, c.surface)
+        ContactFlags(c.frame, drawn[:, i], c.point, c.surface, radius=c.radius)
         for i, c in enumerate(contacts)
     ]
     levels = np.ones(len(whole.torque_joints))
     rows = [
         (found.maps @ Y[found.samples]).reshape(-1, Y.shape[2])
-        for found in contact_maps(whole.robot, q, flags, levels)
+        for found in contact_maps(whole.robot, q, flags, levels, turned)
     ]
     split, _ = split_at_gap(np.vstack(rows), column_kinds(model.layout))
     return BaseParameters(model.layout, *split, fingerprint=model.fingerprint)

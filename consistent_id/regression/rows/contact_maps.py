@@ -46,7 +46,11 @@ class RowMap(NamedTuple):
 
 
 def contact_maps(
-    robot: RobotModel, q: Matrix, contacts: Sequence[ContactFlags], sigma: Vector
+    robot: RobotModel,
+    q: Matrix,
+    contacts: Sequence[ContactFlags],
+    sigma: Vector,
+    rotation: Array | None = None,
 ) -> Iterator[RowMap]:
     """Yield row maps of samples, those with the same contacts together.
 
@@ -60,7 +64,10 @@ def contact_maps(
     contacts : sequence of ContactFlags
     sigma : ndarray, shape (6 + joints,)
         Noise level of each row.
+    rotation : ndarray, shape (samples, 3, 3), optional
+        Of the base in the world, for contacts with a radius.
     """
+    down = _down(robot, contacts, rotation)
     certain = np.ones(len(q), dtype=bool)
     for flags in contacts:
         certain &= flags.certain
@@ -72,15 +79,37 @@ def contact_maps(
             continue
         pairs = zip(contacts, pattern, strict=True)
         touching = [flags for flags, touches in pairs if touches]
-        held = [_pushes(robot, q[samples], flags) for flags in touching]
+        below = None if down is None else down[samples]
+        held = [_pushes(robot, q[samples], flags, below) for flags in touching]
         rows = len(sigma)
         pushes = np.concatenate([np.zeros((len(samples), rows, 0)), *held], axis=2)
         yield from _null_spaces(samples, pushes / sigma[:, None], sigma)
 
 
-def _pushes(robot: RobotModel, q: Matrix, flags: ContactFlags) -> Array:
+def _down(
+    robot: RobotModel, contacts: Sequence[ContactFlags], rotation: Array | None
+) -> Matrix | None:
+    """Return the direction of gravity in base axes, if a contact needs it."""
+    round_feet = [flags.frame for flags in contacts if flags.radius]
+    if not round_feet:
+        return None
+    size = float(np.linalg.norm(robot.gravity))
+    if rotation is None or size == 0.0:
+        raise RecordingError(
+            f"contact at {round_feet[0]!r} has a radius, but where down is is not "
+            "known; give BaseMotion(..., rotation=...), and a robot with gravity"
+        )
+    return np.asarray(np.swapaxes(rotation, 1, 2) @ (robot.gravity / size))
+
+
+def _pushes(
+    robot: RobotModel, q: Matrix, flags: ContactFlags, down: Matrix | None
+) -> Array:
     """Return ``J_c^T`` of one contact, shape (samples, rows, 3 or 6)."""
     J = contact_jacobian(robot, q, frame=flags.frame, point=flags.point)
+    if down is not None and flags.radius:
+        arm = flags.radius * down
+        J[:, :3] += np.cross(J[:, 3:], arm[:, :, None], axis=1)  # v + w x arm
     return np.swapaxes(J if flags.surface else J[:, :3], 1, 2)
 
 
@@ -147,7 +176,9 @@ def contact_force_left(model: TorqueModel, recording: Recording) -> float:
         raise RecordingError(f"{recording.name}: no wrench could be read")
     q = quiet.of(robot.joint_names).position
     left = whole = 0.0
-    for found in contact_maps(robot, q, recording.contacts, np.ones(len(names))):
+    turned = None if recording.base is None else recording.base.rotation
+    levels = np.ones(len(names))
+    for found in contact_maps(robot, q, recording.contacts, levels, turned):
         acting = forces[found.samples]
         passed = np.einsum("nra,na->nr", found.maps, acting)
         left += float(np.sum(passed**2))
