@@ -189,6 +189,12 @@ from consistent_id.regression.rows.contact_free import (
 from consistent_id.regression.rows.contact_maps import contact_force_left, row_levels
 from consistent_id.regression.rows.generalised_forces import contact_jacobian
 from consistent_id.regression.rows.given_rows import GivenRows, given_rows
+from consistent_id.regression.rows.wrench_sensor import (
+    sensor_motion,
+    sensor_regression,
+    static_poses,
+    tool_model,
+)
 from consistent_id.regression.segments import segment_regressions
 from consistent_id.regression.simulation import simulate_torque
 from consistent_id.report import (
@@ -442,12 +448,15 @@ __all__ = [
     "savitzky_golay_differentiated",
     "scene_from_urdf",
     "segment_regressions",
+    "sensor_motion",
+    "sensor_regression",
     "shadow_prices",
     "shapes_of",
     "simulate_torque",
     "smooth_least_squares",
     "split_at_gaps",
     "standstill",
+    "static_poses",
     "to_c",
     "to_casadi",
     "to_cvxpy",
@@ -456,6 +465,7 @@ __all__ = [
     "to_numpy",
     "to_pinocchio",
     "to_urdf",
+    "tool_model",
     "track",
     "transfer",
     "trim_standstill",

@@ -54,8 +54,14 @@ def motion_of(
         tau, base = measured_forces(model, recording), recording.base
     else:
         tau, base = recording.of(model.torque_joints).torque, None
-    recording = recording.of(model.robot.joint_names)
-    dq, ddq = recording.velocity, recording.acceleration
+    dq: Array | None
+    ddq: Array | None
+    if not len(model.robot):  # one body, all of whose motion is the base's
+        still = np.zeros((len(recording), 0))
+        q, dq, ddq = still, still, still
+    else:
+        log = recording.of(model.robot.joint_names)
+        q, dq, ddq = log.position, log.velocity, log.acceleration
     if dq is None or ddq is None or tau is None:
         given = {"velocity": dq, "acceleration": ddq, "torque": tau}
         missing = [name for name, values in given.items() if values is None]
@@ -65,4 +71,4 @@ def motion_of(
         )
     if weights is not None:
         weights = frozen(weights, tau.shape, f"row_weights of {recording.name}")
-    return Motion(recording.position, dq, ddq, tau, weights, base)
+    return Motion(q, dq, ddq, tau, weights, base)

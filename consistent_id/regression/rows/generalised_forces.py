@@ -91,10 +91,17 @@ def measured_forces(model: TorqueModel, recording: Recording) -> Matrix | None:
 
 
 def _of_wrench(robot: RobotModel, recording: Recording, wrench: Wrench) -> Matrix:
-    q = recording.of(robot.joint_names).position
+    q = joint_positions(robot, recording)
     J = contact_jacobian(robot, q, frame=wrench.frame, point=wrench.point)
     acting = in_base_axes(robot, recording, wrench)
     return np.asarray(np.einsum("nir,ni->nr", J, acting))
+
+
+def joint_positions(robot: RobotModel, recording: Recording) -> Matrix:
+    """Return positions in the robot's order; of one body alone there are none."""
+    if not len(robot):
+        return np.zeros((len(recording), 0))
+    return recording.of(robot.joint_names).position
 
 
 def in_base_axes(robot: RobotModel, recording: Recording, wrench: Wrench) -> Matrix:
@@ -108,7 +115,7 @@ def in_base_axes(robot: RobotModel, recording: Recording, wrench: Wrench) -> Mat
     if wrench.axes == "base":
         return wrench.values
     if wrench.axes == "frame":
-        q = recording.of(robot.joint_names).position
+        q = joint_positions(robot, recording)
         turn = frame_motion(robot, q, frame=wrench.frame).rotation
     elif recording.base is None or recording.base.rotation is None:
         raise RecordingError(
