@@ -1,10 +1,11 @@
 """A quadruped's trunk from a simulated log of a robot that moves on its feet.
 
 ``CONSISTENT_ID_DATASETS=... python benchmarks/quadruped.py`` takes a minute.  MuJoCo
-simulates Go2 [MuJoCo2012]_ on four feet on the ground, its trunk swaying, with contact
+simulates Go2 on four feet on the ground, its trunk swaying, with contact
 and friction; on the trunk is a box that the model does not know.  Logged are encoders,
 joint torques, a gyroscope, an accelerometer and the orientation, all with noise; no
-force sensor.  The legs are those of the model, or free.
+force sensor.  Of the legs, bodies and rotor inertias are known, as from a log of the
+robot hung up by its trunk; or nothing is.
 """
 
 import os
@@ -15,6 +16,7 @@ from time import process_time
 import numpy as np
 
 import consistent_id as ci
+from consistent_id.robot.inertia import INERTIAL_NAMES
 from consistent_id.robot.loaders.mjcf_assets import read_spec
 
 LEGS = ("FL", "FR", "RL", "RR")
@@ -49,7 +51,9 @@ def robots(path: Path) -> Truth:
     return Truth(replace(nominal, links=(heavier, *legs)), nominal)
 
 
-def simulated(path: Path, seed: int = 0, seconds: float = SECONDS) -> ci.Recording:
+def simulated(
+    path: Path, seed: int = 0, seconds: float = SECONDS, *, dry_friction: bool = True
+) -> ci.Recording:
     """Log the robot while its trunk sways over its feet."""
     import mujoco
 
@@ -60,6 +64,8 @@ def simulated(path: Path, seed: int = 0, seconds: float = SECONDS) -> ci.Recordi
         name="box", pos=place, mass=mass, ipos=[0, 0, 0], inertia=moments
     )
     box.explicitinertial = True
+    for joint in spec.joints:
+        joint.frictionloss *= dry_friction
     spec.option.timestep = 1.0 / RATE / 4
     # Else damping acts on the next velocity, and accelerations are not those of qacc.
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_EULERDAMP
@@ -116,7 +122,7 @@ def _planned(model, data, plan, seconds):
     found, J = [], np.zeros((3, model.nv))
     for step in range(int(seconds * RATE) + 2):
         x = plan.at(step / RATE)
-        data.qpos[:3] = x[:3] + [0, 0, HEIGHT]
+        data.qpos[:3] = x[:3] + np.array([0, 0, HEIGHT])
         angle = np.linalg.norm(x[3:])
         data.qpos[3] = np.cos(angle / 2)
         data.qpos[4:7] = x[3:] * np.sinc(angle / 2 / np.pi) / 2
@@ -138,7 +144,7 @@ def _sample(model, data, n):
     import mujoco
 
     mujoco.mju_quat2Mat(R, data.qpos[3:7])
-    felt = R.reshape(3, 3).T @ (data.qacc[:3] + [0, 0, 9.81])
+    felt = R.reshape(3, 3).T @ (data.qacc[:3] + np.array([0, 0, 9.81]))
     closed = [
         any(
             model.geom(f"{leg}").id in (data.contact[c].geom1, data.contact[c].geom2)
@@ -146,16 +152,8 @@ def _sample(model, data, n):
         )
         for leg in LEGS
     ]
-    return np.concatenate(
-        [
-            data.qpos[7:],
-            data.qfrc_actuator[6:],
-            data.qvel[3:6],
-            felt,
-            data.qpos[3:7],
-            closed,
-        ]
-    )
+    joints = data.qpos[7:], data.qfrc_actuator[6:]
+    return np.concatenate([*joints, data.qvel[3:6], felt, data.qpos[3:7], closed])
 
 
 def _recording(model, rows, rng):
@@ -188,53 +186,64 @@ def _recording(model, rows, rng):
     return replace(log, base=base, contacts=flags).samples(slice(50, -50))
 
 
+def known_of_legs(truth: Truth, path: Path) -> dict[str, float]:
+    """What is known of the legs from when they hung: bodies and rotor inertias."""
+    import mujoco
+
+    model = read_spec(path, mujoco).compile()
+    links, joints = truth.nominal.links[1:], truth.nominal.joint_names
+    known = {
+        f"{link.name}.{name}": float(value)
+        for link in links
+        for name, value in zip(INERTIAL_NAMES, link.nominal.vector, strict=True)
+    }
+    armature = model.dof_armature[6:]
+    rotors = (f"{joint}.rotor_inertia" for joint in joints)
+    return known | dict(zip(rotors, armature.tolist(), strict=True))
+
+
+def trunk_errors(found: ci.Estimate, truth: Truth) -> tuple[float, float, np.ndarray]:
+    """Relative error of mass, distance of centres of mass [m], relative moments."""
+    trunk = ci.InertialParameters(found.links[0])
+    true = truth.with_box.links[0].nominal
+    moments, right = (
+        np.linalg.eigvalsh(body.central_inertia) for body in (trunk, true)
+    )
+    apart = float(np.linalg.norm(trunk.com - true.com))
+    return trunk.mass / true.mass - 1.0, apart, moments / right - 1.0
+
+
 def main() -> None:
     path = Path(os.environ["CONSISTENT_ID_DATASETS"]) / "unitree_go2" / "go2.xml"
     truth = robots(path)
-    log = simulated(path)
-    print(log, "all feet closed:", np.mean([f.closed.mean() for f in log.contacts]))
     drive = ci.DriveTerms(
-        rotor_inertia=True, viscous=True, coulomb="tanh", velocity_scale=0.01
+        rotor_inertia=True, viscous=True, coulomb="tanh", velocity_scale=0.02
     )
     model = ci.contact_free_model(ci.TorqueModel(truth.nominal, drive))
-    started = process_time()
-    regression = ci.contact_free_regression(model, log)
-    base = ci.contact_free_base(model, log.contacts)
-    print(
-        f"{regression.counts[0]} rows, {len(base)} of {len(model.layout)}, {process_time() - started:.2f} CPU s"
-    )
-    legs = {
-        name: float(value)
-        for name, value in zip(
-            model.layout.names[10:130], truth.nominal.nominal[10:], strict=True
-        )
-    }
-    for label, constraints in (
-        (
-            "legs of the model",
-            [ci.PhysicalConsistency(), ci.FixedParameters(legs), ci.NonNegativeDrive()],
-        ),
-        ("legs free", [ci.PhysicalConsistency(), ci.NonNegativeDrive()]),
-    ):
+    signs = [ci.PhysicalConsistency(), ci.NonNegativeDrive()]
+    legs = [*signs, ci.FixedParameters(known_of_legs(truth, path))]
+    for dry in (False, True):
+        log = simulated(path, dry_friction=dry)
+        print(f"{len(log)} samples, dry friction in the joints: {dry}")
         started = process_time()
-        found = ci.constrained_least_squares(
-            model, regression, constraints=constraints, base=base
-        )
-        trunk = ci.InertialParameters(found.links[0])
-        true = truth.with_box.links[0].nominal
+        regression = ci.contact_free_regression(model, log)
+        base = ci.contact_free_base(model, log.contacts)
         print(
-            label,
-            found.certificate.verdict,
-            found.verdict.word,
-            f"{process_time() - started:.2f} CPU s",
+            f"  {regression.counts[0]} rows, {len(base)} of {len(model.layout)} "
+            f"parameters, {process_time() - started:.2f} CPU s"
         )
-        print("  mass", trunk.mass, true.mass, "com mm", 1e3 * (trunk.com - true.com))
-        print(
-            "  moments",
-            np.linalg.eigvalsh(trunk.central_inertia),
-            np.linalg.eigvalsh(true.central_inertia),
-        )
-        print("  misfit", found.fit.misfit, found.fit.floor)
+        for label, constraints in (("legs known", legs), ("nothing known", signs)):
+            started = process_time()
+            found = ci.constrained_least_squares(
+                model, regression, constraints=constraints, base=base
+            )
+            mass, apart, moments = trunk_errors(found, truth)
+            print(
+                f"  {label}: {found.certificate.verdict}, mass {mass:+.2%}, centre "
+                f"{1e3 * apart:.2f} mm, moments "
+                f"{', '.join(f'{m:+.1%}' for m in moments)}, "
+                f"misfit {found.fit.misfit:.1%}, {process_time() - started:.2f} CPU s"
+            )
 
 
 if __name__ == "__main__":

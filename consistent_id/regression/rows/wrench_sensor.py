@@ -154,7 +154,7 @@ def static_poses(
     """
     q: Matrix = checked(poses, (None, len(arm)), "poses", RecordingError)
     values: Array = checked(wrenches, (len(q), 6), "wrenches", RecordingError)
-    time = _TIME_STEP * np.arange(len(q))
+    time: Array = _TIME_STEP * np.arange(len(q), dtype=np.float64)
     return Recording(
         arm.joint_names,
         time,
