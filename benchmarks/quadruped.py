@@ -187,7 +187,7 @@ def _recording(model, rows, rng):
 
 
 def known_of_legs(truth: Truth, path: Path) -> dict[str, float]:
-    """What is known of the legs from when they hung: bodies and rotor inertias."""
+    """Return what a hanging robot's log tells of its legs: bodies, rotor inertias."""
     import mujoco
 
     model = read_spec(path, mujoco).compile()
