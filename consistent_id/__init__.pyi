@@ -124,6 +124,8 @@ from consistent_id.problems.problem import Problem, load_problem, load_problems
 from consistent_id.problems.selection.select import select_model
 from consistent_id.problems.selection.selection import Selection
 from consistent_id.problems.study import Study, identify, run_study
+from consistent_id.recordings.base_motion import BaseMotion
+from consistent_id.recordings.contacts import ContactFlags, Wrench
 from consistent_id.recordings.readers import (
     JOINT_STATE,
     Columns,
@@ -167,6 +169,11 @@ from consistent_id.recordings.signals import (
     trimmed,
     without,
 )
+from consistent_id.recordings.signals.base_signals import (
+    base_from_imu,
+    base_from_pose,
+    rotations,
+)
 from consistent_id.recordings.trajectory import FourierTrajectory, harmonics_of
 from consistent_id.regression.base import (
     BaseParameters,
@@ -184,6 +191,21 @@ from consistent_id.regression.regressor import (
     casadi_regressor,
     joint_torque_regressor,
 )
+from consistent_id.regression.row_names import BASE_ROWS
+from consistent_id.regression.rows.contact_free import (
+    contact_free_base,
+    contact_free_model,
+    contact_free_regression,
+)
+from consistent_id.regression.rows.contact_maps import contact_force_left, row_levels
+from consistent_id.regression.rows.generalised_forces import contact_jacobian
+from consistent_id.regression.rows.given_rows import GivenRows, given_rows
+from consistent_id.regression.rows.wrench_sensor import (
+    sensor_motion,
+    sensor_regression,
+    static_poses,
+    tool_model,
+)
 from consistent_id.regression.segments import segment_regressions, segment_sources
 from consistent_id.regression.simulation import simulate_torque
 from consistent_id.report import (
@@ -194,6 +216,7 @@ from consistent_id.report import (
     write_report,
 )
 from consistent_id.robot.chains import chain, held
+from consistent_id.robot.free_bodies import free_bodies
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.kinematics import frame_places
 from consistent_id.robot.loaders import (
@@ -224,10 +247,12 @@ from consistent_id.robot.model import (
 __version__: str
 
 __all__ = [
+    "BASE_ROWS",
     "JOINT_STATE",
     "TRAJECTORY_COLUMNS",
     "Advice",
     "Aim",
+    "BaseMotion",
     "BaseParameters",
     "Body",
     "Bootstrap",
@@ -242,6 +267,7 @@ __all__ = [
     "Comparison",
     "ConsistentIdError",
     "ConsistentIntervals",
+    "ContactFlags",
     "Contradiction",
     "CrossCheck",
     "CutoffChoice",
@@ -275,6 +301,7 @@ __all__ = [
     "FourierFit",
     "FourierTrajectory",
     "GearCoupling",
+    "GivenRows",
     "HalfSpace",
     "Hull",
     "InertialParameters",
@@ -336,11 +363,14 @@ __all__ = [
     "Uncertainty",
     "ValidationPath",
     "Verdict",
+    "Wrench",
     "Writer",
     "WritingTask",
     "advise",
     "aligned",
     "base_feasibility",
+    "base_from_imu",
+    "base_from_pose",
     "base_parameters",
     "best_cutoff",
     "blocked_folds",
@@ -358,6 +388,11 @@ __all__ = [
     "consistent_intervals",
     "constrained_least_squares",
     "constraint_costs",
+    "contact_force_left",
+    "contact_free_base",
+    "contact_free_model",
+    "contact_free_regression",
+    "contact_jacobian",
     "contradiction",
     "cross_check",
     "cross_validated",
@@ -377,8 +412,10 @@ __all__ = [
     "fourier_differentiated",
     "fourier_fit",
     "frame_places",
+    "free_bodies",
     "from_classical_dh",
     "from_modified_dh",
+    "given_rows",
     "harmonics_of",
     "held",
     "huber",
@@ -423,6 +460,8 @@ __all__ = [
     "report_html",
     "resampled",
     "robot_record",
+    "rotations",
+    "row_levels",
     "row_weights",
     "run_study",
     "saturated",
@@ -431,6 +470,8 @@ __all__ = [
     "segment_regressions",
     "segment_sources",
     "select_model",
+    "sensor_motion",
+    "sensor_regression",
     "shadow_prices",
     "shapes_of",
     "simulate_torque",
@@ -438,6 +479,7 @@ __all__ = [
     "speed_share",
     "split_at_gaps",
     "standstill",
+    "static_poses",
     "to_c",
     "to_casadi",
     "to_cvxpy",
@@ -448,6 +490,7 @@ __all__ = [
     "to_numpy",
     "to_pinocchio",
     "to_urdf",
+    "tool_model",
     "track",
     "transfer",
     "trim_standstill",

@@ -40,7 +40,9 @@ def add_columns(command: argparse.ArgumentParser) -> None:
         help="joints whose torque the log has (default: all)",
     )
     command.add_argument(
-        "--base", metavar="LINK", help="link that stands still (default: the root)"
+        "--base",
+        metavar="LINK",
+        help="link that stands still (default: the root), or 'floating'",
     )
     command.add_argument(
         "--tip", metavar="LINK", help="last link that counts, such as the flange"

@@ -14,6 +14,7 @@ from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.linear import solve_linear
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.row_names import in_newton
 
 _ALONE = ("misfit", "floor", "excess", "drive_share", "correlation", "spare")
 _PER_JOINT = tuple("torque misfits shares slopes explained expected efforts".split())
@@ -204,8 +205,7 @@ def _on_nominal(model: TorqueModel, regression: Regression) -> dict[str, Array]:
 
 def _shares(model: TorqueModel, size: Vector) -> Vector:
     """Return each joint's torque over the largest of those that move alike."""
-    kinds = {joint.name: joint.kind == "prismatic" for joint in model.robot.joints}
-    slides = np.array([kinds[name] for name in model.torque_joints])
+    slides = np.array([in_newton(model.robot, name) for name in model.torque_joints])
     shares = np.empty(len(size))
     for kind in (False, True):
         shares[slides == kind] = size[slides == kind] / size[slides == kind].max(
@@ -217,7 +217,7 @@ def _shares(model: TorqueModel, size: Vector) -> Vector:
 def _effort_limits(model: TorqueModel) -> Vector:
     """Return effort limits, [N m or N]; infinite where they are not known."""
     limits = {joint.name: joint.limits.effort for joint in model.robot.joints}
-    known = np.array([limits[name] for name in model.torque_joints])
+    known = np.array([limits.get(name, np.inf) for name in model.torque_joints])
     return np.where(known > 0.0, known, np.inf)
 
 

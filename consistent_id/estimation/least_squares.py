@@ -26,6 +26,7 @@ from consistent_id.regression.noise import joint_noise, residual_sigma
 from consistent_id.regression.regression import Regression, require_match
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import ResidualNoise, residual_noise
+from consistent_id.regression.row_names import in_newton
 
 _STATIONARITY = 1e-9
 
@@ -134,12 +135,8 @@ def weighted_least_squares(
 
 
 def _of_two_kinds(model: TorqueModel) -> bool:
-    """Return whether joints that turn and joints that slide have rows."""
-    kinds = {
-        joint.kind == "prismatic"
-        for joint in model.robot.driven
-        if joint.name in model.torque_joints
-    }
+    """Return whether there are rows in N m and rows in N."""
+    kinds = {in_newton(model.robot, name) for name in model.torque_joints}
     return len(kinds) > 1
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.export.exported_file import Export
-from consistent_id.export.provenance import require_usable
+from consistent_id.export.provenance import require_fixed_base, require_usable
 from consistent_id.regression.regressor import TorqueModel, casadi_regressor
 
 
@@ -45,6 +45,7 @@ def to_casadi(estimate: Estimate, *, allow_refused: bool = False) -> Functions:
     import casadi as ca
 
     require_usable(estimate, allow_refused)
+    require_fixed_base(estimate.model.robot, "CasADi functions")
     x = estimate.parameters
     # Joints without a measured torque have one nonetheless.
     model = replace(estimate.model, torque_joints=())

@@ -176,6 +176,9 @@ def _add_follower(spec: Any, name: str, mimic: Mimic, mujoco: Any) -> None:
 
 
 def _add_joint(body: Any, joint: Joint, mujoco: Any) -> None:
+    if joint.kind == "free":
+        body.add_joint(name=joint.name, type=mujoco.mjtJoint.mjJNT_FREE)
+        return
     slides = joint.kind == "prismatic"
     kind = mujoco.mjtJoint.mjJNT_SLIDE if slides else mujoco.mjtJoint.mjJNT_HINGE
     made = body.add_joint(name=joint.name, type=kind, axis=joint.axis)

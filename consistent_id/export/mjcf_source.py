@@ -55,7 +55,8 @@ def put_into(source: Source, estimate: Estimate) -> list[str]:
         whole = InertialParameters(vector)
         if link not in tree.bodies and not whole.vector.any():
             continue  # between two joints of one body nothing stands
-        if link not in tree.bodies or tree.carried.get(joint) != link:
+        free = robot.joints[k].kind == "free"  # a body of the world, held or not
+        if link not in tree.bodies or (not free and tree.carried.get(joint) != link):
             raise ModelError(
                 f"{source.file}: no body {link!r} that joint {joint!r} alone moves. "
                 "Give the file that the model was loaded from; if that body has "

@@ -28,19 +28,21 @@ def urdf_text(estimate: Estimate, comment: str) -> str:
         '<?xml version="1.0"?>',
         f"<robot name={quoteattr(robot.name)}>",
         f"  <!-- {comment.replace('--', '- -')} -->",
-        f"  <link name={quoteattr(world)}/>",
     ]
-    if turned:
-        lines += _fixed(FixedFrame(root, upright, np.zeros(3)), world)
-    for frame in robot.ground:
-        lines += _fixed(frame, root)
+    if not robot.floating:
+        lines += [f"  <link name={quoteattr(world)}/>"]
+        if turned:
+            lines += _fixed(FixedFrame(root, upright, np.zeros(3)), world)
+        for frame in robot.ground:
+            lines += _fixed(frame, root)
     parents = {-1: root} | dict(enumerate(robot.link_names))
     drives = {drive.joint: drive for drive in joint_drives(estimate)}
     for joint, link, vector in zip(
         robot.joints, robot.links, estimate.links, strict=True
     ):
         drive = drives.get(joint.name)
-        lines += _joint(joint, parents[joint.parent], link.name, drive)
+        if joint.kind != "free":  # a base that floats is the root of the file
+            lines += _joint(joint, parents[joint.parent], link.name, drive)
         lines += _link(link.name, InertialParameters(vector))
         for frame in link.merged:
             lines += _fixed(frame, link.name)

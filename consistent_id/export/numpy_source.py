@@ -9,7 +9,11 @@ from consistent_id.estimation.estimate import Estimate
 from consistent_id.export.drive_values import coupling_values, joint_drives
 from consistent_id.export.exported_file import Export
 from consistent_id.export.numpy_template import BODY, HEAD
-from consistent_id.export.provenance import provenance, require_usable
+from consistent_id.export.provenance import (
+    provenance,
+    require_fixed_base,
+    require_usable,
+)
 from consistent_id.export.source_text import SourceText
 from consistent_id.regression.regressor import drive_entries
 from consistent_id.robot.model import RobotModel
@@ -27,6 +31,7 @@ def to_numpy(estimate: Estimate, *, allow_refused: bool = False) -> Export:
         If the estimate is refused and `allow_refused` is false.
     """
     require_usable(estimate, allow_refused)
+    require_fixed_base(estimate.model.robot, "NumPy functions")
     n = len(estimate.model.robot)
     head = HEAD.format(
         provenance=_harmless(provenance(estimate)), n=n, data="\n".join(_data(estimate))

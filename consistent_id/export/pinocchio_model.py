@@ -52,7 +52,8 @@ def to_pinocchio(estimate: Estimate, *, allow_refused: bool = False) -> Any:
         for fixed in link.merged:
             place = pin.SE3(fixed.rotation, fixed.translation)
             model.addBodyFrame(fixed.name, k, place, frame)
-    for i, drive in enumerate(joint_drives(estimate)):
+    first = 6 if robot.floating else 0
+    for i, drive in enumerate(joint_drives(estimate), start=first):
         model.armature[i] = drive.simulated("armature") or 0.0
         model.damping[i] = drive.simulated("damping") or 0.0
         _set_friction(model, i, drive.simulated("friction") or 0.0)
@@ -97,6 +98,9 @@ def central(body: InertialParameters) -> tuple[float, Any, Any]:
 
 def _added(pin: Any, model: Any, joint: Joint) -> int:
     """Add a joint; along or about a coordinate axis it is Pinocchio's fast one."""
+    if joint.kind == "free":
+        place = pin.SE3(joint.rotation, joint.translation)
+        return int(model.addJoint(0, pin.JointModelFreeFlyer(), place, joint.name))
     letter = "".join(
         axis
         for axis, unit in zip("XYZ", np.eye(3), strict=True)

@@ -6,6 +6,7 @@ from consistent_id.errors import ProblemError
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.verdict import HELP
 from consistent_id.robot.loaders.splice import Document, Edit
+from consistent_id.robot.model import RobotModel
 
 _COMMENT = re.compile(rb"\s*<!-- consistent-id: [^>]* -->")
 
@@ -28,6 +29,21 @@ def require_usable(estimate: Estimate, allow_refused: bool) -> None:
         f"{verdict.sentence}: {ground.statement}. {ground.advice}; or say "
         f"allow_refused (--accept {ground.kind!r} in the shell). See {HELP}"
     )
+
+
+def require_fixed_base(robot: RobotModel, what: str) -> None:
+    """Refuse to export dynamics that would leave out the six rows of the base.
+
+    Raises
+    ------
+    ProblemError
+        If the robot's base floats.
+    """
+    if robot.floating:
+        raise ProblemError(
+            f"{what} are of joints alone, but the base of {robot.name!r} floats; "
+            "export URDF, MJCF, a Pinocchio model or JSON, which hold its body"
+        )
 
 
 def provenance(estimate: Estimate) -> str:

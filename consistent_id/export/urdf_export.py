@@ -174,14 +174,9 @@ def _gravity(estimate: Estimate) -> list[str]:
 def _link_edits(
     file: _File, robot: RobotModel, k: int, whole: InertialParameters
 ) -> tuple[list[Edit], str]:
-    link, joint = robot.links[k], file.joint(robot.joints[k].name)
-    child = joint.child("child")
-    if child is None or child.attributes.get("link") != link.name:
-        raise ModelError(
-            f"{file.path}, line {joint.line}: joint {joint.name!r} does not carry link "
-            f"{link.name!r}, as the model's does. Give the file that the model was "
-            "loaded from"
-        )
+    link = robot.links[k]
+    if robot.joints[k].kind != "free":  # the root of a file hangs on no joint
+        _require_carried(file, file.joint(robot.joints[k].name), link.name)
     parts = [Part(link.name, body_of(file.link(link.name)), np.eye(3), np.zeros(3))]
     for frame in link.merged:
         body = body_of(file.link(frame.name))
@@ -192,6 +187,16 @@ def _link_edits(
         if body is not part.body:
             edits += set_body(file.document, file.link(part.name), body)
     return edits, split.note
+
+
+def _require_carried(file: _File, joint: Element, link: str) -> None:
+    child = joint.child("child")
+    if child is None or child.attributes.get("link") != link:
+        raise ModelError(
+            f"{file.path}, line {joint.line}: joint {joint.name!r} does not carry link "
+            f"{link!r}, as the model's does. Give the file that the model was "
+            "loaded from"
+        )
 
 
 def _dynamics_edits(file: _File, drive: JointDrive) -> list[Edit]:

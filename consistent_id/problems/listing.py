@@ -9,6 +9,7 @@ from consistent_id.errors import ConsistentIdError
 from consistent_id.problems.folder import toml_files
 from consistent_id.problems.problem import Problem, load_problem
 from consistent_id.regression.base import base_parameters
+from consistent_id.robot.limbs import base_question
 
 
 def list_problems(folder: Path, files: Sequence[Path]) -> Table:
@@ -61,7 +62,9 @@ def problem_tables(problem: Problem) -> list[Table]:
         for name, terms in zip(robot.joint_names, model.terms, strict=True)
     }
     links = Table(
-        f"Robot {robot.name}: {len(robot)} joints, gravity {robot.gravity} m/s^2",
+        f"Robot {robot.name}: {len(robot)} joints, "
+        f"{'floating' if robot.floating else 'fixed'} base, "
+        f"gravity {robot.gravity} m/s^2",
         ("joint", "kind", "moves", "datasheet mass [kg]", "drive terms"),
         tuple(
             (
@@ -69,11 +72,13 @@ def problem_tables(problem: Problem) -> list[Table]:
                 joint.kind,
                 link.name,
                 "-" if link.datasheet.mass is None else f"{link.datasheet.mass:g}",
-                drives.get(joint.name) or f"follows {joint.mimic}",
+                drives.get(joint.name)
+                or ("none" if joint.kind == "free" else f"follows {joint.mimic}"),
             )
             for joint, link in zip(robot.joints, robot.links, strict=True)
         ),
         base.near
+        + base_question(robot)
         + tuple(
             f"coupled gears: {coupling.label}, {', '.join(coupling.names)}"
             for coupling in model.couplings

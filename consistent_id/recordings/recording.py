@@ -10,6 +10,8 @@ from consistent_id._support.arrays import IntArray, Matrix, Vector, freeze, froz
 from consistent_id._support.extras import pandas, xarray
 from consistent_id._support.tables import Table
 from consistent_id.errors import RecordingError
+from consistent_id.recordings.base_motion import BaseMotion
+from consistent_id.recordings.contacts import ContactFlags, Wrench
 from consistent_id.robot.parameters import did_you_mean
 
 if TYPE_CHECKING:
@@ -36,6 +38,12 @@ class Recording:
     position : array_like, shape (samples, joints), [rad or m]
     velocity, acceleration : array_like, shape (samples, joints), optional
     torque : array_like, shape (samples, joints), optional, [N m or N]
+    base : BaseMotion, optional
+        How the base moves, if it floats.
+    wrenches : tuple of Wrench
+        Measured forces on the robot from outside.
+    contacts : tuple of ContactFlags
+        Where the robot may touch its surroundings, and when it does.
     name : str
         Where it comes from; used in messages.
     position_command, velocity_command : array_like, shape (samples, joints), optional
@@ -67,6 +75,9 @@ class Recording:
     position_command: Matrix | None = None
     velocity_command: Matrix | None = None
     torque_command: Matrix | None = None
+    base: BaseMotion | None = None
+    wrenches: tuple[Wrench, ...] = ()
+    contacts: tuple[ContactFlags, ...] = ()
 
     def __post_init__(self) -> None:
         joints = () if isinstance(self.joints, str) else tuple(self.joints)
@@ -91,6 +102,24 @@ class Recording:
             if values is not None:
                 array = self._checked(channel, values, len(time))
                 freeze(self, **{channel: array})
+        freeze(self, wrenches=tuple(self.wrenches), contacts=tuple(self.contacts))
+        for what, value in self._beside:
+            if len(value) != len(time):
+                raise RecordingError(
+                    f"{self.name}: {what} has {len(value)} samples, expected "
+                    f"{len(time)}, as many as there are times; what changes the clock "
+                    "of the joints does not change that of the base"
+                )
+
+    @property
+    def _beside(self) -> list[tuple[str, BaseMotion | Wrench | ContactFlags]]:
+        """What was recorded beside the joints, and what to call it."""
+        base = [] if self.base is None else [self.base]
+        return [
+            *(("base motion", value) for value in base),
+            *((f"wrench at {value.frame}", value) for value in self.wrenches),
+            *((f"contact at {value.frame}", value) for value in self.contacts),
+        ]
 
     def _check_time(self, time: Vector) -> None:
         if not np.isfinite(time).all():
@@ -238,7 +267,14 @@ class Recording:
             for channel in _CHANNELS
             if (values := getattr(self, channel)) is not None
         }
-        return replace(self, time=self.time[keep], **channels)
+        return replace(
+            self,
+            time=self.time[keep],
+            base=None if self.base is None else self.base.samples(keep),
+            wrenches=tuple(wrench.samples(keep) for wrench in self.wrenches),
+            contacts=tuple(flags.samples(keep) for flags in self.contacts),
+            **channels,
+        )
 
 
 def several(recordings: Recording | Sequence[Recording]) -> list[Recording]:

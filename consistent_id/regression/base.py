@@ -6,12 +6,14 @@ of the robot.  The independent ones carry the base parameters [Gautier1991]_: wi
 """
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays
 from consistent_id._support.threads import single_threaded
 from consistent_id.errors import NotExcitedError
+from consistent_id.recordings.base_motion import BaseMotion
 from consistent_id.regression.columns import STRUCTURAL_TOLERANCE, split_at_gap
 from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.regressor import TorqueModel
@@ -131,13 +133,40 @@ def random_regressor(model: TorqueModel, *, seed: int = 0) -> Array:
     There are three times as many samples as there are parameters.  Every other one is
     slow for joints whose friction at rest fades: at full speed nothing is left of it.
     """
+    states = random_states(model, seed=seed)
+    return model.regressor(states.q, states.dq, states.ddq, base=states.base)
+
+
+class RandomStates(NamedTuple):
+    """Random states of joints, shape (samples, joints), and of a floating base."""
+
+    q: Matrix
+    dq: Matrix
+    ddq: Matrix
+    base: BaseMotion | None
+
+
+def random_states(model: TorqueModel, *, seed: int = 0) -> RandomStates:
+    """Return the states of `random_regressor`."""
     rng = np.random.default_rng(seed)
     n, p = len(model.robot), len(model.layout)
     samples = 3 * p
     q = rng.uniform(-np.pi, np.pi, (samples, n))
     dq, ddq = rng.uniform(-2.0, 2.0, (2, samples, n))
     dq[::2] *= [_slow(terms) for terms in model.terms]
-    return model.regressor(q, dq, ddq)
+    base = _random_base(model, samples, rng) if model.robot.floating else None
+    return RandomStates(q, dq, ddq, base)
+
+
+def _random_base(
+    model: TorqueModel, samples: int, rng: np.random.Generator
+) -> BaseMotion:
+    """Return random motion of a base, in all directions of gravity."""
+    w, dw, a = rng.uniform(-2.0, 2.0, (3, samples, 3))
+    R, _ = np.linalg.qr(rng.normal(size=(samples, 3, 3)))
+    R *= np.linalg.det(R)[:, None, None]
+    down = np.swapaxes(R, 1, 2) @ model.robot.gravity
+    return BaseMotion(w, dw, a - down, R)
 
 
 def _slow(terms: DriveTerms) -> float:

@@ -6,7 +6,14 @@ from typing import Any
 import numpy as np
 
 from consistent_id._support.arrays import Array, Vector
-from consistent_id.regression.newton_euler import JointGeometry, JointMotion, Scalar
+from consistent_id.errors import ProblemError
+from consistent_id.regression.newton_euler import (
+    FreeMotion,
+    JointGeometry,
+    JointMotion,
+    Scalar,
+)
+from consistent_id.robot.mimic import Transmission
 from consistent_id.robot.model import Joint, RobotModel
 
 
@@ -33,9 +40,59 @@ def joint_motions(
 
     `state` holds their positions and the two derivatives; `sine_and_cosine` is that of
     the scalars, whatever they are.
+
+    Raises
+    ------
+    ProblemError
+        If the robot's base floats: see `link_motions`.
     """
+    if robot.floating:
+        raise ProblemError(
+            f"robot {robot.name!r}: its base floats, but how it moves was not given; "
+            "give base motion (BaseMotion), or load the robot with a fixed base"
+        )
+    return _moved(robot.transmissions, state, sine_and_cosine)
+
+
+def link_motions(
+    robot: RobotModel,
+    state: Sequence[Sequence[Scalar] | Array],
+    sine_and_cosine: Callable[[Scalar], tuple[Scalar, Scalar]],
+    base: Sequence[Scalar] | Array | None,
+) -> Sequence[JointMotion | FreeMotion]:
+    """Return the motion of all joints, and before them that of a base that floats.
+
+    `base` holds the nine numbers of `BaseMotion`, or none for a fixed base.  The
+    coordinates of the base are numbered after those of the joints.
+
+    Raises
+    ------
+    ProblemError
+        If a base floats whose motion is not given, or bodies are not connected.
+    """
+    if not robot.connected:
+        raise ProblemError(
+            f"robot {robot.name!r}: how its bodies are connected is not known, so a "
+            "motion does not tell their regressor; give the regressor (given_rows)"
+        )
+    if not robot.floating or base is None:
+        return joint_motions(robot, state, sine_and_cosine)
+    w, dw, a = ((base[i], base[i + 1], base[i + 2]) for i in (0, 3, 6))
+    n = len(robot)
+    motions: list[JointMotion | FreeMotion] = [
+        FreeMotion(w, dw, a, (n, n + 1, n + 2, n + 3, n + 4, n + 5))
+    ]
+    motions += _moved(robot.transmissions[1:], state, sine_and_cosine)
+    return motions
+
+
+def _moved(
+    transmissions: Sequence[Transmission],
+    state: Sequence[Sequence[Scalar] | Array],
+    sine_and_cosine: Callable[[Scalar], tuple[Scalar, Scalar]],
+) -> list[JointMotion]:
     motions, (q, dq, ddq) = [], state
-    for j, ratio, offset in robot.transmissions:
+    for j, ratio, offset in transmissions:
         position, rate, push = q[j], dq[j], ddq[j]
         if (ratio, offset) != (1.0, 0.0):
             position = ratio * position + offset

@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from consistent_id._support.arrays import Array, BoolArray, Matrix, Vector
+from consistent_id.recordings.base_motion import BaseMotion
 from consistent_id.regression.regressor import CHUNK, TorqueModel
 from consistent_id.robot.inertia import pseudo_inertia
 from consistent_id.robot.kinematics import ancestors
@@ -55,9 +56,15 @@ def mass_matrices(model: TorqueModel, parameters: Vector, q: Array) -> Array:
 def least_mass_eigenvalue(model: TorqueModel, parameters: Vector, q: Array) -> float:
     """Return the smallest eigenvalue of the mass matrix over poses.
 
+    That of the joints: a base that floats counts as held.  Bodies without joints have
+    the least eigenvalue of their pseudo-inertias.
+
     Eigenvalues are computed where ``M - least 1`` is not positive definite, with the
     least eigenvalue of some of the poses: elsewhere all are larger.
     """
+    if not len(model.robot):
+        bodies = parameters[: model.layout.inertial_size].reshape(-1, 10)
+        return float(np.linalg.eigvalsh(pseudo_inertia(bodies)).min())
     M = mass_matrices(model, parameters, q)
     least = float(np.linalg.eigvalsh(M[:_FIRST]).min())
     lower = M[~_positive_definite(M - least * np.eye(M.shape[1]))]
@@ -82,9 +89,16 @@ def _of_drives(model: TorqueModel, parameters: Vector) -> Matrix:
     drives = parameters.copy()
     drives[: model.layout.inertial_size] = 0.0
     rest, unit = np.zeros((n + 1, n)), np.eye(n + 1, n)
-    whole = model.torque_joints == model.robot.joint_names
-    every_joint = model if whole else replace(model, torque_joints=())
-    torque = every_joint.predict(drives, rest, rest, unit)
+    names, base = model.robot.joint_names, None
+    whole = model.torque_joints == names
+    # The bias of a wrench sensor, in the last columns, is of the base's rows alone.
+    every_joint = (
+        model if whole else replace(model, torque_joints=names, wrench_bias=False)
+    )
+    drives = drives[: len(every_joint.layout)]
+    if model.robot.floating:
+        base = BaseMotion.at_rest(n + 1)
+    torque = every_joint.predict(drives, rest, rest, unit, base=base)
     return np.asarray((torque[:n] - torque[n]).T)
 
 

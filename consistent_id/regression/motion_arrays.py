@@ -6,8 +6,10 @@ import numpy as np
 
 from consistent_id._support.arrays import Array, IntArray, frozen
 from consistent_id.errors import RecordingError
+from consistent_id.recordings.base_motion import BaseMotion
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.rows.generalised_forces import measured_forces
 
 
 class Motion(NamedTuple):
@@ -21,13 +23,15 @@ class Motion(NamedTuple):
     ddq: Array
     torque: Array
     weights: Array | None
+    base: BaseMotion | None = None
 
     def samples(self, start: int, stop: int) -> "Motion":
         """Return consecutive samples."""
         part = slice(start, stop)
         weights = None if self.weights is None else self.weights[part]
         state = self.q[part], self.dq[part], self.ddq[part]
-        return Motion(*state, self.torque[part], weights)
+        base = None if self.base is None else self.base.samples(part)
+        return Motion(*state, self.torque[part], weights, base)
 
     def counts(self, rows: range) -> IntArray:
         """Return how many of the rows count as samples of each joint's torque."""
@@ -44,11 +48,20 @@ def motion_of(
     Raises
     ------
     RecordingError
-        If a channel or a joint is missing.
+        If a channel or a joint is missing, or the motion of a base that floats.
     """
-    tau = recording.of(model.torque_joints).torque
-    recording = recording.of(model.robot.joint_names)
-    dq, ddq = recording.velocity, recording.acceleration
+    if model.robot.floating:
+        tau, base = measured_forces(model, recording), recording.base
+    else:
+        tau, base = recording.of(model.torque_joints).torque, None
+    dq: Array | None
+    ddq: Array | None
+    if not len(model.robot):  # one body, all of whose motion is the base's
+        still = np.zeros((len(recording), 0))
+        q, dq, ddq = still, still, still
+    else:
+        log = recording.of(model.robot.joint_names)
+        q, dq, ddq = log.position, log.velocity, log.acceleration
     if dq is None or ddq is None or tau is None:
         given = {"velocity": dq, "acceleration": ddq, "torque": tau}
         missing = [name for name, values in given.items() if values is None]
@@ -58,4 +71,4 @@ def motion_of(
         )
     if weights is not None:
         weights = frozen(weights, tau.shape, f"row_weights of {recording.name}")
-    return Motion(recording.position, dq, ddq, tau, weights)
+    return Motion(q, dq, ddq, tau, weights, base)

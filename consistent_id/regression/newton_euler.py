@@ -56,6 +56,20 @@ class JointMotion(NamedTuple):
     ratio: float = 1.0
 
 
+class FreeMotion(NamedTuple):
+    """The motion of a free base, in its own axes, and the numbers of its coordinates.
+
+    `w` and `dw` are its angular velocity and acceleration, `a` is the acceleration of
+    its frame's origin less gravity: what an accelerometer there measures.  The first
+    three coordinates move it along its axes, the others turn it about them.
+    """
+
+    w: Vec
+    dw: Vec
+    a: Vec
+    coordinates: tuple[int, int, int, int, int, int]
+
+
 class _State(NamedTuple):
     """A link's motion, and the unit screws ``(coordinate, e, v)`` that move it."""
 
@@ -67,11 +81,14 @@ class _State(NamedTuple):
 
 
 def regressor_entries(
-    joints: Sequence[JointGeometry], gravity: Vec, motion: Sequence[JointMotion]
+    joints: Sequence[JointGeometry],
+    gravity: Vec,
+    motion: Sequence[JointMotion | FreeMotion],
 ) -> Iterator[tuple[int, int, tuple[Scalar, ...]]]:
     """Yield ``(coordinate, link, entries)`` for each link and what moves it.
 
-    `motion` is that of the joints, one by one.  `entries` are the coefficients of
+    `motion` is that of the joints, one by one; where the base is free, that of the base
+    first, which knows of gravity.  `entries` are the coefficients of
     ``m, hx, hy, hz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz`` of the link in the coordinate's
     torque (force, for a sliding joint).
     """
@@ -83,7 +100,7 @@ def regressor_entries(
 def torque_parts(
     joints: Sequence[JointGeometry],
     gravity: Vec,
-    motion: Sequence[JointMotion],
+    motion: Sequence[JointMotion | FreeMotion],
     bodies: Sequence[Sequence[Scalar]],
 ) -> Iterator[tuple[int, int, Scalar]]:
     """Yield ``(coordinate, link, torque)``: what each link asks of what moves it.
@@ -98,16 +115,31 @@ def torque_parts(
 
 
 def _states(
-    joints: Sequence[JointGeometry], gravity: Vec, motion: Sequence[JointMotion]
+    joints: Sequence[JointGeometry],
+    gravity: Vec,
+    motion: Sequence[JointMotion | FreeMotion],
 ) -> Iterator[_State]:
     """Yield the state of each link, parents first."""
     at_rest = (-gravity[0], -gravity[1], -gravity[2])
     base = _State(_NONE, _NONE, at_rest, (), (_NONE, _NONE, _NONE))
     states: list[_State] = []
     for joint, moves in zip(joints, motion, strict=True):
+        if isinstance(moves, FreeMotion):
+            states.append(_free(moves))
+            yield states[-1]
+            continue
         parent = base if joint.parent < 0 else states[joint.parent]
         states.append(_child(joint, moves, parent))
         yield states[-1]
+
+
+def _free(base: FreeMotion) -> _State:
+    """Return the state of a free base; unit rates push and turn it along its axes."""
+    units: tuple[Vec, ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    screws = [(_NONE, unit) for unit in units] + [(unit, _NONE) for unit in units]
+    numbered = zip(base.coordinates, screws, strict=True)
+    of_base = tuple((j, e, v) for j, (e, v) in numbered)
+    return _State(base.w, base.dw, base.a, of_base, _spin(base.w, base.dw))
 
 
 def _wrench(link: _State, body: Sequence[Scalar]) -> tuple[Vec, Vec]:

@@ -27,7 +27,8 @@ def recorded_noise(
     """Return the noise that a fit leaves along a motion, of the rows at `centres`."""
     structure = row_structure(model)
     kept_rows = [np.empty((len(motion.q), len(kept))) for kept, _ in structure]
-    for part, Y in model.chunks(motion.q, motion.dq, motion.ddq, size=CHUNK):
+    state = motion.q, motion.dq, motion.ddq
+    for part, Y in model.chunks(*state, size=CHUNK, base=motion.base):
         for j, (kept, _) in enumerate(structure):
             kept_rows[j][part] = Y[j, kept].T
     counts, found = motion.counts(centres), []

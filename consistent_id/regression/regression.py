@@ -394,8 +394,9 @@ def _compress(
     factors = [np.zeros((0, len(kept) + 1)) for kept, _ in structure]
     # Rows to be mixed with each other come in one chunk.
     size = CHUNK if row_filter.factor == 1 else len(tau)
-    state = motion.q[piece], motion.dq[piece], motion.ddq[piece]
-    for part, Y in model.chunks(*state, size=size):
+    moved = motion.samples(piece.start, piece.stop)
+    state = moved.q, moved.dq, moved.ddq
+    for part, Y in model.chunks(*state, size=size, base=moved.base):
         for j, (kept, _) in enumerate(structure):
             done = len(factors[j])
             rows = np.empty((done + Y.shape[2], len(kept) + 1), order="F")

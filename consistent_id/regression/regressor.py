@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Array, Vector, checked, freeze, frozen
 from consistent_id.errors import ProblemError
+from consistent_id.recordings.base_motion import BaseMotion
 from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.drive.gear_coupling import GearCoupling
 from consistent_id.regression.drive.term import DriveTerm
@@ -22,8 +23,15 @@ from consistent_id.regression.joint_geometry import (
     floats,
     joint_geometry,
     joint_motions,
+    link_motions,
 )
 from consistent_id.regression.newton_euler import JointGeometry, regressor_entries
+from consistent_id.regression.row_names import (
+    BASE_ROWS,
+    BASE_UNITS,
+    CONTACT_FREE,
+    row_names,
+)
 from consistent_id.robot.model import RobotModel
 from consistent_id.robot.parameters import ParameterLayout, did_you_mean
 
@@ -48,11 +56,14 @@ class TorqueModel:
     torque_joints : tuple of str
         Joints whose torque is known, in the robot's order; by default all.  The others
         move, and what they carry weighs on the joints before them, but they have no
-        row.
+        row.  Where the base floats, the six `BASE_ROWS` come before the joints; they
+        alone need no torque.
     load_reference : array_like, shape (10 links,), optional
         Inertial parameters from which the torque that a joint transmits is computed,
         where friction depends on it; by default the nominal robot's.  An estimate's
         own, put here, refine it.
+    wrench_bias : bool
+        Whether the sensor of the base wrench has an unknown offset: six parameters.
 
     Attributes
     ----------
@@ -75,6 +86,7 @@ class TorqueModel:
     couplings: tuple[GearCoupling, ...] = ()
     torque_joints: tuple[str, ...] = ()
     load_reference: Vector | None = None
+    wrench_bias: bool = False
     terms: tuple[DriveTerms, ...] = field(init=False)
     layout: ParameterLayout = field(init=False)
     fingerprint: str = field(init=False)
@@ -99,12 +111,21 @@ class TorqueModel:
             for name in coupling.names
         ]
         freeze(self, terms=drive, couplings=couplings, torque_joints=rows)
+        biased = _biased_rows(self)
         layout = ParameterLayout(
             links=robot.link_names,
-            drive=tuple((owner, name) for owner, _, name in columns),
-            drive_units=tuple(
-                term.unit[joint.kind == "prismatic"]
-                for (_, joint, _), term in zip(columns, self.column_terms, strict=True)
+            drive=(
+                *((owner, name) for owner, _, name in columns),
+                *((name, "bias") for name in biased),
+            ),
+            drive_units=(
+                *(
+                    term.unit[joint.kind == "prismatic"]
+                    for (_, joint, _), term in zip(
+                        columns, self.column_terms, strict=True
+                    )
+                ),
+                *(BASE_UNITS[name] for name in biased),
             ),
         )
         freeze(self, layout=layout)
@@ -124,13 +145,22 @@ class TorqueModel:
         terms += [term for coupling in self.couplings for term in coupling.terms]
         return tuple(term for term in terms for _ in term.names)
 
-    def regressor(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Array:
+    def regressor(
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        *,
+        base: BaseMotion | None = None,
+    ) -> Array:
         """Return the regressor of samples.
 
         Parameters
         ----------
         q, dq, ddq : array_like, shape (samples, joints)
             Positions [rad or m] and their derivatives [per s, per s^2].
+        base : BaseMotion, optional
+            How the base moves, if it floats.
 
         Returns
         -------
@@ -143,12 +173,18 @@ class TorqueModel:
             If a shape is wrong or a value is not finite.
         """
         Y = np.zeros((len(self.torque_joints), len(self.layout), len(np.asarray(q))))
-        for part, block in self.chunks(q, dq, ddq):
+        for part, block in self.chunks(q, dq, ddq, base=base):
             Y[:, :, part] = block
         return Y
 
     def chunks(
-        self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, size: int = CHUNK
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        size: int = CHUNK,
+        *,
+        base: BaseMotion | None = None,
     ) -> Iterator[tuple[slice, Array]]:
         """Yield ``(samples, regressor)`` piece by piece, in constant memory.
 
@@ -163,6 +199,9 @@ class TorqueModel:
         for x, name in zip(motion, ("q", "dq", "ddq"), strict=True):
             if len(x) != samples:
                 raise ProblemError(f"{name} has {len(x)} samples, q has {samples}")
+        moves = None if base is None else base.stacked
+        if moves is not None and len(moves) != samples:
+            raise ProblemError(f"base motion has {len(moves)} samples, q has {samples}")
         geometry = joint_geometry(self.robot)
         rows = len(self.torque_joints)
         out = np.zeros((rows, len(self.layout), min(size, samples)))
@@ -170,12 +209,19 @@ class TorqueModel:
             part = slice(start, min(start + size, samples))
             block = out[:, :, : part.stop - start]
             pieces = [np.ascontiguousarray(x[part].T) for x in motion]
-            self._fill(block, geometry, *pieces)
+            carried = None if moves is None else np.ascontiguousarray(moves[part].T)
+            self._fill(block, geometry, pieces, carried)
             # A short last block is a view with gaps; hand out whole arrays only.
             yield part, block if part.stop - start == size else block.copy()
 
     def predict(
-        self, x: ArrayLike, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike
+        self,
+        x: ArrayLike,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        *,
+        base: BaseMotion | None = None,
     ) -> Array:
         """Return torques of parameters `x`, shape (samples, torque joints), [N m or N].
 
@@ -183,7 +229,8 @@ class TorqueModel:
         """
         x = frozen(x, (len(self.layout),), "parameters")
         parts = [
-            np.einsum("jps,p->sj", block, x) for _, block in self.chunks(q, dq, ddq)
+            np.einsum("jps,p->sj", block, x)
+            for _, block in self.chunks(q, dq, ddq, base=base)
         ]
         return (
             np.concatenate(parts) if parts else np.zeros((0, len(self.torque_joints)))
@@ -193,12 +240,10 @@ class TorqueModel:
         self,
         out: Array,
         geometry: Sequence[JointGeometry],
-        q: Array,
-        dq: Array,
-        ddq: Array,
+        state: Sequence[Array],
+        base: Array | None,
     ) -> None:
-        state = (q, dq, ddq)
-        motion = joint_motions(self.robot, state, lambda x: (np.sin(x), np.cos(x)))
+        motion = link_motions(self.robot, state, lambda x: (np.sin(x), np.cos(x)), base)
         gravity = floats(self.robot.gravity)
         row = _rows_of(self)
         for j, k, entries in regressor_entries(geometry, gravity, motion):
@@ -209,9 +254,12 @@ class TorqueModel:
             j: np.tensordot(reference, out[row[j], : len(reference)], axes=1)
             for j, reference in _loaded(self)
         }
+        q, dq, ddq = state
         for j, column, values in drive_entries(self, q, dq, ddq, loads):
             if j in row:
                 out[row[j], column] = values
+        for column, name in enumerate(_biased_rows(self), start=-6):
+            out[self.torque_joints.index(name), column] = 1.0
 
 
 def coupled_joints(robot: RobotModel, coupling: GearCoupling) -> tuple[int, int]:
@@ -239,18 +287,42 @@ def coupled_joints(robot: RobotModel, coupling: GearCoupling) -> tuple[int, int]
 
 
 def _in_order(names: Sequence[str], robot: RobotModel) -> tuple[str, ...]:
-    """Return the named joints in the robot's order, all of them for none."""
+    """Return the named rows in the robot's order, all of them for none."""
+    if not robot.connected or tuple(names) == (CONTACT_FREE,):
+        return tuple(names)
+    known = row_names(robot)
     for name in names:
-        if name not in robot.joint_names:
-            near = did_you_mean(name, robot.joint_names)
+        if name not in known:
+            near = did_you_mean(name, known)
             raise ProblemError(f"torque_joints: no joint {name!r}; {near}")
-    return tuple(j for j in robot.joint_names if j in names) or robot.joint_names
+    return tuple(j for j in known if j in names) or known
 
 
 def _rows_of(model: TorqueModel) -> dict[int, int]:
-    """Return the row of each joint that has one."""
-    places = [model.robot.joint_names.index(name) for name in model.torque_joints]
+    """Return the row of each generalised coordinate that has one.
+
+    Those of a floating base are numbered after the joints, as in `joint_motions`.
+    """
+    if model.torque_joints == (CONTACT_FREE,):
+        raise ProblemError(
+            "rows free of contact forces mix all rows, as the contacts are; give their "
+            "base parameters (contact_free_base) and regression (contact_free_rows)"
+        )
+    coordinates = (*model.robot.joint_names, *BASE_ROWS)
+    places = [coordinates.index(name) for name in model.torque_joints]
     return {j: row for row, j in enumerate(places)}
+
+
+def _biased_rows(model: TorqueModel) -> tuple[str, ...]:
+    """Return the rows whose sensor has a bias, if it does."""
+    if not model.wrench_bias:
+        return ()
+    if not set(BASE_ROWS) <= set(model.torque_joints):
+        raise ProblemError(
+            "wrench_bias is of the sensor of the base wrench, but the model has no "
+            "rows of it; load the robot with base='floating', or leave the bias out"
+        )
+    return BASE_ROWS
 
 
 def _load_reference(model: TorqueModel) -> Vector | None:
@@ -292,7 +364,9 @@ def unloaded_joints(
         return ()
     rng = np.random.default_rng(0)
     states = rng.uniform(-2.0, 2.0, (3, 8, len(robot)))
-    parts = joint_torque_regressor(robot, *states) * reference.reshape(-1)[:, None]
+    rigid = TorqueModel(robot, torque_joints=robot.joint_names)
+    base = BaseMotion.at_rest(len(states[0])) if robot.floating else None
+    parts = rigid.regressor(*states, base=base) * reference.reshape(-1)[:, None]
     torques = np.linalg.norm(parts.sum(axis=1), axis=1)
     sizes = np.linalg.norm(abs(parts).sum(axis=1), axis=1)
     return tuple(
@@ -320,7 +394,9 @@ def _require_load(model: TorqueModel, reference: Vector) -> None:
 def _loaded(model: TorqueModel) -> Iterator[tuple[int, Vector]]:
     """Yield joints that have a row and a load, and what the load is computed from."""
     for j in _rows_of(model):
-        if model.terms[j].needs_load and model.load_reference is not None:
+        if j >= len(model.terms) or model.load_reference is None:
+            continue  # a row of the base, which has no drive
+        if model.terms[j].needs_load:
             yield j, model.load_reference
 
 

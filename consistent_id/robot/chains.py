@@ -15,6 +15,9 @@ from consistent_id.robot.parameters import did_you_mean
 
 _log = logging.getLogger(__name__)
 
+FLOATING = "floating"
+"""The base of a robot whose root link moves freely, where no link has this name."""
+
 _SNAP = 1e-10  # entries of a rotation nearer than this to -1, 0 or 1 are taken as such
 
 
@@ -31,6 +34,10 @@ class Selection:
         """Return whether a joint, if it is on the chain, is neither locked nor left."""
         kept = self.joints is None or joint in self.joints
         return kept and joint not in (self.locked or {})
+
+    def floating(self, links: Iterable[str]) -> bool:
+        """Return whether the root link is to move freely, given all links' names."""
+        return self.base == FLOATING and FLOATING not in links
 
     def with_locked(self, positions: Mapping[str, float]) -> "Selection":
         """Return the selection with more joints that do not move."""
@@ -84,8 +91,7 @@ def selected(robot: RobotModel, selection: Selection) -> RobotModel:
     still = {
         joint.name: locked.get(joint.name, 0.0)
         for joint in robot.joints
-        if joint.name in locked
-        or (joint.mimic is None and not selection.moves(joint.name))
+        if joint.name in locked or (joint.driven and not selection.moves(joint.name))
     }
     part = chain(held(robot, still), base=selection.base, tip=selection.tip)
     for name in wanted:
@@ -129,7 +135,8 @@ def held(robot: RobotModel, positions: Mapping[str, float]) -> RobotModel:
             position,
         )
     positions |= following
-    if set(robot.joint_names) <= positions.keys():
+    held_base = not robot.floating or robot.joints[0].name in positions
+    if held_base and set(robot.joint_names) <= positions.keys():
         raise ModelError(
             f"robot {robot.name!r}: every joint is locked, so nothing moves"
         )
@@ -252,6 +259,10 @@ class _Part:
 def _motion(joint: Joint, position: float) -> tuple[Matrix, Vector]:
     if not np.isfinite(position):
         raise ModelError(f"joint {joint.name!r} is locked at {position}")
+    if joint.kind == "free" and position != 0.0:
+        raise ModelError(
+            f"joint {joint.name!r} is free; locked, it stands at 0, not at {position:g}"
+        )
     if joint.kind == "revolute" and abs(position) > 2.0 * np.pi:
         raise ModelError(
             f"joint {joint.name!r} is locked at {position:g} rad, more than a full "

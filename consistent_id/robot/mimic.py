@@ -65,14 +65,21 @@ class Transmission(NamedTuple):
 
 
 def transmissions(joints: Sequence["Joint"]) -> tuple[Transmission, ...]:
-    """Return what moves each joint; joints without `Mimic` are the coordinates."""
-    driven = [joint.name for joint in joints if joint.mimic is None]
-    return tuple(
-        Transmission(driven.index(joint.name), 1.0, 0.0)
-        if (mimic := joint.mimic) is None
-        else Transmission(driven.index(mimic.joint), mimic.multiplier, mimic.offset)
-        for joint in joints
-    )
+    """Return what moves each joint; joints without `Mimic` are the coordinates.
+
+    No coordinate moves a free joint: its ratio is zero.
+    """
+    driven = [joint.name for joint in joints if joint.driven]
+    found = []
+    for joint in joints:
+        if (mimic := joint.mimic) is not None:
+            leader = driven.index(mimic.joint)
+            found.append(Transmission(leader, mimic.multiplier, mimic.offset))
+        elif joint.driven:
+            found.append(Transmission(driven.index(joint.name), 1.0, 0.0))
+        else:
+            found.append(Transmission(-1, 0.0, 0.0))
+    return tuple(found)
 
 
 def require_leaders(joints: Sequence["Joint"]) -> None:
@@ -83,7 +90,7 @@ def require_leaders(joints: Sequence["Joint"]) -> None:
     ModelError
         With the joint's name.
     """
-    driven = [joint.name for joint in joints if joint.mimic is None]
+    driven = [joint.name for joint in joints if joint.driven]
     for joint in joints:
         if joint.mimic is not None and joint.mimic.joint not in driven:
             near = did_you_mean(joint.mimic.joint, driven)
@@ -116,7 +123,7 @@ def limits_with_followers(joints: Sequence["Joint"]) -> tuple["JointLimits", ...
     ModelError
         If a follower's range leaves its leader none.
     """
-    narrowed = {joint.name: joint.limits for joint in joints if joint.mimic is None}
+    narrowed = {joint.name: joint.limits for joint in joints if joint.driven}
     for joint in joints:
         if joint.mimic is not None:
             leader = joint.mimic.joint

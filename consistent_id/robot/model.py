@@ -23,7 +23,7 @@ from consistent_id.robot.mimic import (
 )
 from consistent_id.robot.parameters import did_you_mean
 
-JointKind = Literal["revolute", "continuous", "prismatic"]
+JointKind = Literal["revolute", "continuous", "prismatic", "free"]
 
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)
 _ORTHONORMAL = 1e-9  # entries of R^T R - 1; what a double rotation chain accumulates
@@ -51,12 +51,16 @@ class JointLimits:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Joint:
-    """A joint that turns about, or slides along, a fixed axis.
+    """A joint that turns about, or slides along, a fixed axis; or a free one.
+
+    A free joint moves its link in all six directions: the base of a robot that stands,
+    walks or flies.  It has no drive, and is no generalised coordinate: its motion is
+    given beside those of the others, see `BaseMotion`.
 
     Parameters
     ----------
     name : str
-    kind : {"revolute", "continuous", "prismatic"}
+    kind : {"revolute", "continuous", "prismatic", "free"}
     parent : int
         Index of the link that carries the joint; -1 for the base.
     rotation : array_like, shape (3, 3)
@@ -64,7 +68,8 @@ class Joint:
     translation : array_like, shape (3,), [m]
         Origin of the joint frame in the parent link's frame.
     axis : array_like, shape (3,)
-        Unit vector in the joint frame, which moves with the child link.
+        Unit vector in the joint frame, which moves with the child link; of a free
+        joint it means nothing.
     limits : JointLimits
     mimic : Mimic, optional
         The joint that this one follows, if it does not move by itself.
@@ -95,6 +100,16 @@ class Joint:
         freeze(self, rotation=rotation, translation=translation)
         axis = frozen(axis / length, (3,), "axis")
         freeze(self, axis=axis)
+        if self.kind == "free" and self.parent >= 0:
+            raise ModelError(
+                f"{where} is free, but link {self.parent} carries it; only the base of "
+                "a robot is free"
+            )
+
+    @property
+    def driven(self) -> bool:
+        """Whether the joint is a generalised coordinate: neither follower nor free."""
+        return self.mimic is None and self.kind != "free"
 
 
 def _rotation(matrix: Matrix, where: str) -> Matrix:
@@ -230,6 +245,13 @@ class RobotModel:
                     f"joint {joint.name!r} (index {k}) has parent link {joint.parent}, "
                     "expected one that comes before it"
                 )
+        free = [joint.kind == "free" for joint in self.joints]
+        if any(free[1:]) and not all(free):
+            second = self.joints[1 + free[1:].index(True)].name
+            raise ModelError(
+                f"robot {self.name!r}: joint {second!r} is free; only the first joint "
+                "of a robot is, or all joints of bodies that are not connected"
+            )
         require_leaders(self.joints)
         gravity = frozen(self.gravity, (3,), "gravity", ModelError)
         freeze(self, gravity=gravity)
@@ -240,7 +262,17 @@ class RobotModel:
     @property
     def driven(self) -> tuple[Joint, ...]:
         """The joints that move by themselves, in order: the generalised coordinates."""
-        return tuple(joint for joint in self.joints if joint.mimic is None)
+        return tuple(joint for joint in self.joints if joint.driven)
+
+    @property
+    def floating(self) -> bool:
+        """Whether the base moves freely; it is then the first link."""
+        return self.joints[0].kind == "free"
+
+    @property
+    def connected(self) -> bool:
+        """Whether all links are of one tree, so that their motion can be computed."""
+        return sum(joint.kind == "free" for joint in self.joints) <= 1
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -257,7 +289,8 @@ class RobotModel:
         """``G`` with ``dq_joints = G dq``, shape (joints, coordinates)."""
         G = np.zeros((len(self.joints), len(self)))
         for row, moved in zip(G, self.transmissions, strict=True):
-            row[moved.coordinate] = moved.ratio
+            if moved.ratio:
+                row[moved.coordinate] = moved.ratio
         return G
 
     def joint_positions(self, q: Array) -> Array:

@@ -79,6 +79,36 @@ class Ellipsoid:
         values, axes = np.linalg.eigh(shape)
         return cls(centre, 1.0 / np.sqrt(values), axes)
 
+    @classmethod
+    def from_quadratic(cls, quadratic: ArrayLike) -> Self:
+        """Build from ``Q``, shape (4, 4), with ``[x, 1] Q [x, 1]^T >= 0`` inside.
+
+        Raises
+        ------
+        ProblemError
+            If that is no bounded body.
+
+        Examples
+        --------
+        >>> ball = Ellipsoid.from_quadratic(np.diag([-4.0, -4.0, -4.0, 1.0]))
+        >>> ball.semi_axes.tolist()
+        [0.5, 0.5, 0.5]
+        """
+        Q = frozen(quadratic, (4, 4), "ellipsoid quadratic")
+        values, axes = np.linalg.eigh(-(Q[:3, :3] + Q[:3, :3].T) / 2)
+        if values[0] <= 0.0:
+            raise ProblemError(
+                f"ellipsoid: curvatures of the quadratic are {-values}, expected "
+                "negative ones; with the opposite sign it is what lies outside"
+            )
+        axes[:, 0] *= np.sign(np.linalg.det(axes))
+        half = (Q[:3, 3] + Q[3, :3]) / 2
+        centre = axes @ ((axes.T @ half) / values)
+        top = float(Q[3, 3] + half @ centre)
+        if top <= 0.0:
+            raise ProblemError("ellipsoid: the quadratic is positive nowhere")
+        return cls(centre, np.sqrt(top / values), axes)
+
     @property
     def unit_map(self) -> Matrix:
         """``U`` with ``||U (x - centre)|| <= 1`` inside, shape (3, 3)."""

@@ -1,7 +1,7 @@
 """Named arrays, as a file holds them, become a recording."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -103,7 +103,7 @@ def gained(
         shape = (len(joints),) if np.ndim(torque_gain) else ()
         gain = frozen(torque_gain, shape, "torque_gain", RecordingError)
         channels = channels | {"torque": torque * gain}
-    return Recording(joints, time, name=name, **channels)
+    return Recording(joints, time, name=name, **cast(dict[str, Any], channels))
 
 
 def _kept(rows: int, omit: Sequence[int], where: str) -> BoolArray:

@@ -1,7 +1,7 @@
 """One channel of a log, on a clock of its own."""
 
 from dataclasses import dataclass, replace
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 
@@ -53,7 +53,7 @@ class Track:
             )
         if self.values is None:
             raise RecordingError(f"{self.name} has no {self.channel}")
-        channels = {"position": np.zeros(np.shape(self.values))}
+        channels: dict[str, Any] = {"position": np.zeros(np.shape(self.values))}
         channels[self.channel] = self.values
         checked = Recording(self.joints, self.time, **channels, name=self.name)
         freeze(

@@ -16,6 +16,7 @@ from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.loaders.mjcf_assets import read_spec
 from consistent_id.robot.loaders.mjcf_checks import joint_name, refuse_unsupported
 from consistent_id.robot.loaders.mjcf_equality import Bindings, bindings
+from consistent_id.robot.loaders.mjcf_floating import floating_body, free_joint
 from consistent_id.robot.loaders.urdf_lint import read_bytes
 from consistent_id.robot.loaders.xml import XmlFault, parse
 from consistent_id.robot.mimic import Mimic
@@ -61,7 +62,9 @@ def load_mjcf(
     gravity : array_like, shape (3,), [m/s^2], optional
         In the world frame; the file's own if it is left out.
     base, tip, joints, locked
-        As for `load_urdf`, with bodies for links.  Where a joint is locked, its
+        As for `load_urdf`, with bodies for links.  With the base ``"floating"``, the
+        body of the world that carries all others is free, whether it has a free joint
+        or hangs on the world.  Where a joint is locked, its
         position is MuJoCo's, which counts from the joint's ``ref``.
 
     Raises
@@ -78,10 +81,15 @@ def load_mjcf(
     try:
         chosen = _joints_between(model, selection, path)
         moving = {j for j in chosen if selection.moves(joint_name(model, j))}
+        root = -1
+        if selection.floating(_body_names(model)):
+            root = floating_body(model, path)
+            moving -= set(_joints_of(model, root))
+            selection = replace(selection, base=None)
         refuse_unsupported(model, moving, path)
         bound = _bindings(model, path)
         gravity = model.opt.gravity if gravity is None else gravity
-        robot = _robot(model, path.stem, gravity, bound.mimics)
+        robot = _robot(model, path.stem, gravity, bound.mimics, root)
     except UnicodeDecodeError as cause:  # MuJoCo takes names as they come
         raise ModelError(f"{path}: a name is not UTF-8: {cause}") from None
     return selected(robot, selection.with_locked(bound.still))
@@ -129,7 +137,9 @@ def _compiled(path: Path) -> Any:
 
 def _joints_between(model: Any, selection: Selection, path: Path) -> set[int]:
     """Joints from the base to the tip, or to all that the base carries."""
-    names = [_body_name(model, b) for b in range(model.nbody)]
+    names = _body_names(model)
+    if selection.floating(names):
+        selection = replace(selection, base=None)
     for name in (selection.base, selection.tip):
         if name is not None and name not in names:
             near = did_you_mean(name, names)
@@ -148,8 +158,9 @@ def _joints_between(model: Any, selection: Selection, path: Path) -> set[int]:
 
 
 def _robot(
-    model: Any, name: str, gravity: ArrayLike, mimics: Mapping[str, Mimic]
+    model: Any, name: str, gravity: ArrayLike, mimics: Mapping[str, Mimic], root: int
 ) -> RobotModel:
+    """Return the robot; body `root`, if there is one, moves freely."""
     joints: list[Joint] = []
     links: list[str] = []
     bodies: list[list[InertialParameters]] = []
@@ -159,6 +170,12 @@ def _robot(
         parent = places[int(model.body_parentid[b])]
         place = parent.beyond(_rotation(model.body_quat[b]), model.body_pos[b])
         own = [j for j in _joints_of(model, b) if _kind(model, j) is not None]
+        if b == root:
+            joints.append(free_joint(model, b))
+            links.append(_body_name(model, b))
+            bodies.append([])
+            frames.append([])
+            place = Place(0, np.eye(3), np.zeros(3))
         for j in own:
             mimic = mimics.get(joint_name(model, j))
             joints.append(replace(_joint(model, j, place), mimic=mimic))
@@ -169,7 +186,7 @@ def _robot(
             frames.append([])
             place = Place(len(joints) - 1, np.eye(3), -_anchor(model, j))
         places[b] = place
-        if not own:
+        if not own and b != root:
             where = (snapped(place.rotation), place.translation)
             frames[place.link + 1].append(FixedFrame(_body_name(model, b), *where))
         if place.link >= 0:
@@ -262,6 +279,10 @@ def _limits(model: Any, j: int) -> JointLimits:
 def _joints_of(model: Any, b: int) -> range:
     first = int(model.body_jntadr[b])
     return range(first, first + int(model.body_jntnum[b]))
+
+
+def _body_names(model: Any) -> list[str]:
+    return [_body_name(model, b) for b in range(model.nbody)]
 
 
 def _body_name(model: Any, b: int) -> str:

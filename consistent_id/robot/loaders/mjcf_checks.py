@@ -40,7 +40,8 @@ def _faults(model: Any, moving: set[int]) -> Iterator[str]:
             body = model.body(model.jnt_bodyid[j]).name
             yield (
                 f"body {body!r} hangs on a {word} joint; only hinge and slide joints "
-                "are supported. Remove the joint, or choose a base beyond it or a tip "
+                "are supported, and a free one where the base is said to be "
+                "'floating'. Remove the joint, or choose a base beyond it or a tip "
                 "that it does not carry"
             )
     yield from _equalities(model, moving)

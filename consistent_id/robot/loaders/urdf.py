@@ -3,6 +3,7 @@
 import logging
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -58,7 +59,9 @@ def load_urdf(
         In the frame of the file's root link.
     base : str, optional
         Keep only what moves beyond this link.  It and all that carries it stand still,
-        their joints at zero unless `locked` says otherwise.
+        their joints at zero unless `locked` says otherwise.  ``"floating"``: the root
+        link moves freely, as that of a robot that walks, flies or hangs on a rope; it
+        is then the first link, with ten parameters of its own.
     tip : str, optional
         Keep only the links that carry this one, and itself.  What is fixed to them, or
         hangs on a joint that is locked, stays part of them; other links that they carry
@@ -87,19 +90,23 @@ def load_urdf(
         root = parse(text)
     except XmlFault as fault:
         raise ModelError(f"{path}, {fault}") from None
+    floating = selection.floating(link.name for link in root.all("link"))
+    base = None if floating else base
     count = sum(1 for _ in root.all("joint"))
     require_count(path, count, LARGEST_TREE, "joints", ModelError)
     chosen = joints_between(root, base, tip)
     moving = {name for name in chosen if selection.moves(name)}
     _report(path, urdf_findings(root, moving.__contains__))
+    free = (pin.JointModelFreeFlyer(),) if floating else ()
     try:
-        model = pin.buildModelFromXML(_with_limits(_decoded(text, path)))
+        model = pin.buildModelFromXML(_with_limits(_decoded(text, path)), *free)
     except (ValueError, RuntimeError) as cause:
         raise ModelError(f"{path}: Pinocchio refuses it: {cause}") from None
     followers = followers_of(root)
-    model = _without_loose(model, moving)
+    model = _without_loose(model, moving | {model.names[1]} if floating else moving)
     robot = from_pinocchio(model, gravity=gravity, mimics=followers.mimics)
-    return selected(robot, selection.with_locked(followers.still))
+    chosen_base = replace(selection, base=base).with_locked(followers.still)
+    return selected(robot, chosen_base)
 
 
 def _report(path: Path, findings: tuple[Finding, ...]) -> None:
@@ -158,18 +165,19 @@ def from_pinocchio(
 ) -> RobotModel:
     """Convert a ``pinocchio.Model`` of one-axis joints into a `RobotModel`.
 
-    `mimics` says which of them follow others.
+    Its first joint may be a free flyer; the base then floats.  `mimics` says which
+    joints follow others.
 
     Raises
     ------
     ModelError
-        If a joint has more than one degree of freedom.
+        If another joint has more than one degree of freedom.
     """
     bodies = _bodies(model)
     joints, links = [], []
     for k in range(1, model.njoints):
         kind = _kind(model, k)
-        twist = np.ravel(model.joints[k].createData().S)
+        twist = np.ravel(model.joints[k].createData().S)[-6:]
         placement = model.jointPlacements[k]
         joints.append(
             Joint(
@@ -195,10 +203,12 @@ def from_pinocchio(
 def _kind(model: Any, k: int) -> JointKind:
     joint = model.joints[k]
     short = joint.shortname()
+    if short == "JointModelFreeFlyer" and model.parents[k] == 0:
+        return "free"
     if joint.nv != 1 or "Helical" in short or "Mimic" in short:
         raise ModelError(
             f"joint {model.names[k]!r} is a {short}; only revolute, continuous, "
-            "prismatic and fixed joints are supported"
+            "prismatic and fixed joints, and a free one at the root, are supported"
         )
     if "Prismatic" in short or short.startswith("JointModelP"):
         return "prismatic"
@@ -207,6 +217,8 @@ def _kind(model: Any, k: int) -> JointKind:
 
 def _limits(model: Any, k: int, kind: JointKind) -> JointLimits:
     """Limits as the file states them; what it leaves out is infinite, not zero."""
+    if kind == "free":
+        return JointLimits()
     position, rate = model.joints[k].idx_q, model.joints[k].idx_v
     lower, upper = -np.inf, np.inf
     if kind != "continuous":

@@ -1,0 +1,181 @@
+"""The motion of a floating base from what is measured of it: an IMU, or its pose."""
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from consistent_id._support.arrays import Array, Matrix, Vector, checked
+from consistent_id.errors import RecordingError
+from consistent_id.recordings.base_motion import BaseMotion
+from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.signals.differences import differentiated
+from consistent_id.recordings.signals.filters import low_passed
+
+QuaternionOrder = Literal["xyzw", "wxyz"]
+"""Where the real part stands: last, as in ROS and Pinocchio, or first, as in MuJoCo."""
+
+_UNIT = 0.01  # deviation of a quaternion's norm from one that rounding does not explain
+_AXES = ("x", "y", "z")
+
+
+def rotations(quaternions: ArrayLike, order: QuaternionOrder) -> Array:
+    """Return rotation matrices of unit quaternions.
+
+    Parameters
+    ----------
+    quaternions : array_like, shape (samples, 4)
+        Of the base frame in the world.
+    order : {"xyzw", "wxyz"}
+
+    Returns
+    -------
+    ndarray, shape (samples, 3, 3)
+
+    Raises
+    ------
+    RecordingError
+        If an order is unknown, or a norm is not one.
+    """
+    Q = checked(quaternions, (None, 4), "quaternions", RecordingError)
+    if order not in ("xyzw", "wxyz"):
+        raise RecordingError(
+            f"quaternion order is {order!r}, expected 'xyzw' (ROS) or 'wxyz' (MuJoCo)"
+        )
+    norms = np.linalg.norm(Q, axis=1)
+    if abs(norms - 1.0).max(initial=0.0) > _UNIT:
+        worst = int(abs(norms - 1.0).argmax())
+        raise RecordingError(
+            f"quaternion of sample {worst} has norm {norms[worst]:.4g}, expected 1"
+        )
+    x, y, z, w = (Q if order == "xyzw" else np.roll(Q, -1, axis=1)).T / norms
+    rows = (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    )
+    return np.moveaxis(np.array(rows), 2, 0)
+
+
+def base_from_imu(
+    time: Vector,
+    gyroscope: ArrayLike,
+    accelerometer: ArrayLike,
+    *,
+    cutoff: float | None,
+    position: ArrayLike = (0.0, 0.0, 0.0),
+    mounting: ArrayLike | None = None,
+    rotation: Array | None = None,
+) -> BaseMotion:
+    """Return the motion of a base from an inertial measurement unit on it.
+
+    With the unit at ``r`` the base's origin has ``a - dw x r - w x (w x r)``; ``dw`` is
+    the derivative of the rate.  An accelerometer measures gravity upwards: at rest and
+    upright it shows +9.81 along z.
+
+    Parameters
+    ----------
+    time : ndarray, shape (samples,), [s]
+        Uniform.
+    gyroscope : array_like, shape (samples, 3), [rad/s]
+    accelerometer : array_like, shape (samples, 3), [m/s^2]
+    cutoff : float or None, [Hz]
+        Of the zero-phase low-pass filter on both; the joints' motion should have the
+        same.  None filters nothing.
+    position : array_like, shape (3,), [m]
+        Of the unit in the base frame.
+    mounting : array_like, shape (3, 3), optional
+        Orientation of the unit in the base frame; by default aligned.
+    rotation : ndarray, shape (samples, 3, 3), optional
+        Of the base in the world, if it is known; see `rotations`.
+    """
+    turn = np.eye(3) if mounting is None else checked(mounting, (3, 3), "mounting")
+    rate, felt = (
+        checked(x, (len(time), 3), name, RecordingError) @ turn.T
+        for x, name in ((gyroscope, "gyroscope"), (accelerometer, "accelerometer"))
+    )
+    w, dw = _with_derivative(time, rate, cutoff)
+    a, _ = _with_derivative(time, felt, cutoff)
+    r = checked(position, (3,), "position")
+    a = a - np.cross(dw, r) - np.cross(w, np.cross(w, r))
+    return BaseMotion(w, dw, a, rotation)
+
+
+def base_from_pose(
+    time: Vector,
+    position: ArrayLike,
+    quaternions: ArrayLike,
+    *,
+    order: QuaternionOrder,
+    cutoff: float | None,
+    gravity: ArrayLike = (0.0, 0.0, -9.81),
+) -> BaseMotion:
+    """Return the motion of a base from its pose, by motion capture or odometry.
+
+    Rates are differences on the manifold: of the rotation between the samples before
+    and after one.
+
+    Parameters
+    ----------
+    time : ndarray, shape (samples,), [s]
+        Uniform.
+    position : array_like, shape (samples, 3), [m]
+        Of the base frame's origin in the world.
+    quaternions : array_like, shape (samples, 4)
+        Of the base frame in the world.
+    order : {"xyzw", "wxyz"}
+    cutoff : float or None, [Hz]
+        Of the zero-phase low-pass filter on position and rate.
+    gravity : array_like, shape (3,), [m/s^2]
+        In the world.
+    """
+    R = rotations(quaternions, order)
+    x = checked(position, (len(R), 3), "position", RecordingError)
+    step = float(np.mean(np.diff(time)))
+    w, dw = _with_derivative(time, _body_rates(R) / step, cutoff)
+    moved = _recording(time, x)
+    if cutoff is not None:
+        moved = low_passed(moved, motion_cutoff=cutoff)
+    a = differentiated(moved).acceleration
+    felt = np.asarray(a) - checked(gravity, (3,), "gravity")
+    return BaseMotion(w, dw, (np.swapaxes(R, 1, 2) @ felt[..., None])[..., 0], R)
+
+
+def _body_rates(R: Array) -> Matrix:
+    """Return rotation vectors per sample, in body axes, by central differences."""
+    before = np.concatenate([R[:1], R[:-1]])
+    after = np.concatenate([R[1:], R[-1:]])
+    apart = np.swapaxes(before, 1, 2) @ after
+    vee = np.stack(
+        [
+            apart[:, 2, 1] - apart[:, 1, 2],
+            apart[:, 0, 2] - apart[:, 2, 0],
+            apart[:, 1, 0] - apart[:, 0, 1],
+        ],
+        axis=1,
+    )
+    sine = np.linalg.norm(vee, axis=1) / 2.0
+    cosine = (np.trace(apart, axis1=1, axis2=2) - 1.0) / 2.0
+    angle = np.arctan2(sine, cosine)
+    steps = np.full(len(R), 2.0)
+    steps[[0, -1]] = 1.0
+    # Half a turn within two samples is beyond what differences can tell.
+    factor = np.where(sine > 0.0, angle / np.where(sine > 0.0, 2.0 * sine, 1.0), 0.5)
+    middle = vee * (factor / steps)[:, None]
+    # Both ends of the turn see its axis alike, and so does the sample between them to
+    # second order of the step.
+    return np.asarray(middle)
+
+
+def _with_derivative(
+    time: Vector, values: Matrix, cutoff: float | None
+) -> tuple[Matrix, Matrix]:
+    """Return three signals and their derivatives, filtered first."""
+    signal = _recording(time, values)
+    if cutoff is not None:
+        signal = low_passed(signal, motion_cutoff=cutoff)
+    return signal.position, np.asarray(differentiated(signal).velocity)
+
+
+def _recording(time: Vector, values: Matrix) -> Recording:
+    return Recording(_AXES, time, values, name="base")

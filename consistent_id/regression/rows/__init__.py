@@ -1,0 +1,1 @@
+"""Rows that are no single joint's torque: of a base, of contacts, of wrench sensors."""

@@ -1,0 +1,196 @@
+"""The regression of a robot that stands or walks, without force sensors in its feet."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from consistent_id._support.arrays import Matrix, Vector, checked
+from consistent_id._support.threads import single_threaded, worker_threads
+from consistent_id.errors import NotExcitedError, ProblemError
+from consistent_id.recordings.contacts import ContactFlags
+from consistent_id.recordings.recording import Recording, several
+from consistent_id.regression.base import (
+    BaseParameters,
+    column_kinds,
+    random_regressor,
+    random_states,
+)
+from consistent_id.regression.columns import split_at_gap
+from consistent_id.regression.motion_arrays import Motion, motion_of
+from consistent_id.regression.regression import Regression, triangle
+from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.row_names import CONTACT_FREE
+from consistent_id.regression.rows.contact_maps import contact_maps
+
+_CHUNK = 512
+"""Samples per chunk: of 18 rows and 130 columns, 10 MB."""
+
+_WORKERS = 2
+
+
+@single_threaded
+def contact_free_regression(
+    model: TorqueModel,
+    recordings: Recording | Sequence[Recording],
+    *,
+    sigma: ArrayLike | None = None,
+) -> Regression:
+    """Compress recordings into the rows that no unmeasured contact force enters.
+
+    Parameters
+    ----------
+    model : TorqueModel
+        With the rows `CONTACT_FREE`, see `contact_free_model`.
+    recordings : Recording or sequence of Recording
+        With velocity, acceleration, torque, base motion and contacts.
+    sigma : array_like, shape (6 + joints,), optional
+        Noise levels of the rows before they are mixed, see `row_levels`; by default
+        ones.
+
+    Returns
+    -------
+    Regression
+        Of one factor; its counts are rows, in units of `sigma`.
+
+    Raises
+    ------
+    RecordingError
+        If a channel, a joint or the motion of the base is missing.
+    NotExcitedError
+        If no sample has a row.
+    """
+    whole = _every_row(model)
+    rows = len(whole.torque_joints)
+    levels = _levels(sigma, rows)
+    pieces = [
+        (recording.contacts, motion.samples(start, start + _CHUNK), start)
+        for recording in several(recordings)
+        for motion in [motion_of(whole, recording, None)]
+        for start in range(0, len(motion.q), _CHUNK)
+    ]
+
+    def compressed(piece: tuple[Sequence[ContactFlags], Motion, int]) -> _Part:
+        return _compress(whole, *piece, levels)
+
+    with worker_threads(_WORKERS) as pool:
+        parts = list(pool.map(compressed, pieces))
+    R: Matrix = np.zeros((0, len(model.layout) + 1))
+    for part in parts:
+        R = triangle(np.asfortranarray(np.vstack([R, part.factor])))
+    count = sum(part.rows for part in parts)
+    if not count:
+        raise NotExcitedError(
+            "no sample has a row that is free of contact forces: every one has an "
+            "uncertain contact, or as many contacts as leave no row"
+        )
+    return Regression(
+        layout=model.layout,
+        joints=model.torque_joints,
+        factors=(R,),
+        counts=(count,),
+        fingerprint=model.fingerprint,
+        peaks=np.array([max(part.peak for part in parts)]),
+    )
+
+
+def contact_free_model(model: TorqueModel) -> TorqueModel:
+    """Return a floating robot's model whose rows no contact force enters.
+
+    Raises
+    ------
+    ProblemError
+        If the base is fixed.
+    """
+    if not model.robot.floating:
+        raise ProblemError(
+            f"robot {model.robot.name!r} has a fixed base, which bears its contact "
+            "forces; load it with base='floating'"
+        )
+    return replace(model, torque_joints=(CONTACT_FREE,), wrench_bias=False)
+
+
+class _Part(NamedTuple):
+    """What came of one chunk."""
+
+    factor: Matrix
+    rows: int
+    peak: float
+
+
+def _compress(
+    whole: TorqueModel,
+    contacts: Sequence[ContactFlags],
+    motion: Motion,
+    start: int,
+    levels: Vector,
+) -> _Part:
+    """Return the triangular factor of a chunk's rows, free of contact forces."""
+    n = len(motion.q)
+    flags = [contact.samples(slice(start, start + n)) for contact in contacts]
+    state = motion.q, motion.dq, motion.ddq
+    ((_, Y),) = whole.chunks(*state, size=n, base=motion.base)
+    rows = np.empty((n, Y.shape[0], Y.shape[1] + 1))
+    rows[:, :, :-1] = np.moveaxis(Y, 2, 0)
+    rows[:, :, -1] = motion.torque
+    turned = None if motion.base is None else motion.base.rotation
+    mapped = [
+        (found.maps @ rows[found.samples]).reshape(-1, rows.shape[2])
+        for found in contact_maps(whole.robot, motion.q, flags, levels, turned)
+    ]
+    stacked = np.vstack([np.zeros((0, rows.shape[2])), *mapped])
+    peak = float(abs(stacked[:, -1]).max(initial=0.0))
+    count = len(stacked)
+    return _Part(triangle(np.asfortranarray(stacked)), count, peak)
+
+
+def _every_row(model: TorqueModel) -> TorqueModel:
+    """Return the model with all rows, before they are mixed."""
+    if model.torque_joints != (CONTACT_FREE,):
+        raise ProblemError(
+            f"the model has rows of {', '.join(model.torque_joints)}; expected those "
+            "free of contact forces: contact_free_model(model)"
+        )
+    return replace(model, torque_joints=())
+
+
+def _levels(sigma: ArrayLike | None, rows: int) -> Vector:
+    levels = np.ones(rows) if sigma is None else checked(sigma, (rows,), "sigma")
+    if not (levels > 0.0).all():
+        raise ProblemError(f"sigma is {levels}, expected positive values")
+    return levels
+
+
+@single_threaded
+def contact_free_base(
+    model: TorqueModel, contacts: Sequence[ContactFlags], *, seed: int = 0
+) -> BaseParameters:
+    """Find what rows free of contact forces can tell, for the contacts that occur.
+
+    From random motions, each with one of the combinations of contacts.
+
+    Parameters
+    ----------
+    model : TorqueModel
+    contacts : sequence of ContactFlags
+        Those of the recordings, see `contact_free_regression`.
+    """
+    whole = _every_row(model)
+    Y = np.ascontiguousarray(np.moveaxis(random_regressor(whole, seed=seed), 2, 0))
+    states = random_states(whole, seed=seed)
+    q, turned = states.q, None if states.base is None else states.base.rotation
+    patterns = np.unique(np.array([c.closed for c in contacts]).T, axis=0)
+    drawn = patterns[np.arange(len(q)) % len(patterns)]
+    flags = [
+        ContactFlags(c.frame, drawn[:, i], c.point, c.surface, radius=c.radius)
+        for i, c in enumerate(contacts)
+    ]
+    levels = np.ones(len(whole.torque_joints))
+    rows = [
+        (found.maps @ Y[found.samples]).reshape(-1, Y.shape[2])
+        for found in contact_maps(whole.robot, q, flags, levels, turned)
+    ]
+    split, _ = split_at_gap(np.vstack(rows), column_kinds(model.layout))
+    return BaseParameters(model.layout, *split, fingerprint=model.fingerprint)

@@ -1,0 +1,93 @@
+"""A robot with a trunk and four legs of three joints, and logs of it on its feet."""
+
+import numpy as np
+
+from consistent_id import (
+    BaseMotion,
+    ContactFlags,
+    Recording,
+    TorqueModel,
+    Wrench,
+    contact_jacobian,
+)
+
+FEET = tuple(f"{leg}_calf" for leg in "abcd")
+FOOT = (0.0, 0.0, -0.2)  # in the calf's frame
+
+BODY = """
+<inertial pos="0.1 0 0" mass="{mass}" diaginertia="0.02 0.03 0.04"/>
+"""
+
+QUADRUPED = f"""
+<mujoco>
+  <worldbody>
+    <body name="trunk" pos="0 0 0.4" quat="0 0 0 1">{{joint}}
+      {BODY.format(mass=7)}
+      {{legs}}
+    </body>
+  </worldbody>
+</mujoco>
+"""
+
+LEG = f"""
+<body name="{{0}}_hip" pos="0.2 {{1}} 0">{BODY.format(mass=1)}
+  <joint name="{{0}}_roll" axis="1 0 0"/>
+  <body name="{{0}}_thigh" pos="0 0.05 0">{BODY.format(mass=1)}
+    <joint name="{{0}}_pitch" axis="0 1 0"/>
+    <body name="{{0}}_calf" pos="0 0 -0.2">{BODY.format(mass=0.3)}
+      <joint name="{{0}}_knee" axis="0 1 0"/>
+    </body>
+  </body>
+</body>
+"""
+
+
+def quadruped_text(joint="<freejoint/>"):
+    """MJCF of the robot, its trunk hanging on a joint or none."""
+    sides = zip("abcd", (-3, -1, 1, 3), strict=True)
+    legs = "".join(LEG.format(name, y) for name, y in sides)
+    return QUADRUPED.format(joint=joint, legs=legs)
+
+
+def standing(robot, closed, *, noise=0.0, seed=0):
+    """A recording of random states, on the feet that `closed` says, (samples, feet).
+
+    Forces at the feet are any that balance the base's rows; they are recorded, too.
+    A foot is a point, so that its contact transmits no moment: at least three feet
+    must be closed.
+    """
+    rng = np.random.default_rng(seed)
+    samples, n = len(closed), len(robot)
+    q, dq, ddq = rng.uniform(-1.0, 1.0, (3, samples, n))
+    w, dw, a = rng.uniform(-1.0, 1.0, (3, samples, 3))
+    base = BaseMotion(w, dw, a + np.array([0.0, 0.0, 9.81]))
+    forces = TorqueModel(robot).predict(robot.nominal, q, dq, ddq, base=base)
+    jacobians = [
+        contact_jacobian(robot, q, frame=foot, point=FOOT)[:, :3] for foot in FEET
+    ]
+    pushes = np.concatenate(jacobians, axis=1) * np.repeat(closed, 3, axis=1)[..., None]
+    balance = np.linalg.pinv(np.swapaxes(pushes[:, :, :6], 1, 2))
+    acting = np.einsum("nfr,nr->nf", balance, forces[:, :6])
+    acting *= np.repeat(closed, 3, axis=1)
+    assert np.allclose(
+        np.einsum("nfr,nf->nr", pushes, acting)[:, :6], forces[:, :6], atol=1e-9
+    )
+    torque = (forces - np.einsum("nfr,nf->nr", pushes, acting))[:, 6:]
+    torque = torque + noise * rng.normal(size=torque.shape)
+    still = np.zeros((samples, 3))
+    return Recording(
+        robot.joint_names,
+        0.01 * np.arange(samples),
+        q,
+        dq,
+        ddq,
+        torque,
+        base=base,
+        wrenches=tuple(
+            Wrench(foot, np.hstack([f, still]), FOOT, axes="base")
+            for foot, f in zip(FEET, np.split(acting, 4, axis=1), strict=True)
+        ),
+        contacts=tuple(
+            ContactFlags(foot, closed[:, i], FOOT) for i, foot in enumerate(FEET)
+        ),
+    )

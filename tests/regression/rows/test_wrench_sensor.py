@@ -1,0 +1,140 @@
+"""What hangs on a wrist sensor: Pinocchio says what it measures."""
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from consistent_id import (
+    DHRow,
+    InertialParameters,
+    Recording,
+    RecordingError,
+    TorqueModel,
+    Wrench,
+    base_parameters,
+    constrained_least_squares,
+    from_modified_dh,
+    least_squares,
+    sensor_motion,
+    sensor_regression,
+    static_poses,
+    tool_model,
+)
+from consistent_id.constraints import NonNegativeDrive, PhysicalConsistency
+
+TOOL = InertialParameters.from_central(
+    1.3, [0.02, -0.01, 0.08], [[4e-3, 1e-4, 0], [1e-4, 3e-3, 2e-4], [0, 2e-4, 2e-3]]
+)
+BIAS = np.array([3.0, -2.0, 5.0, 0.1, -0.2, 0.05])
+RIGHT = np.pi / 2
+
+
+@pytest.fixture(scope="module")
+def arm():
+    rows = [DHRow(0, 0), DHRow(RIGHT, 0), DHRow(0, 0.5), DHRow(0, 0.4)]
+    rows += [DHRow(RIGHT, 0, d=0.1), DHRow(-RIGHT, 0, d=0.1)]
+    return from_modified_dh("arm", rows)
+
+
+def measured(arm, q, dq, ddq):
+    """The wrench on the tool, by Pinocchio: spatial motion of the last frame."""
+    model = pin.Model()
+    at = 0
+    for joint in arm.joints:
+        place = pin.SE3(joint.rotation, joint.translation)
+        turning = pin.JointModelRevoluteUnaligned(joint.axis)
+        at = model.addJoint(at, turning, place, joint.name)
+    data = model.createData()
+    body = pin.Inertia(TOOL.mass, TOOL.com, TOOL.central_inertia)
+    found = []
+    for state in zip(q, dq, ddq, strict=True):
+        pin.forwardKinematics(model, data, *state)
+        gravity = data.oMi[at].actInv(pin.Motion(arm.gravity, np.zeros(3)))
+        v, a = data.v[at], data.a[at] - gravity
+        wrench = body * a + v.cross(body * v)
+        found.append(wrench.vector)
+    return np.array(found)
+
+
+def log_of(arm, samples, *, still=False, noise=0.0):
+    rng = np.random.default_rng(0)
+    q, dq, ddq = rng.uniform(-1.5, 1.5, (3, samples, len(arm)))
+    if still:
+        dq, ddq = 0 * dq, 0 * ddq
+    values = measured(arm, q, dq, ddq) + BIAS + noise * rng.normal(size=(samples, 6))
+    return Recording(
+        arm.joint_names,
+        0.01 * np.arange(samples),
+        q,
+        dq,
+        ddq,
+        wrenches=(Wrench("link6", values),),
+    )
+
+
+def test_the_tools_parameters_and_the_bias_are_recovered(arm):
+    model = tool_model()
+    assert len(base_parameters(model)) == 16
+    regression = sensor_regression(model, arm, log_of(arm, 100), frame="link6")
+    found = least_squares(model, regression)
+    assert np.allclose(found.parameters, [*TOOL.vector, *BIAS], rtol=0, atol=1e-10)
+
+
+def test_with_noise_errors_are_what_they_are_said_to_be(arm):
+    model = tool_model(nominal=TOOL)
+    log = log_of(arm, 4000, noise=0.2)
+    regression = sensor_regression(model, arm, log, frame="link6")
+    found = least_squares(model, regression)
+    off = (found.base_values - [*TOOL.vector, *BIAS]) / found.standard_errors
+    assert np.sqrt(np.mean(off**2)) == pytest.approx(1.0, abs=0.5)
+    constraints = [PhysicalConsistency()]
+    tool = constrained_least_squares(model, regression, constraints=constraints)
+    assert tool.certificate.verdict == "certified"
+    assert tool["tool.m"] == pytest.approx(TOOL.mass, rel=0.01)
+
+
+def test_poses_at_rest_tell_mass_and_centre_of_mass_but_no_inertia(arm):
+    log = log_of(arm, 12, still=True)
+    poses = static_poses(arm, log.position, log.wrenches[0].values, frame="link6")
+    model = tool_model()
+    regression = sensor_regression(model, arm, poses, frame="link6")
+    found = least_squares(model, regression)
+    known = [*range(4), *range(10, 16)]
+    expected = np.array([*TOOL.vector, *BIAS])[known]
+    assert np.allclose(found.parameters[known], expected, rtol=0, atol=1e-10)
+    assert all(origin == "convention" for origin in found.origins[4:10])
+
+
+def test_the_sensors_own_motion_is_that_of_its_frame(arm):
+    log = log_of(arm, 5)
+    motion = sensor_motion(arm, log, "link6")
+    still = sensor_motion(arm, replace(log, velocity=None, acceleration=None), "link6")
+    assert np.allclose(np.linalg.norm(still.specific_force, axis=1), 9.81)
+    assert not still.angular_velocity.any()
+    model = tool_model(bias=False)
+    q = np.zeros((5, 0))
+    found = model.predict(TOOL.vector, q, q, q, base=motion)
+    states = log.position, log.velocity, log.acceleration
+    assert np.allclose(found, measured(arm, *states), rtol=0, atol=1e-10)
+
+
+def test_a_recording_without_the_wrench_is_refused(arm):
+    log = replace(log_of(arm, 5), wrenches=())
+    with pytest.raises(RecordingError, match="0 wrenches at 'link6'"):
+        sensor_regression(tool_model(), arm, log, frame="link6")
+
+
+def test_a_model_of_joints_alone_has_no_bias_of_a_base_wrench(arm):
+    with pytest.raises(Exception, match="wrench_bias is of the sensor"):
+        TorqueModel(arm, wrench_bias=True)
+
+
+def test_biases_are_not_friction(arm):
+    """A bias may be negative, whatever is said of friction."""
+    model = tool_model()
+    regression = sensor_regression(model, arm, log_of(arm, 100), frame="link6")
+    constraints = [PhysicalConsistency(margin=0.0), NonNegativeDrive()]
+    found = constrained_least_squares(model, regression, constraints=constraints)
+    assert found["base.fy.bias"] == pytest.approx(-2.0, abs=1e-3)
