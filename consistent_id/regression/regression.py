@@ -38,6 +38,7 @@ from consistent_id.regression.row_structure import row_structure
 from consistent_id.robot.parameters import ParameterLayout
 
 _WORKERS = 2
+_PANEL = 8  # columns that a QR eliminates at a time: 4 to 16 are equally fast
 _SHOWN = 2**14  # rows of a recording whose residuals show how noise is correlated
 
 
@@ -377,21 +378,35 @@ def _compress(
     """Return, per joint, the triangular factor of its rows in a piece of a motion."""
     tau = motion.torque[piece]
     weights = None if motion.weights is None else motion.weights[piece]
-    factors = [np.zeros((0, len(kept) + 1)) for kept, _ in structure]
+    columns = [kept for kept, _ in structure]
+    factors = [np.zeros((0, len(kept) + 1)) for kept in columns]
     # Rows to be mixed with each other come in one chunk.
     size = CHUNK if row_filter.factor == 1 else len(tau)
     state = motion.q[piece], motion.dq[piece], motion.ddq[piece]
-    for part, Y in model.chunks(*state, size=size):
-        for j, (kept, _) in enumerate(structure):
-            done = len(factors[j])
-            rows = np.empty((done + Y.shape[2], len(kept) + 1), order="F")
-            rows[:done] = factors[j]
-            rows[done:, :-1] = Y[j, kept].T
-            rows[done:, -1] = tau[part, j]
+    for part, blocks in model.kept_chunks(columns, *state, size=size):
+        for j, rows in enumerate(blocks):
+            rows[:, -1] = tau[part, j]
             if weights is not None:
-                rows[done:] *= weights[part, j, None]
-            factors[j] = triangle(row_filter(rows))
+                rows *= weights[part, j, None]
+            factors[j] = _extended(factors[j], row_filter(rows))
     return factors
+
+
+def _extended(R: Matrix, rows: Matrix) -> Matrix:
+    """Return the triangular factor of a triangular factor and more rows below it.
+
+    Both are destroyed.  With a whole triangle on top, its zeros are not worked on.
+    """
+    width = R.shape[1]
+    if len(R) + len(rows) < width:
+        return triangle(np.vstack([R, rows]))
+    if len(R) < width:
+        R, above = np.zeros((width, width), order="F"), R
+        R[: len(above)] = above
+    extended, *_ = _tpqrt()(
+        0, min(_PANEL, width), R, rows, overwrite_a=1, overwrite_b=1
+    )
+    return np.asarray(extended)
 
 
 def triangle(rows: Matrix) -> Matrix:
@@ -400,6 +415,13 @@ def triangle(rows: Matrix) -> Matrix:
         return rows
     R, *_ = _geqrf()(rows, overwrite_a=1)
     return np.triu(R[: rows.shape[1]])
+
+
+@lru_cache(maxsize=1)
+def _tpqrt() -> Callable[..., tuple[Any, ...]]:
+    from scipy.linalg.lapack import dtpqrt
+
+    return dtpqrt  # type: ignore[no-any-return]
 
 
 @lru_cache(maxsize=1)
