@@ -5,11 +5,11 @@ does not grow with the number of samples and no digits are lost.  Factors of sev
 recordings add; weights of joints scale factors.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache, reduce
+from functools import reduce
 from operator import add
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -35,10 +35,11 @@ from consistent_id.regression.recorded_noise import recorded_noise
 from consistent_id.regression.regressor import CHUNK, TorqueModel
 from consistent_id.regression.row_filter import RowFilter
 from consistent_id.regression.row_structure import row_structure
+from consistent_id.regression.triangles import extended
+from consistent_id.regression.triangles import triangle as triangle
 from consistent_id.robot.parameters import ParameterLayout
 
 _WORKERS = 2
-_PANEL = 8  # columns that a QR eliminates at a time: 4 to 16 are equally fast
 _SHOWN = 2**14  # rows of a recording whose residuals show how noise is correlated
 
 
@@ -388,45 +389,5 @@ def _compress(
             rows[:, -1] = tau[part, j]
             if weights is not None:
                 rows *= weights[part, j, None]
-            factors[j] = _extended(factors[j], row_filter(rows))
+            factors[j] = extended(factors[j], row_filter(rows))
     return factors
-
-
-def _extended(R: Matrix, rows: Matrix) -> Matrix:
-    """Return the triangular factor of a triangular factor and more rows below it.
-
-    Both are destroyed.  With a whole triangle on top, its zeros are not worked on.
-    """
-    width = R.shape[1]
-    if len(R) + len(rows) < width:
-        return triangle(np.vstack([R, rows]))
-    if len(R) < width:
-        R, above = np.zeros((width, width), order="F"), R
-        R[: len(above)] = above
-    extended, *_ = _tpqrt()(
-        0, min(_PANEL, width), R, rows, overwrite_a=1, overwrite_b=1
-    )
-    return np.asarray(extended)
-
-
-def triangle(rows: Matrix) -> Matrix:
-    """Return the triangular factor of a QR decomposition, destroying `rows`."""
-    if len(rows) == 0:
-        return rows
-    R, *_ = _geqrf()(rows, overwrite_a=1)
-    return np.triu(R[: rows.shape[1]])
-
-
-@lru_cache(maxsize=1)
-def _tpqrt() -> Callable[..., tuple[Any, ...]]:
-    from scipy.linalg.lapack import dtpqrt
-
-    return dtpqrt  # type: ignore[no-any-return]
-
-
-@lru_cache(maxsize=1)
-def _geqrf() -> Callable[..., tuple[Any, ...]]:
-    # numpy.linalg.qr copies twice; LAPACK's own routine works in place.
-    from scipy.linalg.lapack import dgeqrf
-
-    return dgeqrf  # type: ignore[no-any-return]
