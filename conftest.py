@@ -9,6 +9,9 @@ from hypothesis import HealthCheck, settings
 for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
+# Tests write nothing to the user's cache; those of compiled code use one of their own.
+os.environ.setdefault("CONSISTENT_ID_COMPILED", "0")
+
 # The same examples on every machine, however slow it is.
 settings.register_profile(
     "repeatable",

@@ -186,6 +186,7 @@ from consistent_id.regression.drive.term import DriveTerm, JointSamples, ShapePa
 from consistent_id.regression.friction_shapes import shapes_of, with_shapes
 from consistent_id.regression.noise import joint_noise
 from consistent_id.regression.regression import Regression, build_regression
+from consistent_id.regression.regression_file import load_regression, save_regression
 from consistent_id.regression.regressor import (
     TorqueModel,
     casadi_regressor,
@@ -436,6 +437,7 @@ __all__ = [
     "load_mjcf",
     "load_problem",
     "load_problems",
+    "load_regression",
     "load_robot",
     "load_urdf",
     "log_cholesky_from_body",
@@ -465,6 +467,7 @@ __all__ = [
     "row_weights",
     "run_study",
     "saturated",
+    "save_regression",
     "savitzky_golay_differentiated",
     "scene_from_urdf",
     "segment_regressions",

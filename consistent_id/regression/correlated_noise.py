@@ -89,24 +89,31 @@ def spectral_noise(rows: Matrix, residual: Vector, steps: Matrix) -> JointNoise:
         ``rows @ steps`` are the joint's rows of an orthonormal basis of the fit.
     """
     n = len(rows)
-    y, r = (np.fft.rfft(a, axis=0) / np.sqrt(n) for a in (rows, residual))
+    r = np.fft.rfft(residual) / np.sqrt(n)
+    y = _spectra(rows) / np.sqrt(n)
     # All but the ends of half a spectrum stand for two frequencies.
     twice = np.full(len(r), 2.0)
     twice[0] = 1.0
     if n % 2 == 0:
         twice[-1] = 1.0
-    leverage = np.sum(abs(y @ steps) ** 2, axis=1)
+    leverage = sum(np.einsum("fr,fr->f", part, part) for part in y @ steps)
     width = int(_BAND * np.cbrt(n)) + 1
     left = np.maximum(_smoothed(1.0 - leverage, width), _LEFT)
     power = _smoothed(abs(r) ** 2, width) / left
     mean = float(np.average(power, weights=twice))
     spent = float(twice @ leverage)
     felt = float((twice * leverage) @ power)
-    weighted = y * np.sqrt(twice * power)[:, None]
+    y *= np.sqrt(twice * power)[:, None]
     return JointNoise(
-        scores=_compressed(np.vstack([weighted.real, weighted.imag])),
+        scores=_compressed(y.reshape(-1, rows.shape[1])),
         length=felt / (spent * mean) if spent * mean > 0.0 else 1.0,
     )
+
+
+def _spectra(rows: Matrix) -> Array:
+    """Return real and imaginary parts, shape (2, frequencies, columns)."""
+    spectra = np.fft.rfft(rows, axis=0)
+    return np.stack([spectra.real, spectra.imag])
 
 
 def white_noise(rows: Matrix, residual: Vector) -> JointNoise:

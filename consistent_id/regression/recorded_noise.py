@@ -26,18 +26,22 @@ def recorded_noise(
 ) -> CorrelatedNoise:
     """Return the noise that a fit leaves along a motion, of the rows at `centres`."""
     structure = row_structure(model)
-    kept_rows = [np.empty((len(motion.q), len(kept))) for kept, _ in structure]
+    columns = [kept for kept, _ in structure]
+    n = len(motion.q)
+    of_joints = [np.empty((n, len(kept) + 1), order="F") for kept in columns]
     state = motion.q, motion.dq, motion.ddq
-    for part, Y in model.chunks(*state, size=CHUNK, base=motion.base):
-        for j, (kept, _) in enumerate(structure):
-            kept_rows[j][part] = Y[j, kept].T
+    chunks = model.kept_chunks(columns, *state, size=CHUNK, base=motion.base)
+    for part, blocks in chunks:
+        for rows, block in zip(of_joints, blocks, strict=True):
+            rows[part] = block
     counts, found = motion.counts(centres), []
     for j, (_, expand) in enumerate(structure):
-        rows = np.column_stack([kept_rows[j], motion.torque[:, j]])
+        rows = of_joints[j]
+        rows[:, -1] = motion.torque[:, j]
         if motion.weights is not None:
             rows *= motion.weights[:, j, None]
         pieces = [row_filter(rows[piece]) for piece in row_filter.pieces(centres)]
-        rows = np.vstack(pieces)
+        rows = np.vstack(pieces) if len(pieces) > 1 else pieces[0]
         residual = rows[:, -1] - rows[:, :-1] @ (expand @ fit.x)
         steps = expand @ fit.steps / fit.weights[j]
         if np.linalg.norm(residual) <= _ROUNDING * np.linalg.norm(rows[:, -1]):

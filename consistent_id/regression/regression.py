@@ -5,10 +5,9 @@ does not grow with the number of samples and no digits are lost.  Factors of sev
 recordings add; weights of joints scale factors.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -34,6 +33,8 @@ from consistent_id.regression.recorded_noise import recorded_noise
 from consistent_id.regression.regressor import CHUNK, TorqueModel
 from consistent_id.regression.row_filter import RowFilter
 from consistent_id.regression.row_structure import row_structure
+from consistent_id.regression.triangles import extended
+from consistent_id.regression.triangles import triangle as triangle
 from consistent_id.robot.parameters import ParameterLayout
 
 _WORKERS = 2
@@ -391,35 +392,17 @@ def _compress(
     """Return, per joint, the triangular factor of its rows in a piece of a motion."""
     tau = motion.torque[piece]
     weights = None if motion.weights is None else motion.weights[piece]
-    factors = [np.zeros((0, len(kept) + 1)) for kept, _ in structure]
+    columns = [kept for kept, _ in structure]
+    factors = [np.zeros((0, len(kept) + 1)) for kept in columns]
     # Rows to be mixed with each other come in one chunk.
     size = CHUNK if row_filter.factor == 1 else len(tau)
     moved = motion.samples(piece.start, piece.stop)
     state = moved.q, moved.dq, moved.ddq
-    for part, Y in model.chunks(*state, size=size, base=moved.base):
-        for j, (kept, _) in enumerate(structure):
-            done = len(factors[j])
-            rows = np.empty((done + Y.shape[2], len(kept) + 1), order="F")
-            rows[:done] = factors[j]
-            rows[done:, :-1] = Y[j, kept].T
-            rows[done:, -1] = tau[part, j]
+    chunks = model.kept_chunks(columns, *state, size=size, base=moved.base)
+    for part, blocks in chunks:
+        for j, rows in enumerate(blocks):
+            rows[:, -1] = tau[part, j]
             if weights is not None:
-                rows[done:] *= weights[part, j, None]
-            factors[j] = triangle(row_filter(rows))
+                rows *= weights[part, j, None]
+            factors[j] = extended(factors[j], row_filter(rows))
     return factors
-
-
-def triangle(rows: Matrix) -> Matrix:
-    """Return the triangular factor of a QR decomposition, destroying `rows`."""
-    if len(rows) == 0:
-        return rows
-    R, *_ = _geqrf()(rows, overwrite_a=1)
-    return np.triu(R[: rows.shape[1]])
-
-
-@lru_cache(maxsize=1)
-def _geqrf() -> Callable[..., tuple[Any, ...]]:
-    # numpy.linalg.qr copies twice; LAPACK's own routine works in place.
-    from scipy.linalg.lapack import dgeqrf
-
-    return dgeqrf  # type: ignore[no-any-return]

@@ -8,14 +8,23 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from hashlib import sha256
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._support.arrays import Array, Vector, checked, freeze, frozen
+from consistent_id._support.arrays import (
+    Array,
+    IntArray,
+    Matrix,
+    Vector,
+    checked,
+    freeze,
+    frozen,
+)
 from consistent_id.errors import ProblemError
 from consistent_id.recordings.base_motion import BaseMotion
+from consistent_id.regression.compiled.entries import fill_entries
 from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.drive.gear_coupling import GearCoupling
 from consistent_id.regression.drive.term import DriveTerm
@@ -25,6 +34,7 @@ from consistent_id.regression.joint_geometry import (
     joint_motions,
     link_motions,
 )
+from consistent_id.regression.kept_columns import KeptColumns
 from consistent_id.regression.newton_euler import JointGeometry, regressor_entries
 from consistent_id.regression.row_names import (
     BASE_ROWS,
@@ -38,6 +48,8 @@ from consistent_id.robot.parameters import ParameterLayout, did_you_mean
 CHUNK = 4096
 """Samples per chunk: keeps the recursion's arrays in the processor's cache."""
 
+
+_Room = TypeVar("_Room", Array, KeptColumns)
 
 _NO_LOAD = 1e-9  # torque over the sum of its parts' sizes that is rounding alone
 
@@ -190,6 +202,57 @@ class TorqueModel:
 
         The regressor's array is reused: consume it before the next step.
         """
+        shape = len(self.torque_joints), len(self.layout), min(size, len(np.asarray(q)))
+        yield from self._filled(np.zeros(shape), q, dq, ddq, base)
+
+    def kept_chunks(
+        self,
+        kept: Sequence[IntArray],
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        size: int = CHUNK,
+        *,
+        base: BaseMotion | None = None,
+    ) -> Iterator[tuple[slice, Sequence[Matrix]]]:
+        """Yield ``(samples, rows)`` of some columns, piece by piece.
+
+        Parameters
+        ----------
+        kept : sequence of ndarray
+            Of each torque joint the columns wanted, none of them zero for all motions.
+        q, dq, ddq, size, base
+            See `chunks`.
+
+        Yields
+        ------
+        samples : slice
+        rows : sequence of ndarray, each shape (samples, columns wanted + 1)
+            In Fortran's order; the last column is left for the torque.  The arrays are
+            reused, and may be destroyed.
+        """
+        columns = [tuple(c.tolist()) for c in kept]
+        width, samples = len(self.layout), min(size, len(np.asarray(q)))
+        some = KeptColumns.empty(columns, width, samples)
+        if any(True for _ in _loaded(self)):  # a load takes all columns of its row
+            for part, block in self.chunks(q, dq, ddq, size, base=base):
+                wanted = some[:, :, : block.shape[2]]
+                for rows, row, chosen in zip(wanted.blocks, block, kept, strict=True):
+                    rows[:, :-1] = row[chosen].T
+                yield part, wanted.blocks
+            return
+        for part, filled in self._filled(some, q, dq, ddq, base):
+            yield part, filled.blocks
+
+    def _filled(
+        self,
+        out: _Room,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        base: BaseMotion | None,
+    ) -> Iterator[tuple[slice, _Room]]:
+        """Yield ``(samples, out)`` with the regressor of as many samples as fit in."""
         joints = len(self.robot)
         motion = [
             checked(x, (None, joints), name)
@@ -203,9 +266,8 @@ class TorqueModel:
         if moves is not None and len(moves) != samples:
             raise ProblemError(f"base motion has {len(moves)} samples, q has {samples}")
         geometry = joint_geometry(self.robot)
-        rows = len(self.torque_joints)
-        out = np.zeros((rows, len(self.layout), min(size, samples)))
-        for start in range(0, samples, size):
+        size = out.shape[2]
+        for start in range(0, samples, max(size, 1)):
             part = slice(start, min(start + size, samples))
             block = out[:, :, : part.stop - start]
             pieces = [np.ascontiguousarray(x[part].T) for x in motion]
@@ -238,7 +300,7 @@ class TorqueModel:
 
     def _fill(
         self,
-        out: Array,
+        out: Array | KeptColumns,
         geometry: Sequence[JointGeometry],
         state: Sequence[Array],
         base: Array | None,
@@ -246,15 +308,14 @@ class TorqueModel:
         motion = link_motions(self.robot, state, lambda x: (np.sin(x), np.cos(x)), base)
         gravity = floats(self.robot.gravity)
         row = _rows_of(self)
-        for j, k, entries in regressor_entries(geometry, gravity, motion):
-            if j in row:
-                for i, entry in enumerate(entries, start=10 * k):
-                    out[row[j], i] = entry
-        loads = {
-            j: np.tensordot(reference, out[row[j], : len(reference)], axes=1)
-            for j, reference in _loaded(self)
-        }
         q, dq, ddq = state
+        fill_entries(out, row, geometry, gravity, motion)
+        loads = {}
+        if not isinstance(out, KeptColumns):  # else no load is needed: `kept_chunks`
+            loads = {
+                j: np.tensordot(reference, out[row[j], : len(reference)], axes=1)
+                for j, reference in _loaded(self)
+            }
         for j, column, values in drive_entries(self, q, dq, ddq, loads):
             if j in row:
                 out[row[j], column] = values

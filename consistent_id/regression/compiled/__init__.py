@@ -1,0 +1,1 @@
+"""The recursion as straight-line machine code, where a C compiler is at hand."""
