@@ -118,8 +118,10 @@ def _tapered():
     """Return the arm with links that differ, as those of a real robot do."""
     model = _arm()
     links = tuple(
-        replace(link, nominal=InertialParameters.from_central(m, [0.2, 0.02, 0.05], I))
-        for link, m, I in zip(
+        replace(
+            link, nominal=InertialParameters.from_central(m, [0.2, 0.02, 0.05], inertia)
+        )
+        for link, m, inertia in zip(
             model.robot.links, (8.0, 6.0, 4.0, 2.0), _INERTIAS, strict=True
         )
     )
