@@ -9,6 +9,8 @@ filtered as the file asks for all three.
 
 Simulated robots (`selection_robots`): a draft of a log, plain and selected, against
 the true model fitted to the same rows.  Errors are of another motion's true torque.
+
+Bare calls (`selection_bare`): the same logs as the real robots', without a file.
 """
 
 import argparse
@@ -19,14 +21,13 @@ from pathlib import Path
 
 import msgspec
 import numpy as np
+from selection_bare import COLUMNS, bare, recommended
 from selection_robots import DURATION, TRUTHS, Case, case_of, written
 
 import consistent_id as ci
-from consistent_id.estimation.method import Method
 from consistent_id.estimation.torque_error import torque_errors
 from consistent_id.problems.problem import problem_of
 from consistent_id.problems.study import Study
-from consistent_id.regression.noise import joint_noise
 
 PROBLEMS = ("ur10e", "kuka_kr300", "staubli_tx40", "tiago")
 _BEGIN, _END = "<!-- figures: begin -->", "<!-- figures: end -->"
@@ -53,20 +54,7 @@ def recommended_error(problem: ci.Problem, judge: ci.Problem) -> str:
     preparation = change(data.preparation, torque_cutoff=cutoff)
     table = change(problem.table, data=change(data, preparation=preparation))
     study = Study(problem_of(table, judge.source))
-    method, prior = study.recommendation.method, study.problem.prior
-    regression = study.regression
-    if method == Method.WEIGHTED_CONSTRAINED:
-        sigma = joint_noise(study.problem.model, regression, base=study.base)
-        regression = regression.weighted(sigma)
-    if method == Method.CROSS_VALIDATED:
-        prior = study.path.penalty
-    estimate = ci.constrained_least_squares(
-        study.problem.model,
-        regression,
-        constraints=study.problem.constraints,
-        prior=prior,
-        base=study.base,
-    )
+    estimate = recommended(study)
     errors = [torque_errors([estimate], r)[0].stacked for r in study.validation]
     return "; ".join(_percent(error) for error in errors)
 
@@ -126,6 +114,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--real", nargs="*", default=list(PROBLEMS))
     parser.add_argument("--simulated", nargs="*", default=list(TRUTHS))
+    parser.add_argument("--bare", nargs="*", default=list(PROBLEMS))
     parser.add_argument("--seed", type=int, default=2)
     parser.add_argument("--write", type=Path)
     options = parser.parse_args()
@@ -138,7 +127,12 @@ def main() -> None:
     for name in options.simulated:
         rows.append(simulated(name, options.seed))
         print(*rows[-1], sep=" | ", flush=True)
-    text = "\n\n".join(["", first, _SIMULATED_INTRO, table(_SIMULATED, rows), ""])
+    parts = ["", first, _SIMULATED_INTRO, table(_SIMULATED, rows)]
+    rows = []
+    for name in options.bare:
+        rows.append(bare(name))
+        print(*rows[-1], sep=" | ", flush=True)
+    text = "\n\n".join([*parts, _BARE_INTRO, table(COLUMNS, rows), ""])
     if options.write:
         page = options.write.read_text()
         before, _, rest = page.partition(_BEGIN)
@@ -167,6 +161,11 @@ _SIMULATED = (
 _SIMULATED_INTRO = (
     f"Simulated robots, {DURATION:.0f} s of random motion of which 70 % train; the "
     "error is that of the true torque of another motion:"
+)
+_BARE_INTRO = (
+    "`identify robot.urdf log`, told column names, gains and which joints have torque "
+    "or stand still. The last part of the one log of `staubli_tx40`, which none of the "
+    "two learnt from, is the judge there:"
 )
 
 

@@ -3,6 +3,9 @@
 Per joint ``tau = a g(q) + b (tau_0(q, dq, ddq) - g(q)) + viscous dq + coulomb s(dq) +
 c``, with the nominal robot's gravity torque ``g`` and torque ``tau_0``.  The slopes
 ``a`` and ``b`` are one for a torque in N m of the robot that the model describes.
+
+A joint to which the model gives a spring or a counterbalance has ``spring q`` beside:
+it carries a part of gravity, which is no gain of the torque.
 """
 
 from dataclasses import dataclass
@@ -12,6 +15,7 @@ import numpy as np
 from consistent_id._support.arrays import BoolArray, Matrix, Vector
 from consistent_id.diagnosis.jackknife import Fitted, jackknife
 from consistent_id.recordings.recording import Recording
+from consistent_id.regression.drive.spring import Spring
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.scaling import reference_bodies
 
@@ -59,9 +63,16 @@ def torque_parts(model: TorqueModel, prepared: Recording) -> TorqueParts:
     g, inertial = nominal_parts(model, prepared)
     log = prepared.of(model.torque_joints)
     torque, speed = np.asarray(log.torque), np.asarray(log.velocity)
+    sprung = _sprung(model)
     rows = [
-        _of_joint(g[:, j], inertial[:, j], speed[:, j], torque[:, j])
-        for j in range(len(model.torque_joints))
+        _of_joint(
+            g[:, j],
+            inertial[:, j],
+            speed[:, j],
+            torque[:, j],
+            log.position[:, [j]] if joint in sprung else None,
+        )
+        for j, joint in enumerate(model.torque_joints)
     ]
     return TorqueParts(model.torque_joints, *map(np.array, zip(*rows, strict=True)))
 
@@ -78,11 +89,21 @@ def nominal_parts(model: TorqueModel, prepared: Recording) -> tuple[Matrix, Matr
     return gravity, whole - gravity
 
 
+def _sprung(model: TorqueModel) -> set[str]:
+    """Return the joints that the model gives a spring."""
+    return {
+        joint
+        for joint, drive in zip(model.robot.joint_names, model.terms, strict=True)
+        if any(isinstance(term, Spring) for term in drive.terms)
+    }
+
+
 def _of_joint(
-    g: Vector, inertial: Vector, speed: Vector, torque: Vector
+    g: Vector, inertial: Vector, speed: Vector, torque: Vector, spring: Matrix | None
 ) -> tuple[float | bool, ...]:
     size = float(np.sqrt(np.mean(torque**2))) or 1.0
     friction = [speed, np.tanh(speed / _CREEP), np.ones_like(speed)]
+    friction += [] if spring is None else [spring]
     parts = np.column_stack([g, inertial, *friction])
     fit = _fitted(parts, torque)
     whole = _fitted(np.column_stack([g + inertial, *friction]), torque)

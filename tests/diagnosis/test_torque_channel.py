@@ -8,16 +8,19 @@ from faulty_logs import DRIVE
 
 from consistent_id import (
     DHRow,
+    DriveTerms,
     InertialParameters,
     Recording,
     TorqueModel,
     from_modified_dh,
     simulate_torque,
 )
+from consistent_id.diagnosis import diagnose
 from consistent_id.diagnosis.torque_channel import channel_findings, nothing_findings
 from consistent_id.diagnosis.torque_parts import nominal_parts, torque_parts
 from consistent_id.robot.model import Link
 
+_INERTIAS = [size * np.eye(3) for size in (0.1, 0.08, 0.05, 0.02)]
 FRICTION = np.array([1.0, 2.0, 0.3])  # viscous, coulomb, offset
 
 
@@ -73,6 +76,19 @@ def test_the_slopes_of_the_parts_are_those_with_which_they_were_added():
     assert parts.rest.max() < 1e-6
 
 
+def test_a_spring_of_the_model_is_no_slope_of_gravity():
+    model, motion, gravity, inertial, friction = _parts()
+    drives = [DriveTerms(terms=DRIVE.terms, spring=joint == 1) for joint in range(4)]
+    sprung = TorqueModel(model.robot, drives)
+    motion = replace(motion, position=0.2 * motion.position)  # gravity is near linear
+    gravity, inertial = nominal_parts(model, replace(motion, torque=gravity))
+    spring = motion.position * [0.0, 15.0, 0.0, 0.0]
+    log = replace(motion, torque=gravity + inertial + friction + spring)
+    np.testing.assert_allclose(torque_parts(sprung, log).gravity[1:], 1.0, atol=1e-6)
+    # Without the term, the spring is taken for gravity.
+    assert abs(torque_parts(model, log).gravity[1] - 1.0) > 0.2
+
+
 @pytest.mark.parametrize(
     ("change", "kind", "words"),
     [
@@ -96,3 +112,47 @@ def test_one_gain_that_is_off_is_a_warning_with_its_factor():
     assert (finding.severity, finding.kind) == ("warning", "torque gain")
     assert "0.50" in finding.statement
     assert "masses" in finding.statement  # which would look the same
+
+
+def _tapered():
+    """Return the arm with links that differ, as those of a real robot do."""
+    model = _arm()
+    links = tuple(
+        replace(
+            link, nominal=InertialParameters.from_central(m, [0.2, 0.02, 0.05], inertia)
+        )
+        for link, m, inertia in zip(
+            model.robot.links, (8.0, 6.0, 4.0, 2.0), _INERTIAS, strict=True
+        )
+    )
+    return TorqueModel(replace(model.robot, links=links), DRIVE)
+
+
+def _swung_once(factor):
+    """Return what is said of 2 s in which no joint turns back, times a factor."""
+    model, time = _tapered(), np.arange(400) / 200.0
+    w = np.array([3.0, 4.0, 5.0, 6.0])  # rad/s
+    angle = w * time[:, None] + [0.0, 1.0, 2.0, 3.0]
+    motion = Recording(
+        model.robot.joint_names,
+        time,
+        time[:, None] + 0.8 * np.sin(angle) / w,
+        1.0 + 0.8 * np.cos(angle),
+        -0.8 * w * np.sin(angle),
+    )
+    bodies = np.asarray(model.robot.nominal)
+    log = simulate_torque(model, np.append(bodies, np.tile(FRICTION, 4)), motion)
+    noise = 0.02 * np.random.default_rng(2).normal(size=log.torque.shape)
+    return diagnose(model, replace(log, torque=factor * (log.torque + noise))).findings
+
+
+@pytest.mark.parametrize(
+    ("factor", "kind", "severity"),
+    [(0.5, "torque gain", "warning"), (1e3, "torque unit", "fault")],
+)
+def test_a_motion_that_never_turns_back_shows_a_unit_and_not_surely_a_gain(
+    factor, kind, severity
+):
+    found = {finding.kind: finding.severity for finding in _swung_once(factor)}
+    assert found["short"] == "warning"
+    assert found[kind] == severity

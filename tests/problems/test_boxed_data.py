@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 
-from consistent_id import load_problem, load_robot
+from consistent_id import DriveTerms, TorqueModel, load_problem, load_robot
+from consistent_id.diagnosis.torque_parts import torque_parts
 from consistent_id.errors import ProblemError
 
 FOLDER = "problems/kuka_kr300"
+DRIVE = DriveTerms(viscous=True, coulomb="tanh", velocity_scale=0.02, offset=True)
 
 # As the authors print them: classical Denavit-Hartenberg rows (d, a, alpha, offset) in
 # m and degrees, on a base turned by 180 degrees about x; masses in kg, centres of mass
@@ -121,3 +123,13 @@ def test_where_recordings_are_absent_the_message_says_where_they_come_from(
     assert "github.com/thanhndv212/figaroh-examples" in said
     assert "problems/README.md" in said
     assert ("not set" if folder is None else "no file /nowhere/tiago") in said
+
+
+def test_the_counterbalance_is_no_gain_of_the_torque():
+    problem = load_problem(FOLDER)
+    (log,) = problem.training
+    plain = torque_parts(TorqueModel(problem.model.robot, DRIVE), log)
+    sprung = torque_parts(problem.model, log)
+    assert plain.whole_shown[1]
+    assert plain.whole[1] < 0.7
+    assert 0.8 < sprung.whole[1] < 1.25

@@ -25,6 +25,10 @@ LEAST_COUPLING_GAIN = 0.10
 LEAST_WON = 0.6
 """Share of the blocks on which a move has to lower the error."""
 
+LEAST_WON_BY_VALUES = 0.5
+"""The same of another value of what the model has already, such as a cut-off: it makes
+the model no larger, and the value before it has no better claim."""
+
 CONTRADICTION = 3.0
 """Standard errors by which data have to contradict the masses that a model states: they
 are knowledge, unlike a friction law, and free ones stand in for springs and zeros."""
@@ -160,9 +164,11 @@ def _enough(move: Move, brought: Gain) -> bool:
     least = max(least, min(brought.error, SMALL_GAIN))
     if move.kind == "masses":
         least = max(least, CONTRADICTION * brought.error)
-    return brought.share >= least and brought.won >= LEAST_WON
+    won = LEAST_WON_BY_VALUES if move.kind in _VALUES else LEAST_WON
+    return brought.share >= least and brought.won >= won
 
 
+_VALUES = ("velocity_scale", "motion_cutoff", "delay")
 _EVERYWHERE = ("rotor_inertia", "load_friction", "drag", "stribeck_velocity")
 
 

@@ -1,5 +1,7 @@
 """The parts of a selection: blocks, band, factors, screening, gains."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
@@ -7,8 +9,10 @@ from scipy.optimize import lsq_linear
 from consistent_id import ProblemError, Recording, draft_problem
 from consistent_id.problems.selection.band import prediction_band, velocity_edge
 from consistent_id.problems.selection.blocks import EDGES, NUMBERS, cells, folds
-from consistent_id.problems.selection.held_out import HeldOut, gain
+from consistent_id.problems.selection.held_out import Gain, HeldOut, gain
+from consistent_id.problems.selection.moves import Move, scale_moves
 from consistent_id.problems.selection.screening import _drive
+from consistent_id.problems.selection.search import _enough
 from consistent_id.problems.selection.setup import beginning
 from tests.helpers.logged import write_arm
 
@@ -117,6 +121,17 @@ def test_a_gain_is_the_share_of_the_squared_error_that_is_gone():
     assert found.share == pytest.approx(0.25)
     assert found.error == pytest.approx(0.0)
     assert found.won == 1.0
+
+
+def test_another_value_needs_half_of_the_blocks_and_another_term_more(begun):
+    choice = begun.plain.choice
+    brought = Gain(share=0.2, error=0.15, won=8 / 14)
+    width = next(scale_moves(choice, (0.5,)))
+    rotor = Move("rotor_inertia", "rotor_inertia", choice, choice)
+    assert _enough(width, brought)
+    assert not _enough(rotor, brought)
+    assert not _enough(width, replace(brought, won=6 / 14))
+    assert not _enough(width, replace(brought, share=0.02))
 
 
 def test_the_error_of_a_gain_is_that_of_a_mean_over_blocks():
