@@ -99,7 +99,7 @@ def _percent(error: float) -> str:
     return f"{100 * error:.2f}"
 
 
-def _cost(selection: ci.Selection) -> list[str]:
+def _cost(selection: ci.ModelSelection) -> list[str]:
     labels = "; ".join(step.move.label for step in selection.steps)
     return [f"{selection.seconds:.1f}", str(selection.fits), labels or "nothing"]
 

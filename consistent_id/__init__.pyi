@@ -122,7 +122,7 @@ from consistent_id.problems.drafting import draft_problem
 from consistent_id.problems.log_identification import identify_log
 from consistent_id.problems.problem import Problem, load_problem, load_problems
 from consistent_id.problems.selection.select import select_model
-from consistent_id.problems.selection.selection import Selection
+from consistent_id.problems.selection.selection import ModelSelection
 from consistent_id.problems.study import Study, identify, run_study
 from consistent_id.recordings.base_motion import BaseMotion
 from consistent_id.recordings.contacts import ContactFlags, Wrench
@@ -317,6 +317,7 @@ __all__ = [
     "MassBounds",
     "Mimic",
     "ModelError",
+    "ModelSelection",
     "MotionLimits",
     "MotionMargins",
     "MotionNoise",
@@ -348,7 +349,6 @@ __all__ = [
     "RobotModel",
     "RotorInertias",
     "Scene",
-    "Selection",
     "ShadowPrice",
     "ShapeFit",
     "ShapeParameter",

@@ -22,7 +22,7 @@ from consistent_id.problems.file import (
 from consistent_id.problems.log_entries import gains_table
 from consistent_id.problems.model import DEFAULT_DRIVE
 from consistent_id.problems.problem import Problem, problem_of
-from consistent_id.problems.selection.selection import Selection
+from consistent_id.problems.selection.selection import ModelSelection
 from consistent_id.problems.toml_text import toml_text
 from consistent_id.recordings.readers.columns import Columns
 from consistent_id.recordings.recording import Recording
@@ -80,7 +80,7 @@ class Draft:
         What else was guessed.
     drive : DriveTable
         Of all joints, as long as no model was selected.
-    selection : Selection, optional
+    selection : ModelSelection, optional
         The model that the training rows ask for.
     gains : PDGains, optional
         Of PD-controlled joints.
@@ -105,7 +105,7 @@ class Draft:
     raw: Mapping[Path, Recording]
     notes: tuple[str, ...] = ()
     drive: DriveTable = DEFAULT_DRIVE
-    selection: Selection | None = None
+    selection: ModelSelection | None = None
     gains: PDGains | None = None
     bodies: Literal["identified", "model"] = "identified"
 

@@ -15,7 +15,7 @@ from consistent_id.problems.selection.choice import Choice, data_of
 from consistent_id.problems.selection.moves import velocity_scale
 from consistent_id.problems.selection.proposals import Scope
 from consistent_id.problems.selection.search import State, search
-from consistent_id.problems.selection.selection import Selection
+from consistent_id.problems.selection.selection import ModelSelection
 from consistent_id.problems.selection.setup import (
     KINDS,
     Beginning,
@@ -36,7 +36,7 @@ def select_model(
     fixed: Collection[str] = (),
     band: float | None = None,
     progress: bool = False,
-) -> Selection:
+) -> ModelSelection:
     """Choose drive terms, masses, cut-offs and rows by blocked cross-validation.
 
     From the training recordings alone: those for validation are not read.  The search
@@ -57,7 +57,7 @@ def select_model(
 
     Returns
     -------
-    Selection
+    ModelSelection
         Of a search that was interrupted, the best choice so far.
 
     Raises
@@ -81,7 +81,7 @@ def select_model(
     state, interrupted = _searched(begun, progress)
     rate = min(own_rate(raw) for raw in raws)
     choice = _thinned(state.current.choice, data.preparation, rate)
-    return Selection(
+    return ModelSelection(
         problem=problem,
         start=begun.plain.choice,
         choice=choice,

@@ -13,7 +13,7 @@ from consistent_id.problems.toml_text import bare_key, toml_text
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Selection:
+class ModelSelection:
     """A model chosen by blocked cross-validation of the constrained fit.
 
     Parameters
