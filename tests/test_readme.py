@@ -38,13 +38,17 @@ def test_the_python_of_the_readme_runs_and_finds_consistent_links(capsys):
     assert least[0][0] < least[1][0] and least[1][1] < least[0][1]
 
 
-def test_there_are_two_commands_to_run_and_one_to_test():
+def test_there_are_three_commands_to_run_and_one_to_test():
     commands = re.findall(r"```sh\n(.*?)\n```", README, re.DOTALL)
-    assert len(commands) == 3
+    ends = (
+        "consistent-id compare problems/rx60",
+        "consistent-id compare problems/kuka_kr300",
+        "--validate problems/kuka_kr300/FF_B.parquet",
+        "pytest",
+    )
     assert all("\n" not in command for command in commands)
-    assert commands[0].endswith("consistent-id compare problems/rx60")
-    assert commands[1].endswith("consistent-id compare problems/kuka_kr300")
-    assert commands[2].endswith("pytest")
+    for command, end in zip(commands, ends, strict=True):
+        assert command.endswith(end)
 
 
 @pytest.mark.slow
