@@ -3,8 +3,8 @@
 ``python benchmarks/clean_recordings.py [--only ur10e] [--write FILE]`` drafts a problem
 of each recording of ``$CONSISTENT_ID_DATASETS`` and works it through, as
 ``consistent-id identify robot.urdf log.parquet`` does: columns, gains and joints are
-stated, the rest is default.  Where drives report no torque, it is that of their PD
-control, ``kp (q_des - q) - kd dq``.
+stated, the rest is default.  Where drives report no torque, it is made of commands and
+gains, as ``--gains`` does.
 
 A default model may be too simple for a robot, and its verdict says so.  But no finding
 may call a recording faulty: nothing is wrong with these.
@@ -32,6 +32,11 @@ from consistent_id.robot.chains import Selection
 
 POSITIONS = {"position": "q{number}", "torque": "tau{number}"}
 MEASURED = {**POSITIONS, "velocity": "dq{number}"}
+COMMANDED = {
+    "position": "q{number}",
+    "velocity": "dq{number}",
+    "position_command": "qdes{number}",
+}
 CURRENTS = {**MEASURED, "torque": "current{number}"}
 
 
@@ -45,8 +50,8 @@ class Robot:
     selection: Selection = field(default_factory=Selection)
     joints: tuple[str, ...] = ()
     torque_joints: tuple[str, ...] = ()
-    gains: tuple[float, ...] = ()
-    commanded: bool = False
+    torque_gain: tuple[float, ...] = ()
+    gains: ci.PDGains | None = None
 
 
 @dataclass(frozen=True)
@@ -69,10 +74,13 @@ def robots(folder: Path) -> tuple[Robot, ...]:
     def meta(name: str) -> dict[str, Any]:
         return dict(json.loads((folder / name / "meta.json").read_text()))
 
-    gains = meta("ur10e")["drive_gains_Nm_per_A"]["identified_by_authors"]
+    def gains(name: str) -> ci.PDGains:
+        return ci.PDGains(meta(name)["kp"], meta(name)["kd"])
+
+    amperes = meta("ur10e")["drive_gains_Nm_per_A"]["identified_by_authors"]
     tiago = meta("tiago")["joints"]
     return (
-        Robot("ur10e", "ur10e.urdf", CURRENTS, gains=tuple(gains)),
+        Robot("ur10e", "ur10e.urdf", CURRENTS, torque_gain=tuple(amperes)),
         Robot("kuka_kr300", "kr300.urdf", MEASURED),
         Robot("staubli_tx40", "tx40.urdf", POSITIONS),
         # The recorded velocity lags, and only four joints report their torque.
@@ -84,10 +92,13 @@ def robots(folder: Path) -> tuple[Robot, ...]:
             torque_joints=tuple(f"arm_{k}_joint" for k in range(1, 5)),
         ),
         Robot(
-            "unitree_go2", "go2.xml", MEASURED, Selection(base="base"), commanded=True
+            "unitree_go2",
+            "go2.xml",
+            COMMANDED,
+            Selection(base="base"),
+            gains=gains("unitree_go2"),
         ),
-        # The gripper's velocity is recorded as zero while it moves.
-        Robot("unitree_z1", "z1.xml", POSITIONS, commanded=True),
+        Robot("unitree_z1", "z1.xml", COMMANDED, gains=gains("unitree_z1")),
     )
 
 
@@ -99,18 +110,13 @@ def recordings(folder: Path, robot: Robot) -> Iterator[Path]:
 
 
 def completed(robot: Robot, path: Path, folder: Path, into: Path) -> Path:
-    """Write what a user would: joints' names, torque of PD control, no bad velocity."""
+    """Write what a user would: joints' names, and no bad velocity."""
     import pandas as pd
 
     table = pd.read_parquet(path)
     for i, joint in enumerate(robot.joints, start=1):
         names = {f"{channel}{i}": f"{channel}_{joint}" for channel in ("q", "tau")}
         table = table.rename(columns=names)
-    if robot.commanded:
-        meta = json.loads((folder / robot.name / "meta.json").read_text())
-        for i, (kp, kd) in enumerate(zip(meta["kp"], meta["kd"], strict=True), 1):
-            wanted = table[f"qdes{i}"] - table[f"q{i}"]
-            table[f"tau{i}"] = kp * wanted - kd * table[f"dq{i}"]
     if "velocity" not in robot.columns:
         table = table.drop(columns=[c for c in table if c.startswith("dq")])
     written = into / path.name
@@ -126,7 +132,8 @@ def draft_of(robot: Robot, folder: Path, path: Path) -> Draft:
         columns=robot.columns,
         torque_joints=robot.torque_joints,
         selection=robot.selection,
-        torque_gain=robot.gains,
+        torque_gain=robot.torque_gain,
+        gains=robot.gains,
     )
 
 

@@ -55,6 +55,28 @@ def test_a_clean_log_is_not_accused(seed):
     assert _diagnosed(clean_log(seed)).suspicious == ()
 
 
+def _held(load, breakaway):
+    """Return the torque of drives that friction spares every change that it can."""
+    held = load.copy()
+    for k in range(1, len(load)):
+        held[k] = np.clip(held[k - 1], load[k] - breakaway, load[k] + breakaway)
+    return held
+
+
+def test_friction_that_holds_joints_at_rest_contradicts_no_model():
+    case, still = clean_case(2), [0, 2, 3]
+    sine, cosine = case.motion.sine.copy(), case.motion.cosine.copy()
+    sine[still] = cosine[still] = 0.0
+    alone = replace(case, motion=replace(case.motion, sine=sine, cosine=cosine))
+    log = logs().logged(alone, logs().times(), np.random.default_rng(0))
+    # Joints at rest carry what joint 2 does to them, or their friction does.
+    torque = log.torque.copy()
+    torque[:, still] = _held(torque[:, still], 3.0)
+    found = _diagnosed(replace(log, torque=torque))
+    assert found.faults == ()
+    assert found.of("model does not explain") == ()
+
+
 @pytest.mark.parametrize(
     "fault",
     [
