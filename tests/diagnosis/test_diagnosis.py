@@ -145,6 +145,24 @@ def test_a_lag_is_measured_with_its_sign(late):
     assert words and ("later" if late > 0 else "earlier") in words[0]
 
 
+def _bent(log):
+    """Return a log with Dahl's friction, which builds up as bristles bend."""
+    level, stiffness = 40.0, 400.0  # N m, N m/rad: half of it after 0.07 rad
+    torque, now = log.torque.copy(), np.zeros(4)
+    for k, step in enumerate(np.diff(log.position, axis=0), start=1):
+        now = np.clip(
+            now + stiffness * step * (1.0 - np.sign(step) * now / level), -level, level
+        )
+        torque[k] += now
+    return replace(log, torque=torque)
+
+
+@pytest.mark.parametrize("seed", [2, 4])
+def test_friction_that_builds_up_is_no_lag(seed):
+    fit = estimate_lag(_estimated(seed, _bent))
+    assert abs(fit.solution[0]) < 3.0 * fit.errors[0]
+
+
 def _fitted(A, z):
     return jackknife(A, z).fitted(list(range(A.shape[2])))
 
