@@ -7,7 +7,7 @@ import numpy as np
 from consistent_id._support.arrays import BoolArray, Vector
 from consistent_id.diagnosis.findings import Finding
 from consistent_id.recordings.recording import Recording
-from consistent_id.recordings.signals.masks import saturated
+from consistent_id.recordings.signals.masks import saturated, standstill
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.data_rank import excitation_of
 from consistent_id.regression.regression import build_regression
@@ -15,6 +15,7 @@ from consistent_id.regression.regressor import TorqueModel
 
 _STILL = 0.02  # of a joint's largest velocity, below which it stands
 _IDLE = 0.2  # share of samples with all joints at rest that is worth a warning
+_RESTS = 0.9  # share of samples at rest of a joint that only goes to where it stays
 _PINNED = 5  # samples at a limit that are worth a word
 _SMALL, _SLOW = 0.05, 0.1  # rad or m; rad/s or m/s, of the joint that moves most
 _BRIEF = 3.0  # s, below which a log may be too short for its motion to turn back
@@ -44,6 +45,24 @@ def standstill_findings(recording: Recording) -> list[Finding]:
             share / _IDLE,
         )
     ]
+
+
+def in_motion(model: TorqueModel, prepared: Recording) -> TorqueModel:
+    """Return a model with the torque of those joints alone that move in a log.
+
+    Friction holds a joint at rest with whatever is needed, up to its breakaway torque.
+    No law of velocity gives that torque, and so it contradicts no model.
+
+    Parameters
+    ----------
+    model : TorqueModel
+    prepared : Recording
+        With velocity, filtered.
+    """
+    rests = standstill(prepared.of(model.robot.joint_names)).mean(axis=0) > _RESTS
+    resting = np.array(model.robot.joint_names)[rests]
+    moving = tuple(name for name in model.torque_joints if name not in resting)
+    return replace(model, torque_joints=moving or model.torque_joints)
 
 
 def saturation_findings(recording: Recording) -> list[Finding]:

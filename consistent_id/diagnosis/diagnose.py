@@ -14,6 +14,7 @@ from consistent_id.diagnosis.clock import clock_findings, velocity_findings
 from consistent_id.diagnosis.corrections import corrections
 from consistent_id.diagnosis.coverage import (
     extent_findings,
+    in_motion,
     rank_findings,
     saturation_findings,
     standstill_findings,
@@ -146,7 +147,10 @@ def _of_all(open_: Sequence[_Open]) -> list[Finding]:
     What explains a log stands before what is odd about it; about a log that no robot
     explains, a small lag means nothing.
     """
-    shifts = _shifts(open_)
+    alike: dict[tuple[str, ...], list[FittedLog]] = {}
+    for one in open_:
+        alike.setdefault(one.as_is.factors.model.torque_joints, []).append(one.as_is)
+    shifts = [finding for logs in alike.values() for finding in _shifts(logs)]
     shown = any(f.severity == "fault" for f in shifts)
     lost = not shown and any(f.severity == "fault" for o in open_ for f in o.odd)
     found = [f for f in shifts if not (lost and f.severity == "warning")]
@@ -165,7 +169,6 @@ def _of_one(
     prepare: Prepare,
 ) -> list[Finding] | _Open:
     """Return what is found in one recording: of signals first, of their sense last."""
-    torque = log.of(model.torque_joints)
     clock = clock_findings(log)
     if clock:
         return clock
@@ -183,6 +186,10 @@ def _of_one(
         return found
     if not ranks:  # else some columns are noise alone, as that finding says
         found += motion_noise_findings(model, log, prepare, base, prepared=whole)
+    moving = in_motion(model, prepared)
+    if moving.torque_joints != model.torque_joints:
+        model, base = moving, base_parameters(moving)
+    torque = log.of(model.torque_joints)
     found += spike_findings(torque) + noise_findings(torque)
     coarse = resolution_findings(log, torque)
     stepped = {f.where for f in coarse}
@@ -249,9 +256,11 @@ def _dynamic(
     return _Open(as_is, (), tuple(excuse or [*missing, *channel]))
 
 
-def _shifts(open_: Sequence[_Open]) -> list[Finding]:
-    """Return zeros and gains that are off in all logs together, and each log's lag."""
-    logs = [o.as_is for o in open_]
+def _shifts(logs: Sequence[FittedLog]) -> list[Finding]:
+    """Return zeros and gains that are off in all logs together, and each log's lag.
+
+    The same joints move in all of them.
+    """
     model = logs[0].factors.model
     try:
         moved = moved_channels(

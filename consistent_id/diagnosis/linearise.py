@@ -35,8 +35,10 @@ class Linearised:
     Parameters
     ----------
     factors : Jackknife
-        Columns of the lag, of the joints' zeros, and of the gains of the torque joints;
-        base parameters and friction are eliminated.
+        Columns of friction that builds up, of the lag, of the joints' zeros, and of the
+        gains of the torque joints; base parameters and friction are eliminated.
+    building_up : int
+        Number of columns of friction that builds up.
     joints : int
         Number of joints.
     quickness : float, [1/s]
@@ -44,13 +46,26 @@ class Linearised:
     """
 
     factors: Jackknife
+    building_up: int
     joints: int
     quickness: float
 
     @property
     def without_lag(self) -> Jackknife:
         """Columns of zeros and gains, the lag eliminated."""
-        return self.factors.without(1)
+        whole, *others = (
+            F[:, self.building_up :] for F in (self.factors.whole, *self.factors.others)
+        )
+        return Jackknife(whole, tuple(others)).without(1)
+
+    @property
+    def with_lag(self) -> Jackknife:
+        """Columns of lag, zeros and gains, friction that builds up eliminated.
+
+        Bristles and teeth bend first where a joint turns back.  By this friction comes
+        late, and nothing else: a lag has to show in the rest of the torque.
+        """
+        return self.factors.without(self.building_up)
 
 
 def linearised(
@@ -77,9 +92,11 @@ def linearised(
     torque = np.asarray(driven.torque).T
     predicted = np.einsum("jps,p->js", columns, x)
     lag = -np.gradient(predicted, 1.0 / rate, axis=1)
-    friction = _of_own_row(_frictions(np.asarray(driven.velocity).T, predicted))
+    speed = np.asarray(driven.velocity).T
+    friction = _of_own_row(_frictions(speed, predicted))
     known = [columns[:, list(base.independent)], friction]
-    unknown = [lag[:, None], _by_position(model, x, *states)]
+    late = _of_own_row(np.gradient(_frictions(speed, predicted), axis=2))
+    unknown = [late, lag[:, None], _by_position(model, x, *states)]
     gains = _of_own_row(predicted[:, None])
     rows = np.concatenate([*known, *unknown, gains, torque[:, None]], axis=1)
     cutoff = _BAND * _bandwidth(states[1], rate)
@@ -90,7 +107,7 @@ def linearised(
     factors = jackknife(rows[:, :, :-1], rows[:, :, -1], phase).without(count)
     sizes = np.maximum(np.linalg.norm(torque, axis=1), 1e-300)
     quickness = np.sqrt(np.mean((np.linalg.norm(lag, axis=1) / sizes) ** 2))
-    return Linearised(factors, len(model.robot), float(quickness))
+    return Linearised(factors, late.shape[1], len(model.robot), float(quickness))
 
 
 def _phase(recording: Recording) -> Vector | None:

@@ -80,7 +80,7 @@ def estimate_shifts(system: Jackknife, beside: tuple[int, ...] = ()) -> Shifts:
 
 def estimate_lag(system: Linearised, beside: Sequence[int] = ()) -> Fitted:
     """Fit the lag, first of the solution, beside some zeros and gains."""
-    return system.factors.fitted([0, *(k + 1 for k in beside)])
+    return system.with_lag.fitted([0, *(k + 1 for k in beside)])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

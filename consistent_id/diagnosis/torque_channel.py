@@ -197,6 +197,8 @@ def _common_gain(p: TorqueParts) -> list[Finding]:
         if 1 / _UNIT < gain / unit < _UNIT:
             statement = f"all torques are {gain:.3g} times the model's: they are {name}"
             return [_gain("torque unit", "fault", "all joints", statement, 1 / unit, p)]
+    if gain > 1.0 and not len(_heavy(p)):
+        return []
     statement = (
         f"all torques are {gain:.3g} times the model's: a gain or a gear ratio is "
         "missing, or all masses of the model are wrong by this factor"
@@ -209,8 +211,7 @@ def _currents(p: TorqueParts) -> list[Finding]:
     slopes = p.whole[p.whole_shown]
     if len(slopes) < 2 or not _explained(p) or not (slopes > 0.0).all():
         return []
-    # Rotors of geared motors raise the inertial part, and nothing raises gravity.
-    heavy = p.gravity[p.gravity_shown & p.whole_shown]
+    heavy = _heavy(p)
     above = len(heavy) > 0 and bool((heavy > _FAR).all())
     far = (slopes < 1.0 / _FAR).all() or (above and (slopes > _FAR).all())
     sure = (p.whole_error <= _CLEAR * abs(p.whole))[p.whole_shown].all()
@@ -230,6 +231,14 @@ def _currents(p: TorqueParts) -> list[Finding]:
             float(_FAR),
         )
     ]
+
+
+def _heavy(p: TorqueParts) -> Vector:
+    """Return the slopes on gravity by which a gain above one can be told.
+
+    Rotors of geared motors raise the inertial part, and nothing raises gravity.
+    """
+    return p.gravity[p.gravity_shown & p.whole_shown]
 
 
 def _agreeing(p: TorqueParts) -> BoolArray:

@@ -55,6 +55,28 @@ def test_a_clean_log_is_not_accused(seed):
     assert _diagnosed(clean_log(seed)).suspicious == ()
 
 
+def _held(load, breakaway):
+    """Return the torque of drives that friction spares every change that it can."""
+    held = load.copy()
+    for k in range(1, len(load)):
+        held[k] = np.clip(held[k - 1], load[k] - breakaway, load[k] + breakaway)
+    return held
+
+
+def test_friction_that_holds_joints_at_rest_contradicts_no_model():
+    case, still = clean_case(2), [0, 2, 3]
+    sine, cosine = case.motion.sine.copy(), case.motion.cosine.copy()
+    sine[still] = cosine[still] = 0.0
+    alone = replace(case, motion=replace(case.motion, sine=sine, cosine=cosine))
+    log = logs().logged(alone, logs().times(), np.random.default_rng(0))
+    # Joints at rest carry what joint 2 does to them, or their friction does.
+    torque = log.torque.copy()
+    torque[:, still] = _held(torque[:, still], 3.0)
+    found = _diagnosed(replace(log, torque=torque))
+    assert found.faults == ()
+    assert found.of("model does not explain") == ()
+
+
 @pytest.mark.parametrize(
     "fault",
     [
@@ -121,6 +143,24 @@ def test_a_lag_is_measured_with_its_sign(late):
     assert lag == pytest.approx(late / 200.0, rel=0.2)
     words = [f.statement for f in _diagnosed(delayed(clean_log(4))).of("lag")]
     assert words and ("later" if late > 0 else "earlier") in words[0]
+
+
+def _bent(log):
+    """Return a log with Dahl's friction, which builds up as bristles bend."""
+    level, stiffness = 40.0, 400.0  # N m, N m/rad: half of it after 0.07 rad
+    torque, now = log.torque.copy(), np.zeros(4)
+    for k, step in enumerate(np.diff(log.position, axis=0), start=1):
+        now = np.clip(
+            now + stiffness * step * (1.0 - np.sign(step) * now / level), -level, level
+        )
+        torque[k] += now
+    return replace(log, torque=torque)
+
+
+@pytest.mark.parametrize("seed", [2, 4])
+def test_friction_that_builds_up_is_no_lag(seed):
+    fit = estimate_lag(_estimated(seed, _bent))
+    assert abs(fit.solution[0]) < 3.0 * fit.errors[0]
 
 
 def _fitted(A, z):

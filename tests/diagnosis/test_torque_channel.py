@@ -66,6 +66,14 @@ def test_rotor_inertia_beside_little_gravity_is_no_motor_current():
     assert _said(lambda g, i, f: 0.1 * g + i * [6.0, 5.0, 6.0, 8.0] + 2.0 * f) == []
 
 
+def test_rotors_that_are_alike_are_no_gain():
+    # Level joints carry no weight: equal rotors show in them as a gain would.
+    model, motion, _, inertial, friction = _parts()
+    level = replace(model, robot=replace(model.robot, gravity=np.zeros(3)))
+    log = replace(motion, torque=3.0 * inertial + friction)
+    assert channel_findings(torque_parts(level, log)) == []
+
+
 def test_the_slopes_of_the_parts_are_those_with_which_they_were_added():
     model, motion, gravity, inertial, friction = _parts()
     log = replace(motion, torque=0.6 * gravity + 1.4 * inertial + friction)
