@@ -15,6 +15,7 @@ from consistent_id._support.tables import Table
 from consistent_id.errors import InfeasibleError, ProblemError
 from consistent_id.excitation.design_record import design_record, design_tables
 from consistent_id.excitation.figure import design_figure
+from consistent_id.excitation.interest import parameters_named
 from consistent_id.excitation.playable import TRAINING, VALIDATION, PlayableDesign
 from consistent_id.excitation.replay import write_replay
 from consistent_id.excitation.request import design_request
@@ -115,6 +116,7 @@ def replay_design(problem: Problem, playable: PlayableDesign, folder: Path) -> P
 def planned_tables(problem: Problem) -> list[Table]:
     """Return what `playable_design` would design, for people, without a search."""
     request = design_request(problem)
+    parameters_named(problem.model.layout, request.aim.interest)
     required = demands(problem.model, request.limits, scene=request.scene)
     return request_tables(problem.model, request, required)
 
