@@ -28,7 +28,7 @@ def parameters_named(layout: ParameterLayout, words: Sequence[str]) -> tuple[int
     --------
     >>> layout = ParameterLayout(("arm",), (("elbow", "viscous"),), ("N m s/rad",))
     >>> parameters_named(layout, ["elbow", "arm.I*z"])
-    (6, 8, 9, 10)
+    (7, 8, 9, 10)
     """
     found: set[int] = set()
     for word in words:

@@ -21,7 +21,7 @@ from consistent_id.excitation.replay import write_replay
 from consistent_id.excitation.request import design_request
 from consistent_id.excitation.request_tables import request_tables
 from consistent_id.excitation.verification import demands
-from consistent_id.motion.files import write_trajectory
+from consistent_id.motion.files import follow, write_trajectory
 from consistent_id.motion.files.files import FORMAT_OF_ENDING
 from consistent_id.motion.files.urscript import UR_RATES
 from consistent_id.problems.problem import Problem
@@ -32,6 +32,8 @@ FORMATS = ("csv", "yaml")
 """Endings of the files of samples that are written by default."""
 
 REPLAY = "replay.html"
+CLIENT = "follow.py"
+"""Script that plays ``yaml`` files on ROS 2, written beside them."""
 
 
 def write_design(
@@ -55,6 +57,9 @@ def write_design(
                 file = folder / f"{name}.{ending}"
                 rate = _rate_of(ending, playable.design.aim.rate)
                 written.append(write_trajectory(move, file, rate=rate))
+        if "yaml" in formats:
+            script = Path(follow.__file__).read_text(encoding="utf-8")
+            written.append(write_atomically(folder / CLIENT, script))
         figure = design_figure(playable.design)
         written.append(save_figure(figure, folder / "excitation.png"))
         text = json.dumps(playable_record(playable), indent=1, allow_nan=False)
@@ -66,6 +71,7 @@ def require_places(folder: Path, formats: Sequence[str]) -> None:
     """Refuse a folder in which `write_design` could not write in the end."""
     motions = (TRAINING, VALIDATION)
     names = [f"{name}.{end}" for name in motions for end in ("json", *formats)]
+    names += [CLIENT] * ("yaml" in formats)
     require_writable(folder, ["excitation.png", "excitation.json", *names])
 
 

@@ -48,6 +48,7 @@ def test_a_robot_alone_gets_a_motion_and_a_problem_file(urdf, tmp_path, capsys):
     assert main([str(word) for word in call]) == 0
     record = json.loads(capsys.readouterr().out)
     assert record["limits"]["acceleration"] == [5.0, 5.0]
+    assert {"trajectory.yaml", "follow.py"} <= {file.name for file in folder.iterdir()}
     assert record["form"]["duration_s"] == 6.0
     assert record["stages"][-1]["proven"]
     # Noise is assumed: half a percent of the effort limits.
