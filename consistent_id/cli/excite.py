@@ -63,7 +63,7 @@ def add_excite(commands: Any) -> None:
         default="csv,yaml",
         metavar="ENDINGS",
         help="files of samples: csv, yaml (ROS), parquet, npz, script (Universal "
-        "Robots), by commas (default: csv,yaml)",
+        "Robots), rsi (KUKA), franka, by commas (default: csv,yaml)",
     )
     command.add_argument(
         "--replay",

@@ -22,8 +22,8 @@ from consistent_id.excitation.request import design_request
 from consistent_id.excitation.request_tables import request_tables
 from consistent_id.excitation.verification import demands
 from consistent_id.motion.files import follow, write_trajectory
+from consistent_id.motion.files.cycles import CYCLES, cycle_of
 from consistent_id.motion.files.files import FORMAT_OF_ENDING
-from consistent_id.motion.files.urscript import UR_RATES
 from consistent_id.problems.problem import Problem
 from consistent_id.report.figures import save_figure
 from consistent_id.robot.parameters import did_you_mean
@@ -76,10 +76,11 @@ def require_places(folder: Path, formats: Sequence[str]) -> None:
 
 
 def _rate_of(ending: str, rate: float) -> float:
-    """Return the rate of a file's samples: a UR's controller has its own."""
-    if ending not in ("script", "urscript") or rate in UR_RATES:
+    """Return the rate of a file's samples: controllers have their own."""
+    form = FORMAT_OF_ENDING[f".{ending}"]
+    if form not in CYCLES:
         return rate
-    return UR_RATES[0]
+    return cycle_of(form, rate) or CYCLES[form][0]
 
 
 def checked_formats(text: str) -> tuple[str, ...]:
