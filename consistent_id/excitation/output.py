@@ -6,6 +6,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from numpy.typing import ArrayLike
+
 from consistent_id._support.files import (
     require_writable,
     together,
@@ -120,11 +122,13 @@ def replay_design(problem: Problem, playable: PlayableDesign, folder: Path) -> P
     )
 
 
-def planned_tables(problem: Problem) -> list[Table]:
+def planned_tables(
+    problem: Problem, parameters: ArrayLike | None = None
+) -> list[Table]:
     """Return what `playable_design` would design, for people, without a search."""
     request = design_request(problem)
     parameters_named(problem.model.layout, request.aim.interest)
-    required = demands(problem.model, request.limits, scene=request.scene)
+    required = demands(problem.model, request.limits, parameters, request.scene)
     return request_tables(problem.model, request, required)
 
 
