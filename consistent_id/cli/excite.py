@@ -59,11 +59,20 @@ def add_excite(commands: Any) -> None:
         help="count the information of the problem's training recordings",
     )
     command.add_argument(
+        "--parameters",
+        type=Path,
+        nargs="+",
+        default=(),
+        metavar="ESTIMATE",
+        help="estimates that identify wrote, such as delivered.json: torque limits are "
+        "kept by the worst of them, in place of the robot's file without friction",
+    )
+    command.add_argument(
         "--format",
         default="csv,yaml",
         metavar="ENDINGS",
         help="files of samples: csv, yaml (ROS), parquet, npz, script (Universal "
-        "Robots), by commas (default: csv,yaml)",
+        "Robots), rsi (KUKA), franka, by commas (default: csv,yaml)",
     )
     command.add_argument(
         "--replay",
@@ -82,22 +91,27 @@ def _excite(options: argparse.Namespace) -> Answer:
     from consistent_id.excitation import output
     from consistent_id.excitation.playable import TRAINING, playable_design
     from consistent_id.excitation.replay import require_viewer
-    from consistent_id.excitation.sources import problem_to_excite
+    from consistent_id.excitation.sources import (
+        estimated_parameters,
+        problem_to_excite,
+    )
     from consistent_id.robot.chains import Selection
 
     formats = output.checked_formats(options.format)
     part = Selection(options.base, options.tip)
     problem = problem_to_excite(options.problem, motion_changes(options), part)
+    parameters = estimated_parameters(problem, options.parameters)
     folder = options.output or Path("results") / problem.name
     if options.replay:
         require_viewer(folder / output.REPLAY)
     if options.dry_run:
-        plan = output.planned_tables(problem)
+        plan = output.planned_tables(problem, parameters)
         text = "\n\n".join(table.text() for table in plan)
         return Answer(0, text, [asdict(table) for table in plan])
     output.require_places(folder, formats)
     playable = playable_design(
         problem,
+        parameters=parameters,
         starts=options.starts,
         time_limit=options.time_limit,
         seed=options.seed,

@@ -7,6 +7,7 @@ from consistent_id.cli.options import positive
 
 _KEYS = (
     "objective",
+    "interest",
     "duration",
     "harmonics",
     "noise",
@@ -34,6 +35,13 @@ def add_motion_options(command: argparse.ArgumentParser) -> None:
     asked.add_argument(
         "--harmonics", type=int, help="number (default: several are tried)"
     )
+    asked.add_argument(
+        "--interest",
+        type=_words,
+        metavar="NAMES",
+        help="parameters that matter, by commas: of links, joints, or one by one, such "
+        "as 'tool,*.viscous' (default: all)",
+    )
     for name, unit, text in (
         ("duration", "SECONDS", "of the motion (default: 10)"),
         ("noise", "NUMBER", "of each torque, in N m or N (default: 0.5 %% of effort)"),
@@ -47,6 +55,11 @@ def add_motion_options(command: argparse.ArgumentParser) -> None:
     asked.add_argument(
         "--ground", type=float, metavar="METRES", help="height of a floor to keep off"
     )
+
+
+def _words(text: str) -> list[str]:
+    """Return what commas separate."""
+    return [word.strip() for word in text.split(",")]
 
 
 def add_part(command: argparse.ArgumentParser) -> None:

@@ -15,6 +15,7 @@ from consistent_id._support.tables import Table
 from consistent_id._support.threads import single_threaded
 from consistent_id.errors import NotExcitedError, ProblemError
 from consistent_id.excitation.aims import Aim
+from consistent_id.excitation.interest import places_of_interest
 from consistent_id.recordings.paths import JointPath
 from consistent_id.regression.base import (
     BaseParameters,
@@ -55,6 +56,8 @@ class PredictedAccuracy:
         earlier recordings, or those in the aim's correlation time.
     noise_note : str
         What noise is taken to be.
+    interest : tuple of int
+        Places of the base parameters that the motion is for; of none, all.
     """
 
     base: BaseParameters
@@ -65,6 +68,7 @@ class PredictedAccuracy:
     unit_noise: bool
     correlation: float = 1.0
     noise_note: str = ""
+    interest: tuple[int, ...] = ()
 
     def standard_errors(self, repetitions: float = 1.0) -> Vector:
         """Return the standard error of each base parameter, in its own unit.
@@ -161,16 +165,20 @@ class PredictedAccuracy:
         layout = self.base.layout
         unit = " per N m of noise" if self.unit_noise else ""
         errors = self.standard_errors()
+        names, leaders = self.base.names, self.base.independent
+        shown = self.interest or range(len(names))
+        others = (
+            f"of the parameters of interest; the other {len(names) - len(shown)} are "
+            "unknown too",
+        )
         return Table(
             "Predicted standard errors, one repetition",
             ("base parameter, led by", f"standard error{unit}", "unit"),
             tuple(
-                (name, f"{error:.3g}", layout.units[i])
-                for name, error, i in zip(
-                    self.base.names, errors, self.base.independent, strict=True
-                )
+                (names[k], f"{errors[k]:.3g}", layout.units[leaders[k]]) for k in shown
             ),
             (
+                *others * bool(self.interest),
                 f"condition number {self.condition}",
                 f"identified worst: {self.weakest} (in units of the columns' norms)",
                 self.noise_note,
@@ -219,6 +227,7 @@ def predicted_accuracy(
         unit_noise=aim.noise is None,
         correlation=_correlation(aim),
         noise_note=_noise_note(aim),
+        interest=places_of_interest(base, aim.interest),
     )
 
 

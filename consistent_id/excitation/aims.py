@@ -119,6 +119,10 @@ class Aim:
         Motion whose torque is to be predicted.
     assumed_noise : bool
         Whether the noise is the default one, which nobody has stated.
+    interest : sequence of str
+        Parameters whose errors D, A and E are of, the others being unknown too: names
+        of parameters, of links or joints for all of theirs, ``*`` for any letters.  By
+        default all.
     """
 
     objective: Objective = "D"
@@ -132,6 +136,7 @@ class Aim:
     earlier: Regression | Sequence[Regression] = ()
     task: Recording | None = None
     assumed_noise: bool = False
+    interest: Sequence[str] = ()
 
     def __post_init__(self) -> None:
         for name in ("objective", "refine"):
@@ -167,6 +172,21 @@ class Aim:
         if not isinstance(self.noise, dict | None):
             _noise(self.noise)
         _require_regressions(self.earlier)
+        self._require_interest()
+
+    def _require_interest(self) -> None:
+        words = self.interest
+        if isinstance(words, str) or not all(isinstance(word, str) for word in words):
+            raise ProblemError(
+                f"interest is {words!r}, expected a list of names, such as "
+                "['tool', 'elbow.viscous']"
+            )
+        freeze(self, interest=tuple(words))
+        if words and not {"D", "A", "E"} & set(self.objectives):
+            raise ProblemError(
+                "interest is in the errors of some parameters, but the objective is "
+                f"{', '.join(self.objectives)}; choose D, A or E"
+            )
 
     def noise_of(self, joints: tuple[str, ...]) -> Vector:
         """Return the noise of the named joints [N m or N].

@@ -10,9 +10,11 @@ functions of the eigenvalues ``l_i`` of ``M``:
 - E: ``(1/2p) log sum l^-p``, which tends to that of the largest standard error;
 - predicted torque error on a task with regressor ``V``:
   ``(1/2) log trace(V^T V M^-1)``.
+
+D, A and E of some parameters alone are those of their Schur complement in ``M``.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
@@ -146,6 +148,29 @@ def scaled(criterion: Criterion, scaling: Scaling) -> Criterion:
         return Value(value, s[:, None] * G * s - shrink)
 
     return of_unit_columns
+
+
+def of_some(criterion: Criterion, places: Sequence[int]) -> Criterion:
+    """Return the criterion of some parameters, whatever the others are (D_s, A_s, E_s).
+
+    It is that of the information that is left for them, the Schur complement
+    ``C = T M T^T`` with ``T = [1, -M_so M_oo^-1]``, in the order some, others; its
+    inverse is their covariance, and ``df/dM = T^T G T`` where ``G = df/dC``.
+    """
+    some = np.array(places, dtype=int)
+
+    def of_complement(M: Matrix) -> Value:
+        others = np.setdiff1d(np.arange(len(M)), some)
+        T = np.zeros((len(some), len(M)))
+        T[range(len(some)), some] = 1.0
+        if len(others):
+            logs, vectors = _spectrum(M[np.ix_(others, others)])
+            shared = M[np.ix_(some, others)] @ vectors
+            T[:, others] = -(shared * np.exp(-logs)) @ vectors.T
+        value, G = criterion(T @ M @ T.T)
+        return Value(value, T.T @ G @ T)
+
+    return of_complement
 
 
 class _Soft(NamedTuple):

@@ -22,6 +22,7 @@ from consistent_id.excitation.aims import Aim, PathForm
 from consistent_id.excitation.default_noise import with_default_noise
 from consistent_id.excitation.designed import ExcitationDesign, Stage
 from consistent_id.excitation.forms import forms_to_try
+from consistent_id.excitation.interest import base_for
 from consistent_id.excitation.relative_accuracy import (
     RelativeAccuracy,
     relative_accuracy,
@@ -37,7 +38,6 @@ from consistent_id.excitation.verification import demands
 from consistent_id.excitation.work import Meter
 from consistent_id.motion.collisions.scene import Scene
 from consistent_id.motion.limits import MotionLimits, motion_limits
-from consistent_id.regression.base import base_parameters
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.model import RobotModel
 
@@ -109,7 +109,7 @@ def design_trajectory(
     aim = with_default_noise(aim or Aim(), model, limits)
     for one in forms:
         _require_long_enough(one, aim, limits)
-    base = base_parameters(model)
+    base = base_for(model, aim.interest)
     problems = {
         one: search_problem(model, base, one, aim, limits, required.guards, seed=seed)
         for one in forms

@@ -49,6 +49,7 @@ def design_record(
         "aim": {
             "objective": aim.objective,
             "refine": aim.objectives[1] if len(aim.objectives) == 2 else None,
+            "interest": list(aim.interest),
             "growth": aim.growth,
             "condition_at_most": aim.condition_at_most,
             "column_scaling": aim.scaling,

@@ -6,6 +6,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from numpy.typing import ArrayLike
+
 from consistent_id._support.files import (
     require_writable,
     together,
@@ -15,14 +17,15 @@ from consistent_id._support.tables import Table
 from consistent_id.errors import InfeasibleError, ProblemError
 from consistent_id.excitation.design_record import design_record, design_tables
 from consistent_id.excitation.figure import design_figure
+from consistent_id.excitation.interest import parameters_named
 from consistent_id.excitation.playable import TRAINING, VALIDATION, PlayableDesign
 from consistent_id.excitation.replay import write_replay
 from consistent_id.excitation.request import design_request
 from consistent_id.excitation.request_tables import request_tables
 from consistent_id.excitation.verification import demands
-from consistent_id.motion.files import write_trajectory
+from consistent_id.motion.files import follow, write_trajectory
+from consistent_id.motion.files.cycles import CYCLES, cycle_of
 from consistent_id.motion.files.files import FORMAT_OF_ENDING
-from consistent_id.motion.files.urscript import UR_RATES
 from consistent_id.problems.problem import Problem
 from consistent_id.report.figures import save_figure
 from consistent_id.robot.parameters import did_you_mean
@@ -31,6 +34,8 @@ FORMATS = ("csv", "yaml")
 """Endings of the files of samples that are written by default."""
 
 REPLAY = "replay.html"
+CLIENT = "follow.py"
+"""Script that plays ``yaml`` files on ROS 2, written beside them."""
 
 
 def write_design(
@@ -54,6 +59,9 @@ def write_design(
                 file = folder / f"{name}.{ending}"
                 rate = _rate_of(ending, playable.design.aim.rate)
                 written.append(write_trajectory(move, file, rate=rate))
+        if "yaml" in formats:
+            script = Path(follow.__file__).read_text(encoding="utf-8")
+            written.append(write_atomically(folder / CLIENT, script))
         figure = design_figure(playable.design)
         written.append(save_figure(figure, folder / "excitation.png"))
         text = json.dumps(playable_record(playable), indent=1, allow_nan=False)
@@ -65,14 +73,16 @@ def require_places(folder: Path, formats: Sequence[str]) -> None:
     """Refuse a folder in which `write_design` could not write in the end."""
     motions = (TRAINING, VALIDATION)
     names = [f"{name}.{end}" for name in motions for end in ("json", *formats)]
+    names += [CLIENT] * ("yaml" in formats)
     require_writable(folder, ["excitation.png", "excitation.json", *names])
 
 
 def _rate_of(ending: str, rate: float) -> float:
-    """Return the rate of a file's samples: a UR's controller has its own."""
-    if ending not in ("script", "urscript") or rate in UR_RATES:
+    """Return the rate of a file's samples: controllers have their own."""
+    form = FORMAT_OF_ENDING[f".{ending}"]
+    if form not in CYCLES:
         return rate
-    return UR_RATES[0]
+    return cycle_of(form, rate) or CYCLES[form][0]
 
 
 def checked_formats(text: str) -> tuple[str, ...]:
@@ -112,10 +122,13 @@ def replay_design(problem: Problem, playable: PlayableDesign, folder: Path) -> P
     )
 
 
-def planned_tables(problem: Problem) -> list[Table]:
+def planned_tables(
+    problem: Problem, parameters: ArrayLike | None = None
+) -> list[Table]:
     """Return what `playable_design` would design, for people, without a search."""
     request = design_request(problem)
-    required = demands(problem.model, request.limits, scene=request.scene)
+    parameters_named(problem.model.layout, request.aim.interest)
+    required = demands(problem.model, request.limits, parameters, request.scene)
     return request_tables(problem.model, request, required)
 
 

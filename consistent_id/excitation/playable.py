@@ -3,6 +3,8 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
+from numpy.typing import ArrayLike
+
 from consistent_id.errors import InfeasibleError, ProblemError
 from consistent_id.excitation.aims import Aim
 from consistent_id.excitation.design import design_trajectory
@@ -46,6 +48,7 @@ class PlayableDesign:
 def playable_design(
     problem: Problem,
     *,
+    parameters: ArrayLike | None = None,
     starts: int = 4,
     time_limit: float = 10.0,
     seed: int = 0,
@@ -58,7 +61,7 @@ def playable_design(
     Parameters
     ----------
     problem : Problem
-    starts, time_limit, seed, workers, progress
+    parameters, starts, time_limit, seed, workers, progress
         See `design_trajectory`.
     sequential : bool
         Count the information of the problem's training recordings; where the table
@@ -77,6 +80,7 @@ def playable_design(
         request.forms,
         aim,
         limits=request.limits,
+        parameters=parameters,
         scene=request.scene,
         starts=starts,
         time_limit=time_limit,

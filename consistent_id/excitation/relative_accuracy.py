@@ -18,7 +18,8 @@ class RelativeAccuracy:
     """Standard errors of one repetition beside the parameters of a known robot.
 
     Only base parameters count that make up a hundredth of the torque along the path, in
-    units of its noise: of a parameter near zero no share means anything.
+    units of its noise: of a parameter near zero no share means anything.  Of a motion
+    for some parameters, only those.
 
     Parameters
     ----------
@@ -83,6 +84,8 @@ def relative_accuracy(
     size = np.linalg.norm(accuracy.factor * x, axis=0)
     whole = float(np.linalg.norm(accuracy.factor @ x))
     matters = (size >= _MATTERS * whole) & (abs(x) > 0.0)
+    if accuracy.interest:
+        matters &= np.isin(np.arange(len(x)), accuracy.interest)
     if accuracy.unit_noise or not matters.any():
         return None
     names = tuple(np.array(accuracy.base.names)[matters].tolist())

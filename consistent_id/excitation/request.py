@@ -84,6 +84,7 @@ def design_request(problem: Problem) -> DesignRequest:
         noise=table.noise,
         rate=table.rate,
         correlation_time=table.correlation_time,
+        interest=table.interest,
     )
     scene = requested_scene(problem)
     pose = _pose(table.start_pose, limits) if table.start_pose else None

@@ -27,6 +27,7 @@ def request_tables(
         ("played", "once" if times == 1 else f"{times} times"),
         ("start pose", "any" if pose is None else _pose(pose)),
         ("objective", objectives),
+        *[("for", ", ".join(aim.interest))] * bool(aim.interest),
         ("column scaling", aim.scaling),
         ("noise", "by default" if aim.noise is None else "as given"),
         ("samples", f"{aim.rate:g} Hz"),

@@ -16,10 +16,12 @@ from consistent_id.excitation.criteria import (
     Scaling,
     Value,
     criterion_of,
+    of_some,
     scaled,
 )
 from consistent_id.excitation.guards import Guard
 from consistent_id.excitation.information import PathInformation
+from consistent_id.excitation.interest import places_of_interest
 from consistent_id.excitation.limit_rows import LimitRows, limit_rows
 from consistent_id.excitation.verification import robot_limits
 from consistent_id.excitation.work import Costs, search_costs
@@ -56,6 +58,8 @@ class SearchProblem:
         That the logarithm of the condition number may not exceed.
     seed : int
         Of the random paths that searches begin with.
+    interest : tuple of int
+        Places of the base parameters whose errors matter; of none, all.
     """
 
     information: PathInformation
@@ -67,6 +71,7 @@ class SearchProblem:
     gram: Matrix | None = None
     spread_bound: float = np.inf
     seed: int = 0
+    interest: tuple[int, ...] = ()
 
     @property
     def basis(self) -> FourierBasis:
@@ -107,7 +112,10 @@ class SearchProblem:
         the standard errors that the other objectives measure.
         """
         plain = criterion_of(objective, power, self.gram)
-        return scaled(plain, self.scaling) if objective == "condition" else plain
+        if objective == "condition":
+            return scaled(plain, self.scaling)
+        of_errors = objective in ("D", "A", "E")
+        return of_some(plain, self.interest) if of_errors and self.interest else plain
 
     def value(self, criterion: Criterion, variables: Matrix) -> Value:
         """Return a criterion's value and its gradient in the variables."""
@@ -169,6 +177,7 @@ def search_problem(
         aim.scaling,
         _gram(model, base, aim),
         seed=seed,
+        interest=places_of_interest(base, aim.interest),
     )
 
 

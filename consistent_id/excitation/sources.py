@@ -1,19 +1,23 @@
 """The problem that a motion is designed for: a problem file's, or that of a robot."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 
+from consistent_id._support.arrays import Matrix
 from consistent_id._support.run import require_trusted
+from consistent_id.estimation.estimate import Estimate
 from consistent_id.problems.excitation_tables import ExcitationTable, SceneTable
 from consistent_id.problems.file import ConstraintsTable, read_problem_table
 from consistent_id.problems.folder import problem_files
 from consistent_id.problems.paths import names_outside
 from consistent_id.problems.problem import Problem, load_problem, problem_of
 from consistent_id.problems.robot_draft import ROBOT_ENDINGS, robot_draft
+from consistent_id.regression.base import base_parameters
 from consistent_id.robot.chains import Selection
 
 _LIMITS = ("velocity", "acceleration", "jerk", "effort", "share")
@@ -57,6 +61,31 @@ def problem_to_excite(
     problem = load_problem(file)
     table = msgspec.structs.replace(problem.table, excitation=excitation)
     return replace(problem, table=table)
+
+
+def estimated_parameters(problem: Problem, files: Sequence[Path]) -> Matrix | None:
+    """Return the parameters that estimates of a problem's torque model found.
+
+    Parameters
+    ----------
+    problem : Problem
+    files : sequence of Path
+        Written by `Estimate.save` or ``identify``.
+
+    Returns
+    -------
+    ndarray, shape (files, parameters), or None without files
+
+    Raises
+    ------
+    ProblemError
+        If one is no estimate, or of another torque model.
+    """
+    if not files:
+        return None
+    model = problem.model
+    base = base_parameters(model)
+    return np.array([Estimate.load(f, model, base).parameters for f in files])
 
 
 def changed(table: ExcitationTable, changes: Mapping[str, Any]) -> ExcitationTable:

@@ -81,6 +81,7 @@ class ExcitationTable(Table, frozen=True, kw_only=True):
     periods: Annotated[int, Meta(ge=1)] = 1
     objective: Literal["condition", "D", "A", "E"] = "D"
     refine: Literal["D", "A", "E", "none"] | None = None
+    interest: list[str] = []
     growth: Annotated[float, Meta(ge=1.0)] = 1.5
     condition_at_most: Annotated[float, Meta(ge=1.0)] | None = None
     scaling: Literal["none", "unit columns"] = "none"

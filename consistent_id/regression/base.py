@@ -5,6 +5,7 @@ of the robot.  The independent ones carry the base parameters [Gautier1991]_: wi
 ``W_dep = W_ind K``, torque depends on ``x_ind + K x_dep`` alone.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -14,7 +15,11 @@ from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays
 from consistent_id._support.threads import single_threaded
 from consistent_id.errors import NotExcitedError
 from consistent_id.recordings.base_motion import BaseMotion
-from consistent_id.regression.columns import STRUCTURAL_TOLERANCE, split_at_gap
+from consistent_id.regression.columns import (
+    STRUCTURAL_TOLERANCE,
+    ColumnSplit,
+    split_at_gap,
+)
 from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.parameters import ParameterLayout
@@ -93,20 +98,49 @@ class BaseParameters:
 
 
 @single_threaded
-def base_parameters(model: TorqueModel, *, seed: int = 0) -> BaseParameters:
+def base_parameters(
+    model: TorqueModel, *, seed: int = 0, last: Sequence[int] = ()
+) -> BaseParameters:
     """Find the base parameters of a robot from random motions, deterministically.
 
     Columns are taken from left to right: the first of several dependent ones leads the
     group, as in [Gautier1991]_.  What is independent by a rounded number of the robot's
     file alone is regrouped too, and `BaseParameters.near` says so.
+
+    Parameters
+    ----------
+    model : TorqueModel
+    seed : int
+    last : sequence of int
+        Parameters whose columns are taken after all others: those of them that lead
+        are what can be told of them whatever the others are, and their base
+        parameters hold none of the others.
     """
     W = random_regressor(model, seed=seed)
     columns = np.concatenate(list(W), axis=1).T
-    split, near = split_at_gap(columns, column_kinds(model.layout))
+    kinds = column_kinds(model.layout)
+    order = [*(i for i in range(len(kinds)) if i not in set(last)), *last]
+    found = split_at_gap(columns[:, order], [kinds[i] for i in order])
+    split = _in_places(found.split, np.array(order))
+    near = {order[c]: effect for c, effect in found.near.items()}
     exact = BaseParameters(model.layout, *split, fingerprint=model.fingerprint)
     nearly = ((i, c) for i, c in enumerate(split.dependent) if c in near)
     sentences = [_near_sentence(exact, i, near[c]) for i, c in nearly]
     return replace(exact, near=tuple(sentences))
+
+
+def _in_places(split: ColumnSplit, order: Array) -> ColumnSplit:
+    """Return the split of columns that were taken in an order, by their own places."""
+    independent, dependent = (
+        order[np.array(places, dtype=int)]
+        for places in (split.independent, split.dependent)
+    )
+    rows, columns = np.argsort(independent), np.argsort(dependent)
+    return ColumnSplit(
+        tuple(independent[rows].tolist()),
+        tuple(dependent[columns].tolist()),
+        split.regrouping[np.ix_(rows, columns)],
+    )
 
 
 def _near_sentence(base: BaseParameters, place: int, part: float) -> str:

@@ -2,9 +2,11 @@
 
 import json
 
+import numpy as np
 import pytest
+from estimates import estimate_of
 
-from consistent_id import load_problem
+from consistent_id import load_problem, read_trajectory
 from consistent_id.cli.tool import main
 
 URDF = """
@@ -48,6 +50,7 @@ def test_a_robot_alone_gets_a_motion_and_a_problem_file(urdf, tmp_path, capsys):
     assert main([str(word) for word in call]) == 0
     record = json.loads(capsys.readouterr().out)
     assert record["limits"]["acceleration"] == [5.0, 5.0]
+    assert {"trajectory.yaml", "follow.py"} <= {file.name for file in folder.iterdir()}
     assert record["form"]["duration_s"] == 6.0
     assert record["stages"][-1]["proven"]
     # Noise is assumed: half a percent of the effort limits.
@@ -93,3 +96,49 @@ def test_options_take_the_place_of_keys(tmp_path, capsys):
     assert main([*rx60, "--objective", "D", "--duration", "4"]) == 0
     shown = capsys.readouterr().out
     assert "then D" not in shown and "4 s" in shown
+
+
+WITH_FRICTION = """
+name = "two"
+[model]
+urdf = "two.urdf"
+[drive]
+viscous = true
+[excitation]
+duration = 5.0
+harmonics = 3
+[excitation.limits]
+acceleration = 5.0
+"""
+
+
+@pytest.mark.slow
+def test_torque_limits_are_kept_by_the_worst_of_several_estimates(
+    urdf, tmp_path, capsys
+):
+    file = tmp_path / "problem.toml"
+    file.write_text(WITH_FRICTION)
+    model = load_problem(file).model
+    links = [link.nominal for link in model.robot.links]
+    # At 2 rad/s the second robot needs 30 N m of its second joint's 20.
+    robots = [estimate_of(model, links, [1.0, 3.0]), estimate_of(model, links, [9, 15])]
+    files = [str(one.save(tmp_path / f"{k}.json")) for k, one in enumerate(robots)]
+    call = ["excite", str(file), "--starts", "1", "--workers", "1", "--json"]
+    folder = tmp_path / "motion"
+    assert main([*call, "--output", str(folder), "--parameters", *files]) == 0
+    capsys.readouterr()
+    move = read_trajectory(folder / "trajectory.json")
+    time = np.linspace(move.start, move.start + move.duration, 5001)
+    motion = move.evaluate(time)
+    shares = [
+        abs(model.predict(one.parameters, *motion)).max(axis=0) / [40.0, 20.0]
+        for one in robots
+    ]
+    assert np.max(shares) <= 1.0 and shares[1][1] > 0.7
+    assert 15.0 * abs(motion[1, :, 1]).max() < 22.0
+
+    assert main([*call, "--dry-run", "--parameters", str(file)]) == 2
+    assert "not JSON" in capsys.readouterr().err
+    file.write_text(WITH_FRICTION.replace("viscous = true", "offset = true"))
+    assert main([*call, "--dry-run", "--parameters", *files]) == 2
+    assert "its parameters are not those of robot 'two'" in capsys.readouterr().err

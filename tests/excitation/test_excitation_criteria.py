@@ -7,7 +7,7 @@ from excited import FRICTION, arm, arm_limits, arm_problem
 from consistent_id import DriveTerms, ProblemError, TorqueModel, base_parameters
 from consistent_id.excitation.aims import PathForm
 from consistent_id.excitation.basis import FourierBasis, null_space
-from consistent_id.excitation.criteria import criterion_of, scaled, spread
+from consistent_id.excitation.criteria import criterion_of, of_some, scaled, spread
 from consistent_id.excitation.guards import Place, TorqueGuard, guard_rows
 from consistent_id.excitation.information import PathInformation
 from consistent_id.excitation.kernels import (
@@ -71,6 +71,31 @@ def test_criteria_are_the_sizes_of_standard_errors_that_they_say():
     assert np.isclose(values["A"], np.sqrt(np.trace(covariance)))
     assert np.isclose(values["E"], np.sqrt(np.linalg.norm(covariance, 2)))
     assert np.isclose(values["task"], np.sqrt(np.trace(gram @ covariance)))
+
+
+@pytest.mark.parametrize("places", [(1,), (0, 3, 4), (5, 2), tuple(range(6))])
+def test_criteria_of_some_parameters_are_sizes_of_their_block_of_the_covariance(places):
+    M = information(6)
+    block = np.linalg.inv(M)[np.ix_(places, places)]
+    values = {
+        name: float(np.exp(of_some(criterion_of(name, np.inf, None), places)(M).value))
+        for name in ("D", "A", "E")
+    }
+    assert np.isclose(values["D"], np.linalg.det(block) ** (0.5 / len(places)))
+    assert np.isclose(values["A"], np.sqrt(np.trace(block)))
+    assert np.isclose(values["E"], np.sqrt(np.linalg.norm(block, 2)))
+
+
+@pytest.mark.parametrize("objective", ["D", "A", "E"])
+def test_gradients_of_some_parameters_are_those_of_finite_differences(objective):
+    criterion = of_some(criterion_of(objective, 4.0, None), (1, 4))
+    rng, M = np.random.default_rng(2), information(7)
+    gradient = criterion(M).gradient
+    for _ in range(3):
+        direction = rng.normal(size=M.shape)
+        direction = direction + direction.T
+        expected = slope(lambda X: criterion(X).value, M, direction, 1e-5)
+        assert np.isclose((gradient * direction).sum(), expected, rtol=1e-5)
 
 
 def test_unit_columns_are_blind_to_the_units_of_parameters():

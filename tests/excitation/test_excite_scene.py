@@ -315,6 +315,7 @@ def test_formats_are_checked_before_the_search_and_written_after(tmp_path, capsy
     names = {file.name for file in output.iterdir()}
     assert {"trajectory.json", "trajectory.npz", "excitation.png"} < names
     assert "trajectory.csv" not in names
+    assert "follow.py" not in names  # which plays trajectory.yaml
     record = json.loads((output / "excitation.json").read_text())
     assert record["scene"]["bodies"] == ["arm", "post"]
     assert record["scene"]["whole_move"]["proven_m"] >= 0.0

@@ -213,6 +213,29 @@ def test_a_urscript_program_holds_the_motion(tmp_path, rate):
 
 
 @pytest.mark.parametrize(
+    ("name", "joints", "asked", "rate", "comma", "unit"),
+    [
+        ("x.rsi", 6, 250, 250.0, ";", 180.0 / np.pi),
+        ("x.rsi", 6, 83.33, 1000.0 / 12.0, ";", 180.0 / np.pi),
+        ("x.franka", 7, 1000, 1000.0, ",", 1.0),
+    ],
+)
+def test_a_controllers_table_has_a_row_for_every_cycle(
+    tmp_path, name, joints, asked, rate, comma, unit
+):
+    path = move(joints)
+    text = write_trajectory(path, tmp_path / name, rate=asked).read_text()
+    lines = [line for line in text.splitlines() if not line.startswith(("#", "A1;"))]
+    rows = np.array([line.split(comma) for line in lines], dtype=float)
+    assert 0.0 <= len(rows) - 1 - path.duration * rate < 1.0
+    since = np.minimum(np.arange(len(rows)) / rate, path.duration)
+    exact = unit * path.evaluate(since + path.start, derivatives=0)[0]
+    np.testing.assert_allclose(rows, exact, rtol=0.0, atol=6e-13 * unit)
+    assert f"{1e3 / rate:g} ms" in text and ", ".join(path.joints) in text
+    assert (";A6\n" in text) == name.endswith("rsi")
+
+
+@pytest.mark.parametrize(
     ("path", "name", "given", "says"),
     [
         (swing(), "x.txt", {}, r"\.txt, expected one of \.json, \.npz, .*\.yaml"),
@@ -224,6 +247,11 @@ def test_a_urscript_program_holds_the_motion(tmp_path, rate):
         (swing(), "x.script", {"rate": 125}, "move_along"),
         (move(), "x.script", {"rate": 100}, "rate is 100 Hz, expected.*125"),
         (move(7), "x.script", {"rate": 125}, "7 joints, expected 6"),
+        (move(7), "x.rsi", {"rate": 250}, "7 joints, expected 6"),
+        (move(6), "x.rsi", {"rate": 100}, "rate is 100 Hz, expected.*250"),
+        (move(6), "x.franka", {"rate": 1000}, "6 joints, expected 7"),
+        (move(7), "x.franka", {"rate": 500}, "expected the controller's cycle: 1000"),
+        (swing(7), "x.franka", {"rate": 1000}, "move_along"),
         (PolynomialPath(("a\nb",), [[0.0]], 1.0), "x.csv", {"rate": 1}, "printable"),
         (PolynomialPath((" a",), [[0.0]], 1.0), "x.json", {}, "printable"),
     ],
@@ -304,7 +332,7 @@ FAULTY = {
     "tag": ("x.yaml", "!!python/object/apply:os.system ['ls']\n", "not readable|Expec"),
     "no yaml": ("x.yaml", "a: [1\nb: }", "not readable as YAML"),
     "two messages": ("x.yaml", ECHO + ECHO, "2 messages"),
-    "a program": ("x.script", "def f():\nend\n", "is not read back"),
+    "a program": ("x.script", "def f():\nend\n", "of a controller is not read back"),
     "unknown": ("x.bin", "", r"\.bin, expected one of"),
 }
 

@@ -12,6 +12,8 @@ from consistent_id.motion.files.content import (
     require_names,
     require_rest,
 )
+from consistent_id.motion.files.controller_tables import franka_of, rsi_of
+from consistent_id.motion.files.cycles import CYCLES
 from consistent_id.motion.files.document import (
     ExactPath,
     json_of,
@@ -30,7 +32,7 @@ from consistent_id.motion.files.urscript import urscript_of
 from consistent_id.recordings.paths import sampled
 from consistent_id.recordings.recording import Recording
 
-Format = Literal["json", "npz", "csv", "parquet", "ros", "urscript"]
+Format = Literal["json", "npz", "csv", "parquet", "ros", "urscript", "rsi", "franka"]
 FORMAT_OF_ENDING: dict[str, Format] = {
     ".json": "json",
     ".npz": "npz",
@@ -40,8 +42,12 @@ FORMAT_OF_ENDING: dict[str, Format] = {
     ".yml": "ros",
     ".script": "urscript",
     ".urscript": "urscript",
+    ".rsi": "rsi",
+    ".franka": "franka",
 }
 """Which form an ending says."""
+
+_OF_CONTROLLERS = {"urscript": urscript_of, "rsi": rsi_of, "franka": franka_of}
 
 
 class _Probe(msgspec.Struct):
@@ -75,14 +81,15 @@ def write_trajectory(
         - ``ros`` (``.yaml``, ``.yml``): a ``trajectory_msgs/JointTrajectory``, in YAML
           that is JSON too;
         - ``urscript`` (``.script``, ``.urscript``): a program for a Universal Robot, at
-          125 or 500 Hz.
+          125 or 500 Hz;
+        - ``rsi`` (``.rsi``): axis angles [degrees] for KUKA RSI, at 250 or 83.3 Hz;
+        - ``franka`` (``.franka``): joint positions for libfranka, at 1000 Hz.
 
     Raises
     ------
     ProblemError
         If the ending is unknown, the rate is missing or wrong, or the file cannot be
-        written.  A robot begins and ends at rest: ``ros`` and ``urscript`` refuse what
-        does not.
+        written.  A robot begins and ends at rest: its own formats refuse what does not.
 
     Examples
     --------
@@ -109,10 +116,10 @@ def write_trajectory(
 
 
 def _content(path: ExactPath, file: Path, rate: float, chosen: Format) -> str | bytes:
-    if chosen in ("ros", "urscript"):
+    if chosen == "ros" or chosen in CYCLES:
         require_rest(path, file)
-    if chosen == "urscript":
-        return urscript_of(path, rate, file)
+    if chosen in _OF_CONTROLLERS:
+        return _OF_CONTROLLERS[chosen](path, rate, file)
     samples = sampled(path, rate)
     if chosen == "npz":
         return npz_of(path, columns_of(samples))
@@ -144,9 +151,10 @@ def read_trajectory(file: str | Path) -> ExactPath | Recording:
     """
     file = Path(file)
     chosen = _format_of(file)
-    if chosen == "urscript":
+    if chosen in CYCLES:
         raise ProblemError(
-            f"{file}: a program is not read back; write the trajectory as .json besides"
+            f"{file}: a program or table of a controller is not read back; write the "
+            "trajectory as .json besides"
         )
     if chosen == "npz":
         return path_of_npz(file)

@@ -6,10 +6,8 @@ import numpy as np
 
 from consistent_id._support.arrays import Matrix
 from consistent_id.errors import ProblemError
+from consistent_id.motion.files.cycles import cycle_of, targets_of
 from consistent_id.recordings.paths import JointPath
-
-UR_RATES = (125.0, 500.0)
-"""Cycles of CB and of e-Series controllers [Hz]."""
 
 _JOINTS = 6
 _TO_START = "a=0.5, v=0.25"  # rad/s^2, rad/s: slow, since this way is not checked
@@ -32,19 +30,19 @@ def urscript_of(path: JointPath, rate: float, where: Path) -> str:
             f"{where}: {len(path.joints)} joints, expected {_JOINTS}: URScript is the "
             "language of arms with six"
         )
-    if rate not in UR_RATES:
+    cycle = cycle_of("urscript", rate)
+    if cycle is None:
         raise ProblemError(
             f"{where}: rate is {rate:g} Hz, expected the controller's cycle: 125 "
             "(CB series) or 500 (e-Series)"
         )
-    cycles = int(np.ceil(path.duration * rate * (1.0 - 1e-12)))
-    since = np.minimum(np.arange(cycles + 1) / rate, path.duration)
-    (targets,) = path.evaluate(path.start + since, derivatives=0)
+    rate = cycle
+    since, targets = targets_of(path, rate)
     lines = [
         "def consistent_id_motion():",
         "  # consistent-id: motion",
         f"  # joints {', '.join(path.joints)}",
-        f"  # {cycles + 1} targets, one every {1.0 / rate:g} s; time in seconds behind",
+        f"  # {len(since)} targets, one every {1.0 / rate:g} s; time in seconds behind",
         f"  movej({_list(targets[0])}, {_TO_START})",
     ]
     for time, target in zip(since, targets, strict=True):

@@ -1,0 +1,74 @@
+"""Parameters of interest: what a motion is for, whatever the others are."""
+
+from collections.abc import Sequence
+from fnmatch import fnmatchcase
+
+from consistent_id.errors import ProblemError
+from consistent_id.regression.base import BaseParameters, base_parameters
+from consistent_id.regression.regressor import TorqueModel
+from consistent_id.robot.parameters import ParameterLayout, did_you_mean
+
+
+def parameters_named(layout: ParameterLayout, words: Sequence[str]) -> tuple[int, ...]:
+    """Return the places of parameters, in ascending order.
+
+    Parameters
+    ----------
+    layout : ParameterLayout
+    words : sequence of str
+        Names of parameters (``"elbow.viscous"``), or of links and joints for all that
+        they have; ``*`` stands for any letters.
+
+    Raises
+    ------
+    ProblemError
+        If a word names nothing.
+
+    Examples
+    --------
+    >>> layout = ParameterLayout(("arm",), (("elbow", "viscous"),), ("N m s/rad",))
+    >>> parameters_named(layout, ["elbow", "arm.I*z"])
+    (7, 8, 9, 10)
+    """
+    found: set[int] = set()
+    for word in words:
+        named = {
+            i
+            for i, name in enumerate(layout.names)
+            if _is_named(name, word) or _is_named(name.rpartition(".")[0], word)
+        }
+        if not named:
+            owners = dict.fromkeys(n.rpartition(".")[0] for n in layout.names)
+            near = did_you_mean(word, [*owners, *layout.names])
+            raise ProblemError(
+                f"interest: no parameter, link or joint {word!r}; {near}"
+            )
+        found |= named
+    return tuple(sorted(found))
+
+
+def base_for(model: TorqueModel, words: Sequence[str]) -> BaseParameters:
+    """Return base parameters of which some hold nothing but those of interest.
+
+    Raises
+    ------
+    ProblemError
+        If a word names nothing, or nothing of interest can be told from the others.
+    """
+    base = base_parameters(model, last=parameters_named(model.layout, words))
+    if words and not places_of_interest(base, words):
+        raise ProblemError(
+            f"interest: no motion tells {', '.join(words)} from the other parameters; "
+            "name more of them, such as the links before and after"
+        )
+    return base
+
+
+def places_of_interest(base: BaseParameters, words: Sequence[str]) -> tuple[int, ...]:
+    """Return which base parameters are led by one of interest; none without words."""
+    named = set(parameters_named(base.layout, words))
+    return tuple(k for k, i in enumerate(base.independent) if i in named)
+
+
+def _is_named(name: str, word: str) -> bool:
+    return name == word or fnmatchcase(name, word)

@@ -1,0 +1,72 @@
+"""Tables of joint positions for controllers that read one row in every cycle."""
+
+from pathlib import Path
+
+import numpy as np
+
+from consistent_id._support.arrays import Matrix
+from consistent_id.errors import ProblemError
+from consistent_id.motion.files.cycles import cycle_of, targets_of
+from consistent_id.recordings.paths import JointPath
+
+_JOINTS = {"rsi": 6, "franka": 7}
+_DIGITS = 12  # of rad or degrees; rounding is felt as jerk, 1e9 times as large at 1 kHz
+
+
+def rsi_of(path: JointPath, rate: float, where: Path) -> str:
+    """Return axis angles [degrees] for KUKA's Robot Sensor Interface, ``A1;...;A6``.
+
+    Raises
+    ------
+    ProblemError
+        If the robot has not six joints, or the rate is not 250 or 83.3 Hz.
+    """
+    rate = _required(path, rate, where, "rsi", "250 (4 ms) or 83.3 (12 ms)")
+    rows = np.degrees(targets_of(path, rate).position)
+    head = ";".join(f"A{k}" for k in range(1, len(path.joints) + 1))
+    what = "axis angles in degrees for KUKA RSI, in the signs of the robot's file"
+    return _table(path, rate, what, [head], rows, ";")
+
+
+def franka_of(path: JointPath, rate: float, where: Path) -> str:
+    """Return joint positions [rad] for libfranka's ``JointPositions``, by commas.
+
+    Raises
+    ------
+    ProblemError
+        If the robot has not seven joints, or the rate is not 1000 Hz.
+    """
+    rate = _required(path, rate, where, "franka", "1000")
+    what = "joint positions in rad for libfranka"
+    return _table(path, rate, what, [], targets_of(path, rate).position, ",")
+
+
+def _required(
+    path: JointPath, rate: float, where: Path, format: str, known: str
+) -> float:
+    if len(path.joints) != _JOINTS[format]:
+        raise ProblemError(
+            f"{where}: {len(path.joints)} joints, expected {_JOINTS[format]}, as "
+            "robots that read this format have"
+        )
+    cycle = cycle_of(format, rate)
+    if cycle is None:
+        raise ProblemError(
+            f"{where}: rate is {rate:g} Hz, expected the controller's cycle: {known}"
+        )
+    return cycle
+
+
+def _table(
+    path: JointPath, rate: float, what: str, head: list[str], rows: Matrix, comma: str
+) -> str:
+    # Adding zero turns -0.0 into 0.0.
+    lines = [
+        comma.join(f"{value:.{_DIGITS}f}" for value in row)
+        for row in np.round(rows, _DIGITS) + 0.0
+    ]
+    comments = [
+        f"# consistent-id: motion; {what}",
+        f"# joints {', '.join(path.joints)}; one row every {1e3 / rate:g} ms",
+    ]
+    return "\n".join([*comments, *head, *lines, ""])
