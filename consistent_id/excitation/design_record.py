@@ -14,6 +14,7 @@ from consistent_id.motion.limits import MotionLimits
 from consistent_id.motion.proofs.margins import Margin
 from consistent_id.regression.base import ConditionNumber
 
+FORMAT = "consistent_id design 1"
 _ENDS = ("lower", "upper")
 _BOUNDED = ("velocity", "acceleration", "jerk", "torque")
 _MOVES = {"trajectory": "whole_move", "validation": "validation_move"}
@@ -36,6 +37,7 @@ def design_record(
     """
     aim, form = design.aim, design.form
     return {
+        "format": FORMAT,
         "robot": design.model.robot.name,
         "seed": design.seed,
         "starts": design.starts,
