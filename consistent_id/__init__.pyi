@@ -180,6 +180,7 @@ from consistent_id.regression.base import (
     base_parameters,
     condition_number,
 )
+from consistent_id.regression.casadi_regressor import casadi_regressor
 from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.drive.gear_coupling import GearCoupling
 from consistent_id.regression.drive.term import DriveTerm, JointSamples, ShapeParameter
@@ -189,7 +190,6 @@ from consistent_id.regression.regression import Regression, build_regression
 from consistent_id.regression.regression_file import load_regression, save_regression
 from consistent_id.regression.regressor import (
     TorqueModel,
-    casadi_regressor,
     joint_torque_regressor,
 )
 from consistent_id.regression.row_names import BASE_ROWS

@@ -12,7 +12,8 @@ import numpy as np
 from consistent_id._support.arrays import Array, Matrix, Vector
 from consistent_id.motion.limits import MotionLimits
 from consistent_id.regression.base import BaseParameters
-from consistent_id.regression.regressor import TorqueModel, casadi_regressor
+from consistent_id.regression.casadi_regressor import casadi_regressor
+from consistent_id.regression.regressor import TorqueModel
 
 SMOOTH = 0.02
 """Velocity [rad/s or m/s] that stands in for the jump of a sign at standstill."""

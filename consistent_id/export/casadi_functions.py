@@ -10,7 +10,8 @@ import numpy as np
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.export.exported_file import Export
 from consistent_id.export.provenance import require_fixed_base, require_usable
-from consistent_id.regression.regressor import TorqueModel, casadi_regressor
+from consistent_id.regression.casadi_regressor import casadi_regressor
+from consistent_id.regression.regressor import TorqueModel
 
 
 class Functions(NamedTuple):

@@ -15,7 +15,7 @@ from consistent_id.export.provenance import (
     require_usable,
 )
 from consistent_id.export.source_text import SourceText
-from consistent_id.regression.regressor import drive_entries
+from consistent_id.regression.drive_entries import drive_entries
 from consistent_id.robot.model import RobotModel
 
 

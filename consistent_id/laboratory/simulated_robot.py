@@ -8,9 +8,10 @@ from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Vector, freeze, frozen
 from consistent_id.errors import ModelError, ProblemError
+from consistent_id.regression.casadi_regressor import casadi_regressor
 from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.mass_matrix import least_mass_eigenvalue, random_poses
-from consistent_id.regression.regressor import TorqueModel, casadi_regressor
+from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.model import RobotModel
 
 _POSES = 200  # random poses at which the mass matrix must be positive definite

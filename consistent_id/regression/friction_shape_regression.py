@@ -15,9 +15,10 @@ import numpy as np
 
 from consistent_id._support.arrays import Array, IntArray, Matrix, Vector
 from consistent_id.recordings.recording import Recording
+from consistent_id.regression.drive_entries import drive_entries
 from consistent_id.regression.motion_arrays import Motion, motion_of
 from consistent_id.regression.regression import Regression, triangle
-from consistent_id.regression.regressor import TorqueModel, drive_entries
+from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.row_structure import row_structure
 
 

@@ -10,7 +10,8 @@ from dataclasses import dataclass, replace
 from consistent_id.errors import ProblemError
 from consistent_id.regression.drive.drive_terms import LAWS
 from consistent_id.regression.drive.term import DriveTerm
-from consistent_id.regression.regressor import TorqueModel, coupled_joints
+from consistent_id.regression.drive_entries import coupled_joints
+from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.parameters import did_you_mean
 
 SHAPE_NAMES = tuple(dict.fromkeys(k for x in LAWS.values() for k in x.shape_parameters))

@@ -4,11 +4,10 @@
 drive terms of each joint and of coupled joints.
 """
 
-import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from hashlib import sha256
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,14 +27,14 @@ from consistent_id.regression.compiled.entries import fill_entries
 from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.drive.gear_coupling import GearCoupling
 from consistent_id.regression.drive.term import DriveTerm
+from consistent_id.regression.drive_entries import coupled_joints, drive_entries
 from consistent_id.regression.joint_geometry import (
     floats,
     joint_geometry,
-    joint_motions,
     link_motions,
 )
 from consistent_id.regression.kept_columns import KeptColumns
-from consistent_id.regression.newton_euler import JointGeometry, regressor_entries
+from consistent_id.regression.newton_euler import JointGeometry
 from consistent_id.regression.row_names import (
     BASE_ROWS,
     BASE_UNITS,
@@ -234,7 +233,7 @@ class TorqueModel:
         columns = [tuple(c.tolist()) for c in kept]
         width, samples = len(self.layout), min(size, len(np.asarray(q)))
         some = KeptColumns.empty(columns, width, samples)
-        if any(True for _ in _loaded(self)):  # a load takes all columns of its row
+        if any(True for _ in loaded(self)):  # a load takes all columns of its row
             for part, block in self.chunks(q, dq, ddq, size, base=base):
                 wanted = some[:, :, : block.shape[2]]
                 for rows, row, chosen in zip(wanted.blocks, block, kept, strict=True):
@@ -307,44 +306,20 @@ class TorqueModel:
     ) -> None:
         motion = link_motions(self.robot, state, lambda x: (np.sin(x), np.cos(x)), base)
         gravity = floats(self.robot.gravity)
-        row = _rows_of(self)
+        row = rows_of(self)
         q, dq, ddq = state
         fill_entries(out, row, geometry, gravity, motion)
         loads = {}
         if not isinstance(out, KeptColumns):  # else no load is needed: `kept_chunks`
             loads = {
                 j: np.tensordot(reference, out[row[j], : len(reference)], axes=1)
-                for j, reference in _loaded(self)
+                for j, reference in loaded(self)
             }
         for j, column, values in drive_entries(self, q, dq, ddq, loads):
             if j in row:
                 out[row[j], column] = values
         for column, name in enumerate(_biased_rows(self), start=-6):
             out[self.torque_joints.index(name), column] = 1.0
-
-
-def coupled_joints(robot: RobotModel, coupling: GearCoupling) -> tuple[int, int]:
-    """Return the places of the two joints of a coupling.
-
-    Raises
-    ------
-    ProblemError
-        If there is no such joint, or one turns and the other slides.
-    """
-    places = []
-    for name in (coupling.first, coupling.second):
-        if name not in robot.joint_names:
-            near = did_you_mean(name, robot.joint_names)
-            raise ProblemError(f"coupling {coupling.label}: no joint {name!r}; {near}")
-        places.append(robot.joint_names.index(name))
-    first, second = places
-    slide = [robot.driven[j].kind == "prismatic" for j in places]
-    if slide[0] != slide[1]:
-        raise ProblemError(
-            f"coupling {coupling.label}: one joint turns, the other slides; the sum of "
-            "their rates means nothing"
-        )
-    return first, second
 
 
 def _in_order(names: Sequence[str], robot: RobotModel) -> tuple[str, ...]:
@@ -359,7 +334,7 @@ def _in_order(names: Sequence[str], robot: RobotModel) -> tuple[str, ...]:
     return tuple(j for j in known if j in names) or known
 
 
-def _rows_of(model: TorqueModel) -> dict[int, int]:
+def rows_of(model: TorqueModel) -> dict[int, int]:
     """Return the row of each generalised coordinate that has one.
 
     Those of a floating base are numbered after the joints, as in `joint_motions`.
@@ -452,37 +427,13 @@ def _require_load(model: TorqueModel, reference: Vector) -> None:
         )
 
 
-def _loaded(model: TorqueModel) -> Iterator[tuple[int, Vector]]:
+def loaded(model: TorqueModel) -> Iterator[tuple[int, Vector]]:
     """Yield joints that have a row and a load, and what the load is computed from."""
-    for j in _rows_of(model):
+    for j in rows_of(model):
         if j >= len(model.terms) or model.load_reference is None:
             continue  # a row of the base, which has no drive
         if model.terms[j].needs_load:
             yield j, model.load_reference
-
-
-def drive_entries(
-    model: TorqueModel, q: Any, dq: Any, ddq: Any, loads: Mapping[int, Any]
-) -> Iterator[tuple[int, int, Any]]:
-    """Yield ``(joint, column, values)`` of drive terms and couplings.
-
-    `loads` are the transmitted torques of joints whose friction depends on them; a
-    joint that needs one and has none is one without a row, and is left out.
-    """
-    column = model.layout.inertial_size
-    for j, terms in enumerate(model.terms):
-        if terms.needs_load and j not in loads:
-            column += len(terms.names)
-            continue
-        for values in terms.columns(q[j], dq[j], ddq[j], loads.get(j)):
-            yield j, column, values
-            column += 1
-    for coupling in model.couplings:
-        i, j = coupled_joints(model.robot, coupling)
-        for first, second in coupling.columns((dq[i], dq[j]), (ddq[i], ddq[j])):
-            yield i, column, first
-            yield j, column, second
-            column += 1
 
 
 def joint_torque_regressor(
@@ -493,42 +444,3 @@ def joint_torque_regressor(
     See `TorqueModel.regressor`, which has drive terms besides.
     """
     return TorqueModel(robot).regressor(q, dq, ddq)
-
-
-def casadi_regressor(model: TorqueModel | RobotModel) -> Any:
-    """Return the regressor as a CasADi function of one sample.
-
-    Parameters
-    ----------
-    model : TorqueModel or RobotModel
-        A robot alone has the rigid-body columns only.
-
-    Returns
-    -------
-    casadi.Function
-        ``(q, dq, ddq) -> Y``, shapes (joints,) and (torque joints, parameters), SX.
-    """
-    import casadi as ca
-
-    model = TorqueModel(model) if isinstance(model, RobotModel) else model
-    robot, row, n = model.robot, _rows_of(model), len(model.robot)
-    q, dq, ddq = (ca.SX.sym(name, n) for name in ("q", "dq", "ddq"))
-    Y = ca.SX(len(row), len(model.layout))
-    scalars = [ca.vertsplit(x) for x in (q, dq, ddq)]
-    motion = joint_motions(robot, scalars, lambda x: (ca.sin(x), ca.cos(x)))
-    gravity = floats(robot.gravity)
-    for j, k, entries in regressor_entries(joint_geometry(robot), gravity, motion):
-        if j in row:
-            for i, entry in enumerate(entries, start=10 * k):
-                Y[row[j], i] = entry
-    loads = {
-        j: ca.mtimes(Y[row[j], : len(reference)], ca.DM(reference))
-        for j, reference in _loaded(model)
-    }
-    with warnings.catch_warnings():
-        # CasADi announces that NumPy's functions of its expressions will change.
-        warnings.simplefilter("ignore", FutureWarning)
-        for j, column, values in drive_entries(model, q, dq, ddq, loads):
-            if j in row:
-                Y[row[j], column] = values
-    return ca.Function("regressor", [q, dq, ddq], [Y], ["q", "dq", "ddq"], ["Y"])

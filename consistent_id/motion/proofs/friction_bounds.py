@@ -16,7 +16,8 @@ from consistent_id.motion.proofs.extremes import path_interval
 from consistent_id.motion.proofs.interval import Interval
 from consistent_id.recordings.paths import JointPath
 from consistent_id.regression.drive.term import JointSamples, term_columns
-from consistent_id.regression.regressor import TorqueModel, drive_entries
+from consistent_id.regression.drive_entries import drive_entries
+from consistent_id.regression.regressor import TorqueModel
 
 _ROUNDING = 64.0 * np.finfo(float).eps  # of motion and columns, relative
 _LEAST = float(np.finfo(float).tiny)  # a rate that has a direction

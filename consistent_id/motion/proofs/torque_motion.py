@@ -15,13 +15,14 @@ from consistent_id.motion.proofs.jets import Jet, jet, sine_and_cosine
 from consistent_id.recordings.paths import JointPath
 from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.drive.gear_coupling import GearCoupling
+from consistent_id.regression.drive_entries import drive_entries
 from consistent_id.regression.joint_geometry import (
     floats,
     joint_geometry,
     joint_motions,
 )
 from consistent_id.regression.newton_euler import JointMotion, torque_parts
-from consistent_id.regression.regressor import TorqueModel, drive_entries
+from consistent_id.regression.regressor import TorqueModel
 
 _PIECE = 20_000  # samples times robots at once
 _DEPTH = 100.0  # roundings that one link adds, one after another, at most

@@ -14,8 +14,9 @@ from consistent_id.problems.selection.blocks import EDGES, folds
 from consistent_id.problems.selection.samples import Samples
 from consistent_id.regression.drive.gear_coupling import GearCoupling
 from consistent_id.regression.drive.term import DriveTerm, JointSamples, term_columns
+from consistent_id.regression.drive_entries import coupled_joints
 from consistent_id.regression.regression import triangle
-from consistent_id.regression.regressor import TorqueModel, coupled_joints
+from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.row_structure import row_structure
 
 

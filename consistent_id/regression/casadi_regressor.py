@@ -1,0 +1,53 @@
+"""The regressor as a CasADi function, by the same recursion."""
+
+import warnings
+from typing import Any
+
+from consistent_id.regression.drive_entries import drive_entries
+from consistent_id.regression.joint_geometry import (
+    floats,
+    joint_geometry,
+    joint_motions,
+)
+from consistent_id.regression.newton_euler import regressor_entries
+from consistent_id.regression.regressor import TorqueModel, loaded, rows_of
+from consistent_id.robot.model import RobotModel
+
+
+def casadi_regressor(model: TorqueModel | RobotModel) -> Any:
+    """Return the regressor as a CasADi function of one sample.
+
+    Parameters
+    ----------
+    model : TorqueModel or RobotModel
+        A robot alone has the rigid-body columns only.
+
+    Returns
+    -------
+    casadi.Function
+        ``(q, dq, ddq) -> Y``, shapes (joints,) and (torque joints, parameters), SX.
+    """
+    import casadi as ca
+
+    model = TorqueModel(model) if isinstance(model, RobotModel) else model
+    robot, row, n = model.robot, rows_of(model), len(model.robot)
+    q, dq, ddq = (ca.SX.sym(name, n) for name in ("q", "dq", "ddq"))
+    Y = ca.SX(len(row), len(model.layout))
+    scalars = [ca.vertsplit(x) for x in (q, dq, ddq)]
+    motion = joint_motions(robot, scalars, lambda x: (ca.sin(x), ca.cos(x)))
+    gravity = floats(robot.gravity)
+    for j, k, entries in regressor_entries(joint_geometry(robot), gravity, motion):
+        if j in row:
+            for i, entry in enumerate(entries, start=10 * k):
+                Y[row[j], i] = entry
+    loads = {
+        j: ca.mtimes(Y[row[j], : len(reference)], ca.DM(reference))
+        for j, reference in loaded(model)
+    }
+    with warnings.catch_warnings():
+        # CasADi announces that NumPy's functions of its expressions will change.
+        warnings.simplefilter("ignore", FutureWarning)
+        for j, column, values in drive_entries(model, q, dq, ddq, loads):
+            if j in row:
+                Y[row[j], column] = values
+    return ca.Function("regressor", [q, dq, ddq], [Y], ["q", "dq", "ddq"], ["Y"])
