@@ -15,7 +15,8 @@ from consistent_id import (
     TorqueModel,
     from_modified_dh,
 )
-from consistent_id.regression.regressor import casadi_regressor, joint_torque_regressor
+from consistent_id.regression.casadi_regressor import casadi_regressor
+from consistent_id.regression.regressor import joint_torque_regressor
 
 CASES = [(n, tree) for n in range(1, 10) for tree in (False, True)]
 
