@@ -147,6 +147,7 @@ def test_a_study_has_every_section_that_applies_in_order(html):
         "residuals",
         "costs",
         "published",
+        "delivered",
         "certificate",
         "reproduce",
     }  # the RX-60 of the paper has no friction
