@@ -21,6 +21,7 @@ from consistent_id.problems.draft_rows import (
     split_logs,
 )
 from consistent_id.problems.file import DriveTable
+from consistent_id.problems.late_velocity import on_time
 from consistent_id.problems.log_entries import with_torque
 from consistent_id.problems.model import DEFAULT_DRIVE
 from consistent_id.problems.robot_logs import RobotLogs, robot_logs
@@ -128,6 +129,10 @@ def draft_problem(
         gains=gains,
     )
     read = {file: logs.read(file) for file in training}
+    if "velocity" not in (columns or {}):
+        logs = on_time(logs, read.values())
+        if logs.columns.velocity is None:
+            read = {file: replace(raw, velocity=None) for file, raw in read.items()}
     raws = {file: with_torque(raw, gains) for file, raw in read.items()}
     clock = clock_of(list(raws.values()))
     split = split_logs(raws, clock, whole=bool(held_out))

@@ -1,0 +1,80 @@
+"""Velocities that drives log late are not read."""
+
+import numpy as np
+import pytest
+from logged import write_arm
+
+from consistent_id.problems.drafting import draft_problem
+from consistent_id.problems.late_velocity import velocity_delay
+from consistent_id.recordings.recording import Recording
+
+RATE = 100.0
+
+
+def velocity(time):
+    """A smooth motion's velocity, whose integral is `position`."""
+    return np.column_stack(
+        [
+            np.cos(2.0 * time + 0.1 * time**2) * (2.0 + 0.2 * time),
+            1.5 * np.cos(3 * time),
+        ]
+    )
+
+
+def position(time):
+    return np.column_stack(
+        [np.sin(2.0 * time + 0.1 * time**2), 0.5 * np.sin(3.0 * time)]
+    )
+
+
+def recording(late):
+    time = np.arange(1500) / RATE
+    return Recording(("a", "b"), time, position(time), velocity(time - late))
+
+
+@pytest.mark.parametrize("late", [0.015, 0.05, 0.19])
+def test_the_delay_of_a_late_velocity_is_found(late):
+    found = velocity_delay(recording(late))
+    assert found.seconds == pytest.approx(late, abs=1e-3)
+
+
+@pytest.mark.parametrize("late", [-0.05, 0.0, 0.004])
+def test_a_velocity_within_a_sample_of_its_position_is_on_time(late):
+    assert velocity_delay(recording(late)) is None
+
+
+def test_a_velocity_of_another_motion_is_not_called_late():
+    log = recording(0.0)
+    noise = np.random.default_rng(0).normal(size=log.position.shape)
+    assert velocity_delay(Recording(log.joints, log.time, log.position, noise)) is None
+
+
+@pytest.fixture(scope="module")
+def arm_with_late_velocity(tmp_path_factory):
+    urdf, log = write_arm(tmp_path_factory.mktemp("arm"))
+    table = np.loadtxt(log, delimiter=",", skiprows=1)
+    rates = np.gradient(table[:, 1:3], 1.0 / RATE, axis=0)
+    late = np.roll(rates, 8, axis=0)  # it begins and ends at rest
+    header = "time,q_shoulder,q_elbow,tau_shoulder,tau_elbow,dq_shoulder,dq_elbow"
+    np.savetxt(
+        log, np.column_stack([table, late]), "%.9g", ",", header=header, comments=""
+    )
+    return urdf, log
+
+
+def test_a_draft_differentiates_the_position_instead_and_says_so(
+    arm_with_late_velocity,
+):
+    draft = draft_problem(*arm_with_late_velocity, select=False)
+    assert draft.columns.velocity is None
+    assert any("80 ms after the position" in note for note in draft.notes)
+    assert "velocity =" not in draft.text(arm_with_late_velocity[0].parent)
+    (training,) = draft.problem().training
+    slope = np.gradient(training.position, training.time, axis=0)
+    assert np.allclose(training.velocity, slope, atol=0.05)
+
+
+def test_a_velocity_that_the_user_names_is_read(arm_with_late_velocity):
+    named = {"velocity": "dq_{joint}"}
+    draft = draft_problem(*arm_with_late_velocity, columns=named, select=False)
+    assert draft.columns.velocity == "dq_{joint}"
