@@ -88,16 +88,19 @@ def minimise(
         upper = np.append(upper, np.zeros(programme.count))
     curvature = QuasiNewton(len(start), A.shape[0], objective.memory, memory)
     observer = Observer(len(start), len(upper), watch)
-    solver = ca.nlpsol(
-        "excitation",
-        "ipopt",
-        {"x": x, "f": objective(x), "g": ca.vertcat(*g)},
-        _options(iterations) | {"iteration_callback": observer, "hess_lag": curvature},
-    )
+    near = {"lbx": start - reach, "ubx": start + reach}
     try:
-        near = {"lbx": start - reach, "ubx": start + reach}
+        solver = ca.nlpsol(
+            "excitation",
+            "ipopt",
+            {"x": x, "f": objective(x), "g": ca.vertcat(*g)},
+            _options(iterations)
+            | {"iteration_callback": observer, "hess_lag": curvature},
+        )
         result = solver(x0=start, lbg=lower, ubg=upper, **near)
     except RuntimeError as cause:
+        if "KeyboardInterrupt" in str(cause):  # as CasADi hands on one in a callback
+            raise KeyboardInterrupt from None
         raise SolverError(f"IPOPT could not begin: {cause}") from None
     return np.asarray(result["x"]).ravel()
 
