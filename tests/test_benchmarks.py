@@ -168,9 +168,9 @@ def test_coverage_counts_every_method_and_sees_what_no_interval_can_hold():
 
 
 def test_coverage_sees_intervals_that_have_nothing_in_common():
-    coverage = _benchmark("coverage")
+    robots = _benchmark("coverage_robots")
     a = np.array([[0.0, 1.0], [0.0, 1.0], [2.0, 2.0], [0.0, np.inf]])
     b = np.array([[0.5, 2.0], [1.5, 2.0], [3.0, 3.0], [5.0, 6.0]])
-    compared, beyond = coverage._apart(a, b)
+    compared, beyond = robots._apart(a, b)
     assert compared.tolist() == [True, True, False, False]
     assert beyond.tolist() == [False, True, False, False]

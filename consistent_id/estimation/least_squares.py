@@ -23,10 +23,11 @@ from consistent_id.regression.base import (
 )
 from consistent_id.regression.linear import LinearSolution, solve_linear
 from consistent_id.regression.noise import joint_noise, residual_sigma
-from consistent_id.regression.regression import Regression, require_match
+from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import ResidualNoise, residual_noise
 from consistent_id.regression.row_names import in_newton
+from consistent_id.regression.same_model import require_match
 
 _STATIONARITY = 1e-9
 

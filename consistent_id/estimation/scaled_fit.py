@@ -11,8 +11,9 @@ from consistent_id.constraints.cones.least_norm import LeastNorm
 from consistent_id.constraints.cones.sets import ConicSet
 from consistent_id.constraints.distances import nominal_point
 from consistent_id.regression.base import BaseParameters
-from consistent_id.regression.regression import Regression, require_match, triangle
+from consistent_id.regression.regression import Regression, triangle
 from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.same_model import require_match
 from consistent_id.robot.scaling import link_scales
 
 EXACT_FIT = 1e-6

@@ -23,9 +23,10 @@ from consistent_id.regression.base import (
     condition_number,
     linear_combination,
 )
-from consistent_id.regression.regression import require_same_model, triangle
+from consistent_id.regression.regression import triangle
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import WHITE
+from consistent_id.regression.same_model import require_same_model
 from consistent_id.robot.parameters import did_you_mean
 
 _PART = 0.2  # of the largest part of a combination; less is not listed

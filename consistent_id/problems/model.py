@@ -18,7 +18,8 @@ from consistent_id.problems.file import (
 from consistent_id.problems.named_files import expanded, require_there
 from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.drive.gear_coupling import GearCoupling
-from consistent_id.regression.regressor import TorqueModel, unloaded_joints
+from consistent_id.regression.loads import unloaded_joints
+from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.chains import Selection, selected
 from consistent_id.robot.loaders import (
     DHRow,

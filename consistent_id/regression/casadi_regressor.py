@@ -9,8 +9,10 @@ from consistent_id.regression.joint_geometry import (
     joint_geometry,
     joint_motions,
 )
+from consistent_id.regression.loads import loaded
+from consistent_id.regression.model_rows import rows_of
 from consistent_id.regression.newton_euler import regressor_entries
-from consistent_id.regression.regressor import TorqueModel, loaded, rows_of
+from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.model import RobotModel
 
 

@@ -7,8 +7,9 @@ from consistent_id._support.threads import single_threaded
 from consistent_id.errors import ProblemError
 from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.linear import LinearSolution, solve_linear
-from consistent_id.regression.regression import Regression, require_match, triangle
+from consistent_id.regression.regression import Regression, triangle
 from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.same_model import require_match
 
 
 @single_threaded

@@ -25,7 +25,6 @@ from consistent_id._support.threads import single_threaded, worker_threads
 from consistent_id.errors import NotExcitedError, ProblemError
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.clocks import uniform_rate
-from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.correlated_noise import CorrelatedNoise, joined_noise
 from consistent_id.regression.joint_fit import joint_fit
 from consistent_id.regression.motion_arrays import Motion, motion_of
@@ -318,55 +317,6 @@ def _middle(
     return motion.samples(start, stop), range(
         row_filter.reach, stop - start - row_filter.reach, rows.step
     )
-
-
-def require_match(
-    model: TorqueModel, regression: Regression, base: BaseParameters
-) -> None:
-    """Refuse a regression or base parameters of another torque model, or no torque.
-
-    Raises
-    ------
-    ProblemError
-        If layouts, joints or fingerprints differ.
-    NotExcitedError
-        If a joint's torque is zero throughout: a dead channel, not a joint at ease.
-    """
-    require_same_model(model, regression, base)
-    rms = regression.torque_rms
-    dead = [j for j, size in zip(regression.joints, rms, strict=True) if size == 0.0]
-    if dead:
-        raise NotExcitedError(
-            f"the torque is zero throughout for {', '.join(dead)}; check column, unit "
-            "and gain, or leave the joint out of the model's torque_joints"
-        )
-
-
-def require_same_model(
-    model: TorqueModel, regression: Regression, base: BaseParameters
-) -> None:
-    """Refuse a regression or base parameters of another torque model.
-
-    Raises
-    ------
-    ProblemError
-        If layouts, joints or fingerprints differ.
-    """
-    for what, found in (("regression", regression), ("base parameters", base)):
-        same = found.layout == model.layout and found.fingerprint in (
-            "",
-            model.fingerprint,
-        )
-        if not same:
-            raise ProblemError(
-                f"the {what} are of another torque model: geometry, gravity, drive "
-                "terms or names differ. Build them with this model"
-            )
-    if regression.joints != model.torque_joints:
-        raise ProblemError(
-            f"the regression is of joints {regression.joints}, the model has torques "
-            f"of {model.torque_joints}"
-        )
 
 
 def _centres(recording: Recording, row_filter: RowFilter) -> range:

@@ -34,23 +34,20 @@ from consistent_id.regression.joint_geometry import (
     link_motions,
 )
 from consistent_id.regression.kept_columns import KeptColumns
+from consistent_id.regression.loads import checked_reference, loaded
+from consistent_id.regression.model_rows import biased_rows, in_order, rows_of
 from consistent_id.regression.newton_euler import JointGeometry
 from consistent_id.regression.row_names import (
-    BASE_ROWS,
     BASE_UNITS,
-    CONTACT_FREE,
-    row_names,
 )
 from consistent_id.robot.model import RobotModel
-from consistent_id.robot.parameters import ParameterLayout, did_you_mean
+from consistent_id.robot.parameters import ParameterLayout
 
 CHUNK = 4096
 """Samples per chunk: keeps the recursion's arrays in the processor's cache."""
 
 
 _Room = TypeVar("_Room", Array, KeptColumns)
-
-_NO_LOAD = 1e-9  # torque over the sum of its parts' sizes that is rounding alone
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -111,7 +108,7 @@ class TorqueModel:
                 f"drive terms for {len(drive)} joints, but the robot has {len(robot)}"
             )
         couplings = tuple(self.couplings)
-        rows = _in_order(self.torque_joints, robot)
+        rows = in_order(self.torque_joints, robot)
         columns = [
             (joint.name, joint, name)
             for joint, of_joint in zip(robot.driven, drive, strict=True)
@@ -122,7 +119,7 @@ class TorqueModel:
             for name in coupling.names
         ]
         freeze(self, terms=drive, couplings=couplings, torque_joints=rows)
-        biased = _biased_rows(self)
+        biased = biased_rows(self)
         layout = ParameterLayout(
             links=robot.link_names,
             drive=(
@@ -140,7 +137,7 @@ class TorqueModel:
             ),
         )
         freeze(self, layout=layout)
-        load = _load_reference(self)
+        load = checked_reference(self)
         freeze(self, load_reference=load)
         gravity = robot.gravity.tolist()
         content = repr((joint_geometry(robot), gravity, drive, couplings, layout, rows))
@@ -318,122 +315,8 @@ class TorqueModel:
         for j, column, values in drive_entries(self, q, dq, ddq, loads):
             if j in row:
                 out[row[j], column] = values
-        for column, name in enumerate(_biased_rows(self), start=-6):
+        for column, name in enumerate(biased_rows(self), start=-6):
             out[self.torque_joints.index(name), column] = 1.0
-
-
-def _in_order(names: Sequence[str], robot: RobotModel) -> tuple[str, ...]:
-    """Return the named rows in the robot's order, all of them for none."""
-    if not robot.connected or tuple(names) == (CONTACT_FREE,):
-        return tuple(names)
-    known = row_names(robot)
-    for name in names:
-        if name not in known:
-            near = did_you_mean(name, known)
-            raise ProblemError(f"torque_joints: no joint {name!r}; {near}")
-    return tuple(j for j in known if j in names) or known
-
-
-def rows_of(model: TorqueModel) -> dict[int, int]:
-    """Return the row of each generalised coordinate that has one.
-
-    Those of a floating base are numbered after the joints, as in `joint_motions`.
-    """
-    if model.torque_joints == (CONTACT_FREE,):
-        raise ProblemError(
-            "rows free of contact forces mix all rows, as the contacts are; give their "
-            "base parameters (contact_free_base) and regression (contact_free_rows)"
-        )
-    coordinates = (*model.robot.joint_names, *BASE_ROWS)
-    places = [coordinates.index(name) for name in model.torque_joints]
-    return {j: row for row, j in enumerate(places)}
-
-
-def _biased_rows(model: TorqueModel) -> tuple[str, ...]:
-    """Return the rows whose sensor has a bias, if it does."""
-    if not model.wrench_bias:
-        return ()
-    if not set(BASE_ROWS) <= set(model.torque_joints):
-        raise ProblemError(
-            "wrench_bias is of the sensor of the base wrench, but the model has no "
-            "rows of it; load the robot with base='floating', or leave the bias out"
-        )
-    return BASE_ROWS
-
-
-def _load_reference(model: TorqueModel) -> Vector | None:
-    """Return the inertial parameters that loads are computed from, if any is needed."""
-    in_need = [
-        name
-        for name, terms in zip(model.robot.joint_names, model.terms, strict=True)
-        if terms.needs_load
-    ]
-    if not in_need:
-        return None
-    given = model.load_reference
-    reference = model.robot.nominal if given is None else given
-    if reference is None:
-        raise ProblemError(
-            f"friction of {', '.join(in_need)} depends on the load, but some links' "
-            "nominal parameters are unknown; give load_reference, or leave "
-            "load_friction out"
-        )
-    reference = frozen(reference, (model.layout.inertial_size,), "load_reference")
-    _require_load(model, reference)
-    return reference
-
-
-def unloaded_joints(
-    robot: RobotModel, reference: Vector | None = None
-) -> tuple[str, ...]:
-    """Return the joints on which the robot puts no torque but rounding.
-
-    Parameters
-    ----------
-    robot : RobotModel
-    reference : ndarray, shape (10 links,), optional
-        Inertial parameters; by default the nominal ones.  None are unloaded where
-        these are unknown.
-    """
-    reference = robot.nominal if reference is None else reference
-    if reference is None:
-        return ()
-    rng = np.random.default_rng(0)
-    states = rng.uniform(-2.0, 2.0, (3, 8, len(robot)))
-    rigid = TorqueModel(robot, torque_joints=robot.joint_names)
-    base = BaseMotion.at_rest(len(states[0])) if robot.floating else None
-    parts = rigid.regressor(*states, base=base) * reference.reshape(-1)[:, None]
-    torques = np.linalg.norm(parts.sum(axis=1), axis=1)
-    sizes = np.linalg.norm(abs(parts).sum(axis=1), axis=1)
-    return tuple(
-        name
-        for name, torque, size in zip(robot.joint_names, torques, sizes, strict=True)
-        if torque <= _NO_LOAD * size
-    )
-
-
-def _require_load(model: TorqueModel, reference: Vector) -> None:
-    """Refuse friction that depends on a load which is rounding alone."""
-    idle = unloaded_joints(model.robot, reference)
-    without = [
-        name
-        for name, terms in zip(model.robot.joint_names, model.terms, strict=True)
-        if terms.needs_load and name in idle
-    ]
-    if without:
-        raise ProblemError(
-            f"the robot of the nominal parameters puts no load on {', '.join(without)}"
-            "; leave load_friction out there, or give load_reference"
-        )
-
-
-def loaded(model: TorqueModel) -> Iterator[tuple[int, Vector]]:
-    """Yield joints that have a row and a load, and what the load is computed from."""
-    for j in rows_of(model):
-        if j >= len(model.terms) or model.load_reference is None:
-            continue  # a row of the base, which has no drive
-        if model.terms[j].needs_load:
-            yield j, model.load_reference
 
 
 def joint_torque_regressor(

@@ -10,7 +10,8 @@ from consistent_id.problems.model import coupling_of
 from consistent_id.problems.selection.moves import stribeck_velocities
 from consistent_id.regression.drive.gear_coupling import GearCoupling
 from consistent_id.regression.drive.term import DriveTerm
-from consistent_id.regression.regressor import TorqueModel, unloaded_joints
+from consistent_id.regression.loads import unloaded_joints
+from consistent_id.regression.regressor import TorqueModel
 
 
 @dataclass(frozen=True, slots=True, eq=False)

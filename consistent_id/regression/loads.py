@@ -1,0 +1,102 @@
+"""The torque that joints transmit, where friction depends on it."""
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from consistent_id._support.arrays import Vector, frozen
+from consistent_id.errors import ProblemError
+from consistent_id.recordings.base_motion import BaseMotion
+from consistent_id.regression.joint_geometry import (
+    floats,
+    joint_geometry,
+    link_motions,
+)
+from consistent_id.regression.model_rows import rows_of
+from consistent_id.regression.newton_euler import regressor_entries
+from consistent_id.robot.model import RobotModel
+
+if TYPE_CHECKING:
+    from consistent_id.regression.regressor import TorqueModel
+
+_NO_LOAD = 1e-9  # torque over the sum of its parts' sizes that is rounding alone
+
+
+def checked_reference(model: "TorqueModel") -> Vector | None:
+    """Return the inertial parameters that loads are computed from, if any is needed."""
+    in_need = [
+        name
+        for name, terms in zip(model.robot.joint_names, model.terms, strict=True)
+        if terms.needs_load
+    ]
+    if not in_need:
+        return None
+    given = model.load_reference
+    reference = model.robot.nominal if given is None else given
+    if reference is None:
+        raise ProblemError(
+            f"friction of {', '.join(in_need)} depends on the load, but some links' "
+            "nominal parameters are unknown; give load_reference, or leave "
+            "load_friction out"
+        )
+    reference = frozen(reference, (model.layout.inertial_size,), "load_reference")
+    _require_load(model, reference)
+    return reference
+
+
+def unloaded_joints(
+    robot: RobotModel, reference: Vector | None = None
+) -> tuple[str, ...]:
+    """Return the joints on which the robot puts no torque but rounding.
+
+    Parameters
+    ----------
+    robot : RobotModel
+    reference : ndarray, shape (10 links,), optional
+        Inertial parameters; by default the nominal ones.  None are unloaded where
+        these are unknown.
+    """
+    reference = robot.nominal if reference is None else reference
+    if reference is None:
+        return ()
+    states = [*np.random.default_rng(0).uniform(-2.0, 2.0, (3, len(robot), 8))]
+    base = BaseMotion.at_rest(8).stacked.T if robot.floating else None
+    motion = link_motions(robot, states, lambda x: (np.sin(x), np.cos(x)), base)
+    gravity, bodies = floats(robot.gravity), reference.reshape(-1, 10)
+    parts = np.zeros((len(robot), len(bodies), 10, 8))
+    for j, k, entries in regressor_entries(joint_geometry(robot), gravity, motion):
+        if j < len(robot):  # the others are the base's
+            for i, entry in enumerate(entries):
+                parts[j, k, i] = entry * bodies[k, i]
+    torques = np.linalg.norm(parts.sum(axis=(1, 2)), axis=1)
+    sizes = np.linalg.norm(abs(parts).sum(axis=(1, 2)), axis=1)
+    return tuple(
+        name
+        for name, torque, size in zip(robot.joint_names, torques, sizes, strict=True)
+        if torque <= _NO_LOAD * size
+    )
+
+
+def _require_load(model: "TorqueModel", reference: Vector) -> None:
+    """Refuse friction that depends on a load which is rounding alone."""
+    idle = unloaded_joints(model.robot, reference)
+    without = [
+        name
+        for name, terms in zip(model.robot.joint_names, model.terms, strict=True)
+        if terms.needs_load and name in idle
+    ]
+    if without:
+        raise ProblemError(
+            f"the robot of the nominal parameters puts no load on {', '.join(without)}"
+            "; leave load_friction out there, or give load_reference"
+        )
+
+
+def loaded(model: "TorqueModel") -> Iterator[tuple[int, Vector]]:
+    """Yield joints that have a row and a load, and what the load is computed from."""
+    for j in rows_of(model):
+        if j >= len(model.terms) or model.load_reference is None:
+            continue  # a row of the base, which has no drive
+        if model.terms[j].needs_load:
+            yield j, model.load_reference

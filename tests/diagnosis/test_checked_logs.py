@@ -1,0 +1,111 @@
+"""Logs and problems checked as a whole, from Python and from the shell."""
+
+import numpy as np
+import pytest
+from faulty_logs import DRIVE, logs
+
+from consistent_id import TorqueModel
+
+ARM_URDF = """<robot name="arm">
+<link name="base"/>
+<link name="upper"><inertial><origin xyz="0.2 0.05 0"/><mass value="5"/>
+<inertia ixx="0.05" iyy="0.2" izz="0.2" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="fore"><inertial><origin xyz="0.15 0 0.05"/><mass value="3"/>
+<inertia ixx="0.03" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/>
+<axis xyz="0 1 0"/><limit lower="-2" upper="2" velocity="3" effort="200"/></joint>
+<joint name="elbow" type="revolute"><parent link="upper"/><child link="fore"/>
+<origin xyz="0.4 0 0"/><axis xyz="0 0 1"/>
+<limit lower="-2" upper="2" velocity="3" effort="200"/></joint>
+</robot>"""
+
+
+PROBLEM = """name = "periods"
+description = "One motion, twice."
+source = "simulated"
+licence = "none"
+[model]
+urdf = "arm.urdf"
+[drive]
+viscous = true
+coulomb = "tanh"
+velocity_scale = 0.02
+offset = true
+[constraints]
+masses = "datasheet"
+[data]
+folder = "."
+torque_joints = ["shoulder"]
+[data.columns]
+torque = "tau_{joint}"
+[data.preparation]
+motion_cutoff = 8.0
+torque_cutoff = 8.0
+[[data.recordings]]
+file = "log.csv"
+role = "training"
+rows = [1, 2000]
+[[data.recordings]]
+file = "log.csv"
+role = "validation"
+rows = [2001, 4000]
+"""
+
+
+def _arm_in(folder):
+    """Write the arm of two joints, and return a clean log of it."""
+    from consistent_id import load_urdf
+
+    (folder / "arm.urdf").write_text(ARM_URDF)
+    model = TorqueModel(load_urdf(folder / "arm.urdf"), DRIVE)
+    return logs().clean(model, np.random.default_rng(3)).log
+
+
+@pytest.mark.slow
+def test_a_problem_whose_validation_repeats_its_training_is_found(tmp_path):
+    from consistent_id import load_problem
+    from consistent_id.diagnosis.diagnosis_table import diagnosis_table
+    from consistent_id.problems.log_check import check_problem
+
+    log = _arm_in(tmp_path)
+    # The elbow's torque was not recorded: there is no column for it.
+    table = np.column_stack([log.time, log.position, log.torque[:, 0]])
+    names = "time,q_shoulder,q_elbow,tau_shoulder"
+    np.savetxt(tmp_path / "log.csv", table, delimiter=",", header=names, comments="")
+    (tmp_path / "problem.toml").write_text(PROBLEM)
+    found = check_problem(load_problem(tmp_path))
+    assert found.suspicious == ()
+    (note,) = found.of("repeated motion")
+    assert "log.csv (10 to 20 s)" in note.recording
+    assert "repeats log.csv (0 to 9.995 s)" in diagnosis_table(found).text()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("sign", "code"), [(1.0, 0), (-1.0, 1)])
+def test_the_shell_checks_a_log_without_a_problem_file(tmp_path, capsys, sign, code):
+    from consistent_id.cli import main
+
+    log = _arm_in(tmp_path)
+    torque = log.torque * [1.0, sign]
+    table = np.column_stack([log.time, log.position, torque])
+    names = "time,q_shoulder,q_elbow,tau_shoulder,tau_elbow"
+    np.savetxt(tmp_path / "log.csv", table, delimiter=",", header=names, comments="")
+    arguments = ["check", str(tmp_path / "arm.urdf"), str(tmp_path / "log.csv")]
+    assert main(arguments) == code
+    out = capsys.readouterr().out
+    assert ("torque sign" in out and "elbow" in out) == (code == 1)
+    assert main([*arguments, "--json"]) == code
+
+
+def test_the_shell_checks_a_log_without_the_torque_of_some_joints(tmp_path, capsys):
+    from consistent_id.cli import main
+
+    log = _arm_in(tmp_path)
+    missing = np.full(len(log), np.nan)
+    table = np.column_stack([log.time, log.position, log.torque[:, 0], missing])
+    names = "time,q_shoulder,q_elbow,tau_shoulder,tau_elbow"
+    np.savetxt(tmp_path / "log.csv", table, delimiter=",", header=names, comments="")
+    arguments = ["check", str(tmp_path / "arm.urdf"), str(tmp_path / "log.csv")]
+    assert main(arguments) == 2
+    assert main([*arguments, "--torque-joints", "shoulder"]) == 0
+    assert "Nothing suspicious was found in log.csv" in capsys.readouterr().out
