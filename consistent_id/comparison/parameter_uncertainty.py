@@ -167,26 +167,18 @@ def uncertainty(
     base = base_parameters(model) if base is None else base
     sources = [0] * len(segments) if sources is None else list(sources)
     whole = merged(segments)
-    parts = _by_source(segments, sources)
     fitted = constrained_fit(model, whole, constraints, prior, base)
     noise = residual_noise(whole, base)
+    parts = _by_source(segments, sources)
     segments, sources = _long_enough(segments, sources, LONG * noise.length)
     scores = _scores(fitted, segments, sources, whole, base, noise)
-    scatter = np.diag(covariance(fitted, scores.rows))
     recordings = recording_scatter(parts, base)
-    between = np.full(len(scatter), np.nan)
+    variance = np.diag(covariance(fitted, scores.rows))
+    between = np.full(len(variance), np.nan)
     if recordings is not None:
         noise = recordings.added_to(noise, parts, base)
-        moved, between = (
-            np.diag(
-                covariance(fitted, shift_scores(fitted, p, base, recordings.deviations))
-            )
-            for p in (parts, [whole])
-        )
-        scatter = scatter + moved
-        between = np.sqrt(np.maximum(between, 0.0))
-    shift = abs(fitted.parameters - fitted.best.parameters)
-    errors = np.sqrt(np.maximum(scatter, 0.0) + shift**2)
+        variance = variance + _moved(fitted, parts, base, recordings)
+        between = _root(_moved(fitted, [whole], base, recordings))
     resampled = bootstrap(
         model,
         segments,
@@ -210,31 +202,62 @@ def uncertainty(
         elsewhere="prior",
         width=intervals.width,
     )
-    known = np.array([v in ("data", "constraint") for v in verdicts])
-    errors, shift = (np.where(known, a, np.nan) for a in (errors, shift))
-    seen = known | np.array([v == "loose" for v in verdicts])
-    between = np.where(seen, between, np.nan)
-    layout = model.layout
     return Uncertainty(
-        parameters=tuple(
-            ParameterUncertainty(name, unit, x, e, d, tuple(b), tuple(c), v, r)
-            for name, unit, x, e, d, b, c, v, r in zip(
-                layout.names,
-                layout.units,
-                fitted.parameters.tolist(),
-                errors.tolist(),
-                shift.tolist(),
-                resampled.interval().tolist(),
-                intervals.bounds.tolist(),
-                verdicts,
-                between.tolist(),
-                strict=True,
-            )
+        parameters=_stated(
+            model, fitted, variance, between, resampled, intervals, verdicts
         ),
         bootstrap=resampled,
         intervals=intervals,
         scatter=scores.sentence,
         recordings=recordings,
+    )
+
+
+def _moved(
+    fitted: ConstrainedFit,
+    parts: Sequence[Regression],
+    base: BaseParameters,
+    recordings: RecordingScatter,
+) -> Vector:
+    """Return each parameter's variance as the scatter of recordings moves it."""
+    scores = shift_scores(fitted, parts, base, recordings.deviations)
+    return np.diag(covariance(fitted, scores))
+
+
+def _root(variance: Vector) -> Vector:
+    """Return standard deviations; rounding may leave a variance below zero."""
+    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
+
+
+def _stated(
+    model: TorqueModel,
+    fitted: ConstrainedFit,
+    variance: Vector,
+    between: Vector,
+    resampled: Bootstrap,
+    intervals: ConsistentIntervals,
+    verdicts: Sequence[str],
+) -> tuple[ParameterUncertainty, ...]:
+    """Return what is said of each parameter: errors only where they are known."""
+    shift = abs(fitted.parameters - fitted.best.parameters)
+    errors = np.hypot(_root(variance), shift)
+    known = np.array([v in ("data", "constraint") for v in verdicts])
+    seen = known | np.array([v == "loose" for v in verdicts])
+    layout = model.layout
+    return tuple(
+        ParameterUncertainty(name, unit, x, e, d, tuple(b), tuple(c), v, r)
+        for name, unit, x, e, d, b, c, v, r in zip(
+            layout.names,
+            layout.units,
+            fitted.parameters.tolist(),
+            np.where(known, errors, np.nan).tolist(),
+            np.where(known, shift, np.nan).tolist(),
+            resampled.interval().tolist(),
+            intervals.bounds.tolist(),
+            verdicts,
+            np.where(seen, between, np.nan).tolist(),
+            strict=True,
+        )
     )
 
 

@@ -6,7 +6,7 @@ from time import perf_counter
 
 from consistent_id._support.arrays import Vector
 from consistent_id.constraints import Constraint, PhysicalConsistency
-from consistent_id.constraints.link_condition import link_conditions
+from consistent_id.constraints.link_condition import LinkCondition, link_conditions
 from consistent_id.estimation.determination import determinations
 from consistent_id.estimation.estimate import Certificate, Estimate
 from consistent_id.estimation.fit import fit_of
@@ -74,22 +74,7 @@ def audited(
     model, regression, base = problem.model, problem.regression, problem.base
     links = link_conditions(model, x)
     least = least_mass_eigenvalue(model, x, random_poses(model, POSES, _SEED))
-    rms = regression.residual_rms(x)
-    figures = {
-        "violation in original units": scaled.constraints.violation(x),
-        **proof.figures,
-        f"least eigenvalue of M(q) over {POSES} poses": least,
-        **{
-            f"RMS residual of {joint}": float(value)
-            for joint, value in zip(regression.joints, rms, strict=True)
-        },
-        **{
-            f"least eigenvalue of J of {link.link}, per typical link": (
-                link.least_eigenvalue
-            )
-            for link in links
-        },
-    }
+    figures = _figures(problem, scaled, x, proof, least, links)
     consistent = any(isinstance(c, PhysicalConsistency) for c in problem.constraints)
     R, columns = regression.stacked(), list(base.independent)
     solution = solve_linear(R[:, columns], R[:, -1])
@@ -114,16 +99,44 @@ def audited(
         ),
         sigma=residual_sigma(regression, x, len(base)),
         certificate=_certificate(proof, least if consistent else None, figures),
-        notes=(
-            note,
-            *(
-                f"{link.link} is on the boundary of the consistency cone: {link.edge}"
-                for link in links
-                if link.edge
-            ),
-        ),
+        notes=(note, *_edges(links)),
         seconds=perf_counter() - started,
         fit=fit_of(model, regression, x, base),
+    )
+
+
+def _figures(
+    problem: FitProblem,
+    scaled: ScaledFit,
+    x: Vector,
+    proof: Proof,
+    least: float,
+    links: Sequence[LinkCondition],
+) -> dict[str, float]:
+    """Return the certificate's figures; `least` is the mass matrix's eigenvalue."""
+    rms = zip(
+        problem.regression.joints, problem.regression.residual_rms(x), strict=True
+    )
+    return {
+        "violation in original units": scaled.constraints.violation(x),
+        **proof.figures,
+        f"least eigenvalue of M(q) over {POSES} poses": least,
+        **{f"RMS residual of {joint}": float(value) for joint, value in rms},
+        **{
+            f"least eigenvalue of J of {link.link}, per typical link": (
+                link.least_eigenvalue
+            )
+            for link in links
+        },
+    }
+
+
+def _edges(links: Sequence[LinkCondition]) -> tuple[str, ...]:
+    """Say which links are at the edge of what can be, and at which."""
+    return tuple(
+        f"{link.link} is on the boundary of the consistency cone: {link.edge}"
+        for link in links
+        if link.edge
     )
 
 

@@ -77,20 +77,6 @@ def least_squares(
     undetermined = tuple(
         linear_combination(direction, base.names) for direction in solution.null_space.T
     )
-    notes = [noise.sentence]
-    if _of_two_kinds(model) and np.ptp(regression.sigma) == 0.0:
-        notes.append(
-            "rows in N m and in N count alike, whatever their sizes; "
-            "weighted_least_squares divides each joint's by its noise"
-        )
-    if not redundant:
-        notes = ["no more rows than parameters: the noise is unknown, so are errors"]
-    notes += base.near
-    if undetermined:
-        notes.append(
-            f"the data determine {solution.rank} of {len(base)} base parameters; this "
-            "is the smallest of all vectors that fit best"
-        )
     return Estimate(
         method=method,
         model=model,
@@ -109,7 +95,7 @@ def least_squares(
         undetermined=undetermined,
         sigma=sigma,
         certificate=stationarity_certificate(A, b, solution),
-        notes=tuple(notes),
+        notes=_notes(model, regression, base, solution, noise),
         seconds=perf_counter() - started,
         fit=fit_of(model, regression, parameters, base),
     )
@@ -133,6 +119,31 @@ def weighted_least_squares(
         model, weighted, base=base, method=Method.WEIGHTED_LEAST_SQUARES
     )
     return replace(estimate, seconds=perf_counter() - started)
+
+
+def _notes(
+    model: TorqueModel,
+    regression: Regression,
+    base: BaseParameters,
+    solution: LinearSolution,
+    noise: ResidualNoise,
+) -> tuple[str, ...]:
+    """Say under which conditions values and errors hold."""
+    notes = ["no more rows than parameters: the noise is unknown, so are errors"]
+    if sum(regression.counts) > solution.rank:
+        notes = [noise.sentence]
+        if _of_two_kinds(model) and np.ptp(regression.sigma) == 0.0:
+            notes.append(
+                "rows in N m and in N count alike, whatever their sizes; "
+                "weighted_least_squares divides each joint's by its noise"
+            )
+    notes += base.near
+    if solution.null_space.size:
+        notes.append(
+            f"the data determine {solution.rank} of {len(base)} base parameters; this "
+            "is the smallest of all vectors that fit best"
+        )
+    return tuple(notes)
 
 
 def _of_two_kinds(model: TorqueModel) -> bool:

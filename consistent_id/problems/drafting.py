@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import msgspec
 
@@ -128,17 +128,12 @@ def draft_problem(
         torque_gain=torque_gain,
         gains=gains,
     )
-    read = {file: logs.read(file) for file in training}
-    if "velocity" not in (columns or {}):
-        logs = on_time(logs, read.values())
-        if logs.columns.velocity is None:
-            read = {file: replace(raw, velocity=None) for file, raw in read.items()}
+    logs, read = _read_in_time(logs, training, columns)
     raws = {file: with_torque(raw, gains) for file, raw in read.items()}
     clock = clock_of(list(raws.values()))
     split = split_logs(raws, clock, whole=bool(held_out))
     table = _plain_drive(gains) if drive is None else _drive_table(drive)
     chosen = _plain_cutoff(logs, table, split.training, clock, cutoff, select)
-    known = any(link.datasheet.mass is not None for link in logs.robot.links)
     draft = Draft(
         model=model,
         recordings=tuple(sorted(split.entries, key=lambda entry: entry.role)),
@@ -153,7 +148,7 @@ def draft_problem(
         max_gap=clock.max_gap,
         cutoff=chosen.frequency,
         cutoff_reason=chosen.reason,
-        masses=(masses or "datasheet") if known else "free",
+        masses=_masses(logs, masses),
         raw=read,
         notes=logs.notes,
         drive=table,
@@ -163,6 +158,35 @@ def draft_problem(
     if select:
         draft = _with_model(draft, _fixed(masses, cutoff, drive), band, progress)
     return _with_validation(draft, held_out, logs, clock)
+
+
+class _ReadLogs(NamedTuple):
+    """Logs as recorded, by file, and how others are read alike."""
+
+    logs: RobotLogs
+    recordings: dict[Path, Recording]
+
+
+def _read_in_time(
+    logs: RobotLogs, files: Sequence[Path], columns: Mapping[str, str] | None
+) -> _ReadLogs:
+    """Read logs, without velocities that come late unless their columns are given."""
+    read = {file: logs.read(file) for file in files}
+    if "velocity" in (columns or {}):
+        return _ReadLogs(logs, read)
+    logs = on_time(logs, read.values())
+    if logs.columns.velocity is None:
+        read = {file: replace(raw, velocity=None) for file, raw in read.items()}
+    return _ReadLogs(logs, read)
+
+
+def _masses(
+    logs: RobotLogs, masses: Literal["datasheet", "free"] | None
+) -> Literal["datasheet", "free"]:
+    """Return whether masses are known; where the model has none, they are free."""
+    if all(link.datasheet.mass is None for link in logs.robot.links):
+        return "free"
+    return masses or "datasheet"
 
 
 def _fixed(

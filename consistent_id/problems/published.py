@@ -146,18 +146,7 @@ def check_published(problem: Problem) -> PublishedReport:
     table = published_table(problem)
     mine = parametrisation_of(problem)
     experiments = _experiments(table.experiments, mine)
-    for name in ("mean", "standard_deviation"):
-        length = len(getattr(table, name))
-        if length not in (0, len(mine)):
-            raise ProblemError(
-                f"[published] {name}: {length} values, expected {len(mine)}"
-            )
-    for link, row in table.central_inertia.items():
-        if link not in problem.model.layout.links or len(row) != 6:
-            raise ProblemError(
-                f"[published.central_inertia] {link}: {len(row)} values, expected 6 "
-                f"for one of {', '.join(problem.model.layout.links)}"
-            )
+    _require_lengths(table, mine)
     motion = problem.motion(table.motion)
     R = mine.factor(motion)[:, :-1]
     fixed = mine.places(table.fixed)
@@ -205,6 +194,22 @@ def check_published(problem: Problem) -> PublishedReport:
             for name, x in standard.items()
         ),
     )
+
+
+def _require_lengths(table: PublishedTable, mine: Parametrisation) -> None:
+    """Refuse a printed row that has not one value for each of its names."""
+    for name in ("mean", "standard_deviation"):
+        length = len(getattr(table, name))
+        if length not in (0, len(mine)):
+            raise ProblemError(
+                f"[published] {name}: {length} values, expected {len(mine)}"
+            )
+    for link, row in table.central_inertia.items():
+        if link not in mine.model.layout.links or len(row) != 6:
+            raise ProblemError(
+                f"[published.central_inertia] {link}: {len(row)} values, expected 6 "
+                f"for one of {', '.join(mine.model.layout.links)}"
+            )
 
 
 def _experiments(rows: Sequence[Sequence[float]], mine: Parametrisation) -> Matrix:

@@ -54,11 +54,11 @@ _WORDS: dict[str, tuple[frozenset[str], ...]] = {
     ),
 }
 _CURRENT = {"current", "currents", "cur", "amp", "amps", "ampere", "amperes", "i", "iq"}
-_TOLD = {"target", "desired", "des", "cmd", "command", "commanded", "ref"}
-_TOLD |= {"reference", "setpoint", "goal"}
-_COMMANDS = {f"{short}{word}" for short in ("q", "pos", "p") for word in _TOLD}
+_COMMANDED = {"target", "desired", "des", "cmd", "command", "commanded", "ref"}
+_COMMANDED |= {"reference", "setpoint", "goal"}
+_COMMANDS = {f"{short}{word}" for short in ("q", "pos", "p") for word in _COMMANDED}
 _COMMANDS |= {"aspos"}  # KUKA
-_TOLD |= {"d"}
+_COMMANDED |= {"d"}
 _OTHER = {"error", "limit", "action", "ext", "external", "computed"}
 _DEGREES = ({"ai", "pos"}, {"axis", "act"}, {"feedback", "joints"})  # KUKA, ABB
 _TIMES: tuple[str, ...] = (
@@ -104,9 +104,9 @@ def channel_of(pattern: str) -> str:
     if said & _OTHER:
         return ""
     fits = [c for c in CHANNELS if any(phrase <= said for phrase in _WORDS[c])]
-    if said & _COMMANDS or (said & _TOLD and fits == ["position"]):
+    if said & _COMMANDS or (said & _COMMANDED and fits == ["position"]):
         return "position_command"
-    if said & _TOLD:
+    if said & _COMMANDED:
         return ""
     # Of torque_axis_act the torque is meant, of vel_axis_act a share of the limit.
     if "torque" in fits:

@@ -47,7 +47,7 @@ class Recording:
     name : str
         Where it comes from; used in messages.
     position_command, velocity_command : array_like, shape (samples, joints), optional
-        What the drives were told, each from its sample to the next.
+        Commands of the drives, each held from its sample to the next.
     torque_command : array_like, shape (samples, joints), optional, [N m or N]
         Feed-forward torque; `commanded` makes torque of commands.
 

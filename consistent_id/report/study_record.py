@@ -17,31 +17,8 @@ def study_record(study: Study) -> dict[str, Any]:
         "problem": study.problem.name,
         "source": study.problem.table.source,
         **study.verdict.to_dict(),
-        "recommendation": {
-            "method": study.recommendation.method,
-            "expected_error": study.recommendation.expected,
-            "left_out_errors": {
-                method: _number(error)
-                for method, error in zip(
-                    study.recommendation.candidates,
-                    study.recommendation.error,
-                    strict=True,
-                )
-            },
-        },
-        "excitation": {
-            "structural_rank": study.excitation.structural_rank,
-            "data_rank": study.excitation.data_rank,
-            "condition_numbers": [
-                {
-                    "value": _number(c.value),
-                    "basis": c.basis,
-                    "column_scaling": c.scaling,
-                }
-                for c in study.excitation.condition
-            ],
-            "undetermined": list(study.excitation.undetermined),
-        },
+        "recommendation": _recommendation_record(study),
+        "excitation": _excitation_record(study),
         "constraint_costs": [
             {
                 "constraint": cost.name,
@@ -52,14 +29,7 @@ def study_record(study: Study) -> dict[str, Any]:
             }
             for cost in study.costs
         ],
-        "regularisation_path": {
-            "distance": study.path.distance,
-            "weights": study.path.weights.tolist(),
-            "errors": study.path.errors.tolist(),
-            "misfits": study.path.misfits.tolist(),
-            "distances": [_number(d) for d in study.path.distances],
-            "chosen": float(study.path.weights[study.path.best]),
-        },
+        "regularisation_path": _path_record(study),
         "shadow_prices": [
             {
                 "constraint": price.label,
@@ -74,6 +44,46 @@ def study_record(study: Study) -> dict[str, Any]:
         "published": (
             None if study.published is None else _published_record(study.published)
         ),
+    }
+
+
+def _recommendation_record(study: Study) -> dict[str, Any]:
+    chosen = study.recommendation
+    return {
+        "method": chosen.method,
+        "expected_error": chosen.expected,
+        "left_out_errors": {
+            method: _number(error)
+            for method, error in zip(chosen.candidates, chosen.error, strict=True)
+        },
+    }
+
+
+def _excitation_record(study: Study) -> dict[str, Any]:
+    return {
+        "structural_rank": study.excitation.structural_rank,
+        "data_rank": study.excitation.data_rank,
+        "condition_numbers": [
+            {
+                "value": _number(c.value),
+                "basis": c.basis,
+                "column_scaling": c.scaling,
+            }
+            for c in study.excitation.condition
+        ],
+        "undetermined": list(study.excitation.undetermined),
+    }
+
+
+def _path_record(study: Study) -> dict[str, Any]:
+    path = study.path
+    return {
+        "distance": path.distance,
+        "weights": path.weights.tolist(),
+        "errors": path.errors.tolist(),
+        "misfits": path.misfits.tolist(),
+        "distances": [_number(d) for d in path.distances],
+        "chosen": float(path.weights[path.best]),
     }
 
 

@@ -28,7 +28,7 @@ from consistent_id.report.published_tables import published_tables
 
 _PRICES = 12  # single constraints shown
 _COSTLY = 0.02  # of the misfit, from which on a constraint is named
-_DEAREST = 3  # single constraints that are named
+_NAMED = 3  # single constraints that are named
 
 
 def headline_tables(study: Study) -> list[Table]:
@@ -115,7 +115,7 @@ def cost_table(costs: Sequence[ConstraintCost], joints: Sequence[str]) -> Table:
 def costly_constraints(
     costs: Sequence[ConstraintCost], prices: Sequence[ShadowPrice]
 ) -> tuple[str, ...]:
-    """Name what disagrees with the data: constraints, and the dearest of their parts.
+    """Name what disagrees with the data: constraints, and their costliest parts.
 
     Parameters
     ----------
@@ -128,13 +128,13 @@ def costly_constraints(
     tuple of str
         A line; none if no constraint costs anything by itself.
     """
-    dear = sorted(
+    costly = sorted(
         (c for c in costs if c.increase >= _COSTLY), key=lambda c: -c.increase
     )
-    parts = [p.label for p in prices[:_DEAREST] if p.cost > 0.0]
-    if not dear:
+    parts = [p.label for p in prices[:_NAMED] if p.cost > 0.0]
+    if not costly:
         return ()
-    named = ", ".join(f"{c.name} (misfit {c.increase:+.0%})" for c in dear)
+    named = ", ".join(f"{c.name} (misfit {c.increase:+.0%})" for c in costly)
     single = f"; first of all {', '.join(parts)}" if parts else ""
     return (f"constraints that cost fit, each by itself: {named}{single}",)
 

@@ -16,7 +16,7 @@ from consistent_id.recordings.signals.clocks import is_uniform, own_rate
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Replay:
-    """What a model did when it was told what the robot was told.
+    """How a model moved under the commands that the robot had.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def replay(
     delay: float = 0.0,
     offsets: Vector | None = None,
 ) -> Replay:
-    """Tell a model what the robot was told, from the robot's state at the start.
+    """Give a model the robot's commands, from the robot's state at the start.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A robot's file or specification, made ready to be told what the robot was told.
+"""A robot's file or specification, made ready for the commands that the robot had.
 
 Its base is held, joints that are not looked at are held at their locked positions,
 contacts are left out, and in place of its own actuators each joint has the PD drive of
@@ -58,7 +58,7 @@ def replay_model(
     locked: Mapping[str, float] | None = None,
     period: float = STEP,
 ) -> ReplayModel:
-    """Return a model that can be told what the robot was told.
+    """Return a model that can be given the commands that the robot had.
 
     Parameters
     ----------

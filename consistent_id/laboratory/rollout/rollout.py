@@ -1,4 +1,4 @@
-"""Models side by side: how far each moves from the robot, told the same."""
+"""Models side by side: how far each moves from the robot, under the same commands."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -36,7 +36,7 @@ class Columns:
         Joints of the columns of two-dimensional arrays, in the arrays' order; a name
         without ``{joint}`` and ``{number}`` is then that of such an array.
     position_command, velocity_command, torque_command : str, optional
-        What the drives were told, if they are PD-controlled.
+        Commands of the drives, if these are PD-controlled.
     torque_joints : sequence of str
         Joints whose torque the log has; by default all.  Of the others nothing is read,
         and their torque is zero: a `TorqueModel` of the same `torque_joints` has no row

@@ -1,4 +1,4 @@
-"""The torque of PD-controlled joints, from what they were told."""
+"""The torque of PD-controlled joints, from their commands."""
 
 from dataclasses import dataclass, replace
 
@@ -95,8 +95,8 @@ def commanded(recording: Recording, gains: PDGains, *, delay: float = 0.0) -> Re
     Examples
     --------
     >>> time = np.arange(4) / 100.0
-    >>> still, told = np.zeros((4, 1)), np.ones((4, 1))
-    >>> log = Recording(("hip",), time, still, still, position_command=told)
+    >>> still, target = np.zeros((4, 1)), np.ones((4, 1))
+    >>> log = Recording(("hip",), time, still, still, position_command=target)
     >>> commanded(log, PDGains(20.0, 1.5)).torque[0]
     array([20.])
     """
@@ -112,7 +112,7 @@ def commanded(recording: Recording, gains: PDGains, *, delay: float = 0.0) -> Re
     if velocity is None:
         velocity = np.gradient(recording.position, recording.time, axis=0)
     late = delay + 0.5 * float(np.median(np.diff(recording.time)))
-    told = (
+    commands = (
         None if values is None else _late(recording.time, values, late)
         for values in (
             recording.position_command,
@@ -120,13 +120,13 @@ def commanded(recording: Recording, gains: PDGains, *, delay: float = 0.0) -> Re
             recording.torque_command,
         )
     )
-    q, dq, feed_forward = (0.0 if values is None else values for values in told)
+    q, dq, feed_forward = (0.0 if values is None else values for values in commands)
     torque = gains.kp * (q - recording.position) + gains.kd * (dq - velocity)
     torque = np.clip(torque + feed_forward, -gains.torque_limit, gains.torque_limit)
     return replace(recording, torque=torque)
 
 
 def _late(time: Vector, values: Matrix, delay: float) -> Matrix:
-    """Return what was told a delay ago."""
+    """Return the commands of a delay ago."""
     columns = (np.interp(time - delay, time, column) for column in values.T)
     return np.column_stack(list(columns))
