@@ -27,3 +27,11 @@ def _doctest_names(doctest_namespace):
     import numpy as np
 
     doctest_namespace["np"] = np
+
+
+def pytest_collection_modifyitems(items):
+    """Mark examples in docstrings that run a whole study as slow."""
+    for item in items:
+        test = getattr(item, "dtest", None)
+        if test is not None and "run_study(" in test.docstring:
+            item.add_marker(pytest.mark.slow)

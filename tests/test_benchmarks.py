@@ -140,9 +140,9 @@ def test_rivals_are_measured_within_the_limits():
 
 def test_every_mutant_is_python_with_one_line_changed():
     mutation = _benchmark("mutation")
-    file = mutation.ROOT / "consistent_id" / "regression" / "base.py"
+    file = mutation.ROOT / "consistent_id" / "regression" / "correlation.py"
     mutants = list(mutation.mutants_of(file, random.Random(0)))
-    assert len(mutants) > 50
+    assert len(mutants) > 30
     for mutant in mutants:
         ast.parse(mutant.content)
         before, after = mutant.source.splitlines(), mutant.content.splitlines()

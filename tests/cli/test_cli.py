@@ -6,6 +6,7 @@ import subprocess
 import sys
 
 import pytest
+from some_fast import some_fast
 
 from consistent_id import ConsistentIdError, Estimate, Study, load_problem
 from consistent_id.cli import main
@@ -135,7 +136,7 @@ def test_every_error_of_the_package_has_one_root():
 
 
 @pytest.mark.parametrize(
-    "form", ["urdf", "mjcf", "json", "pin", "numpy", "casadi", "c"]
+    "form", some_fast(["mjcf", "urdf", "json", "pin", "numpy", "casadi", "c"], 2)
 )
 def test_an_estimate_is_exported_for_other_programmes(form, rx60_estimate, capsys):
     if form == "mjcf":

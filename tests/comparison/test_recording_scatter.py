@@ -82,7 +82,11 @@ def test_planted_scatter_is_found_where_it_is():
 
 @pytest.mark.parametrize(
     ("count", "least"),
-    [(2, 0.65), (4, 0.84), pytest.param(10, 0.91, marks=pytest.mark.slow)],
+    [
+        pytest.param(2, 0.65, marks=pytest.mark.slow),
+        (4, 0.84),
+        pytest.param(10, 0.91, marks=pytest.mark.slow),
+    ],
 )
 def test_standard_errors_with_it_cover_what_those_of_noise_do_not(count, least):
     rng = np.random.default_rng(count)

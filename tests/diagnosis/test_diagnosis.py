@@ -62,6 +62,7 @@ def _held(load, breakaway):
     return held
 
 
+@pytest.mark.slow
 def test_friction_that_holds_joints_at_rest_contradicts_no_model():
     case, still = clean_case(2), [0, 2, 3]
     sine, cosine = case.motion.sine.copy(), case.motion.cosine.copy()

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from experiments import experiment
+from some_fast import some_fast
 
 from consistent_id import (
     FixedMasses,
@@ -60,7 +61,7 @@ def shares(model, parameters):
     return np.array(found)
 
 
-@pytest.mark.parametrize("seed", [2, 3, 5, 6])
+@pytest.mark.parametrize("seed", some_fast([2, 3, 5, 6], 2))
 @pytest.mark.parametrize("kind", [0, 1])
 def test_links_of_little_data_stay_inside_at_next_to_no_cost(seed, kind):
     model, regression, bodies = little_data(seed)

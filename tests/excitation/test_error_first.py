@@ -93,6 +93,7 @@ def test_a_bound_on_the_condition_number_is_kept_or_refused():
         designed(Aim(condition_at_most=1.0), joints=3)
 
 
+@pytest.mark.slow
 def test_of_several_forms_the_best_is_taken():
     forms = [PathForm(5.0, 3), PathForm(5.0, 6)]
     design = designed(form=forms)

@@ -101,6 +101,7 @@ def test_mujoco_loads_bodies_at_the_edge_of_what_can_be(body):
     _assert_same_torque(export.content, estimate)
 
 
+@pytest.mark.slow
 def test_mujoco_loads_the_constrained_estimate_of_a_study():
     from consistent_id import build_regression, constrained_least_squares, load_problem
     from consistent_id.problems.experiment_data import recordings_of

@@ -26,7 +26,7 @@ from consistent_id import (
 )
 from consistent_id.motion.files import content
 
-REPEATABLE = settings(derandomize=True, deadline=None, max_examples=40)
+REPEATABLE = settings(derandomize=True, deadline=None, max_examples=20)
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
 NAMES = st.text(
     st.characters(exclude_categories=["C", "Z"]), min_size=1, max_size=8

@@ -78,7 +78,7 @@ def test_the_file_loads_as_the_problem_that_was_drafted(arm):
     [
         {},
         {"masses": "free", "torque_gain": (2.0, 0.5), "select": False},
-        {"torque_joints": ["elbow"]},
+        {"torque_joints": ["elbow"], "select": False},
     ],
 )
 def test_the_text_holds_exactly_what_was_drafted(arm, options):

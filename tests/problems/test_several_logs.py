@@ -63,6 +63,7 @@ def test_without_logs_to_judge_by_each_keeps_its_last_part_for_that(arm):
         )
 
 
+@pytest.mark.slow
 def test_what_judges_changes_nothing_that_is_chosen(arm, tmp_path):
     urdf, first, _, third = arm
     model = TorqueModel(load_robot(urdf), DRIVE)

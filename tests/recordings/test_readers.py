@@ -18,7 +18,7 @@ JOINTS = ("elbow", "wrist")
 CHANNELS = ("position", "velocity", "acceleration", "torque")
 ALL = Columns("t", *(f"{channel}_{{joint}}" for channel in CHANNELS))
 # Seeds explicit: hypothesis derives its examples from the test's own source.
-REPEATABLE = settings(derandomize=True, deadline=None, max_examples=200)
+REPEATABLE = settings(derandomize=True, deadline=None, max_examples=60)
 
 
 def table(values):

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers import Columns, csv, read_recording
 
-REPEATABLE = settings(derandomize=True, deadline=None, max_examples=200)
+REPEATABLE = settings(derandomize=True, deadline=None, max_examples=60)
 NUMBER = st.floats(allow_nan=False, allow_infinity=False, width=64)
 SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t"}
 
@@ -73,7 +73,7 @@ CELL = st.sampled_from([*NUMERALS.split(" "), *ODD])
 
 
 @pytest.mark.slow
-@settings(REPEATABLE, max_examples=400)
+@settings(REPEATABLE, max_examples=150)
 @given(
     separator=st.sampled_from(list(SEPARATORS.values())),
     rows=st.lists(st.lists(CELL, min_size=2, max_size=3), min_size=1, max_size=3),

@@ -32,7 +32,7 @@ def from_messages(content, joints=JOINTS, columns=JOINT_STATE):
     )
 
 
-@settings(derandomize=True, deadline=None, max_examples=100)
+@settings(derandomize=True, deadline=None, max_examples=40)
 @given(st.data())
 def test_the_order_of_joints_may_change_from_message_to_message(data):
     table = np.arange(12.0).reshape(4, 3)

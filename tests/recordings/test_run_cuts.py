@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from consistent_id import Recording, RecordingError, signals
 
 # Seeds explicit: hypothesis derives its examples from the test's own source.
-REPEATABLE = settings(derandomize=True, deadline=None, max_examples=200)
+REPEATABLE = settings(derandomize=True, deadline=None, max_examples=60)
 STEPS = st.lists(st.sampled_from([0.25, 0.5, 1.0]), min_size=1, max_size=12)
 
 

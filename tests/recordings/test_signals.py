@@ -21,7 +21,7 @@ FUNCTIONS = [
     partial(signals.resampled, rate=450.0),
 ]
 # Seeds explicit: hypothesis derives its examples from the test's own source.
-REPEATABLE = settings(derandomize=True, deadline=None, max_examples=100)
+REPEATABLE = settings(derandomize=True, deadline=None, max_examples=40)
 
 
 def clock(samples, rate=RATE):

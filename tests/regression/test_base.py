@@ -40,7 +40,7 @@ PANDA = arm(
     (0, -1, 1, 1, -1, 1, 1), (0, 0, 0, 0.1, -0.1, 0, 0.1), (0.3, 0, 0.3, 0, 0.4, 0, 0)
 )
 # Seeds explicit: hypothesis derives its examples from the test's own source.
-REPEATABLE = settings(derandomize=True, deadline=None, max_examples=100)
+REPEATABLE = settings(derandomize=True, deadline=None, max_examples=50)
 SERIAL_AND_TREES = [(1, 0, 1), (4, 0, 2), (7, 0, 3), (4, 1, 4), (7, 1, 5)]
 
 

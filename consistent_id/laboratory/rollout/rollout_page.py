@@ -20,8 +20,8 @@ def rollout_html(rollout: Rollout, title: str) -> str:
     """Return a rollout as one HTML file that needs nothing else."""
     shown = rollout.offsets or rollout.replays
     about = (
-        "Each model was given the robot's commands in MuJoCo, from the robot's state at "
-        "the start; its own motion closes the loop."
+        "Each model was given the robot's commands in MuJoCo, from the robot's state "
+        "at the start; its own motion closes the loop."
     )
     sections = [
         Section(

@@ -1,6 +1,7 @@
 """Velocity and acceleration by a Kalman smoother whose noise levels the data choose."""
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -162,7 +163,7 @@ def _costs(
 ) -> tuple[Matrix, Matrix]:
     """Return ``-2 log`` likelihoods and the best noise variance for ratios tried."""
     different, where = np.unique(ratios, return_inverse=True)
-    found = gains(different, order, len(z), steady=_ROUGHLY, covariances=False)
+    found = _rough_gains(tuple(different.tolist()), order, len(z))
     found = Gains(
         found.gain[..., where.ravel()],
         found.variance[..., where.ravel()],
@@ -177,6 +178,11 @@ def _costs(
     variance = np.maximum(power / n, floor**2)
     size = np.log(S).sum(axis=0).reshape(ratios.shape)
     return n * np.log(variance) + power / variance + size, variance
+
+
+@lru_cache(maxsize=8)  # two for each order; logs of one length have the same
+def _rough_gains(ratios: tuple[float, ...], order: int, samples: int) -> Gains:
+    return gains(np.array(ratios), order, samples, steady=_ROUGHLY, covariances=False)
 
 
 def _enough(recording: Recording) -> None:
