@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 from faults_catalogue import CATALOGUE, CLEAN
 from faults_experiment import Experiment, experiment
-from faults_robots import robots
+from faults_robots import loaded, robots
 from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
@@ -90,14 +90,6 @@ class Outcome:
         """Whether each cause that is named is one that it may be called."""
         kinds = () if self.trial.clean else CATALOGUE[self.trial.label][0]
         return set(self.causes) <= set(kinds)
-
-
-def loaded(text: str) -> ci.RobotModel:
-    """Return the robot of a URDF's text."""
-    with tempfile.NamedTemporaryFile("w", suffix=".urdf") as file:
-        file.write(text)
-        file.flush()
-        return ci.load_urdf(file.name)
 
 
 def case_of(trial: Trial) -> Experiment:

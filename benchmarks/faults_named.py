@@ -6,20 +6,18 @@ for choosing thresholds; a published count takes even ones.
 """
 
 import argparse
-import tempfile
 import time
 import warnings
 import zlib
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from faults import UNNAMED
 from faults_catalogue import CATALOGUE, CLEAN
 from faults_experiment import experiment
-from faults_robots import robots
+from faults_robots import loaded, robots
 
 import consistent_id as ci
 from consistent_id.cli.checks import smoothed
@@ -48,13 +46,6 @@ class Trial:
         """The causes that were named and are not the fault."""
         allowed = CATALOGUE[self.label][0] if self.label in CATALOGUE else ()
         return tuple(k for k in self.named if k not in allowed)
-
-
-def loaded(text: str) -> ci.RobotModel:
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "robot.urdf"
-        file.write_text(text)
-        return ci.load_urdf(file)
 
 
 def judged(trial: Trial) -> Trial:

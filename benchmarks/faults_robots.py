@@ -6,8 +6,10 @@ The URDF that a user gets has the true masses, and centres of mass and inertias 
 a designer's: near, and not right.
 """
 
+import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -244,6 +246,14 @@ def random_motion(robot: Robot, rng: np.random.Generator) -> Motion:
         amplitude[j] *= 0.6 / max(amplitude[j].sum() / part.reach, fast)
     middle = np.array([0.15 * part.reach * rng.uniform(-1, 1) for part in robot.parts])
     return Motion(frequency, amplitude, rng.uniform(0, 2 * np.pi, shape), middle)
+
+
+def loaded(text: str) -> ci.RobotModel:
+    """Return the robot of a URDF's text."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "robot.urdf"
+        file.write_text(text)
+        return ci.load_urdf(file)
 
 
 def times(duration: float = DURATION) -> np.ndarray:

@@ -4,7 +4,6 @@ Seed 1 was looked at when the selection was made; other seeds are other robots, 
 and noise of these kinds.
 """
 
-import tempfile
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,6 +13,7 @@ from faults_robots import (
     RATE,
     Robot,
     as_drawn,
+    loaded,
     random_motion,
     robots,
     times,
@@ -176,14 +176,6 @@ def _drawn(robot: Robot, truth: Truth, rng: np.random.Generator) -> str:
         parts = [replace(p, mass=truth.placeholder) for p in drawn.parts]
         drawn = replace(drawn, parts=tuple(parts))
     return urdf(drawn)
-
-
-def loaded(text: str) -> ci.RobotModel:
-    """Return the robot of a URDF's text."""
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "robot.urdf"
-        file.write_text(text)
-        return ci.load_urdf(file)
 
 
 def written(case: Case, folder: Path) -> tuple[Path, Path]:

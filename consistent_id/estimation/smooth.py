@@ -123,7 +123,7 @@ def smooth_least_squares(
             for direction in solution.null_space.T
         ),
         sigma=residual_sigma(regression, x, len(base)),
-        certificate=_certificate(fit, _proof(model, scaled, variables, fit.u)),
+        certificate=_certificate(fit, _proof(scaled, variables, fit.u)),
         notes=("what the data do not determine is near the start of the search",),
         seconds=perf_counter() - started,
         fit=fit_of(model, regression, x, base),
@@ -137,9 +137,7 @@ def _start(model: TorqueModel, start: ArrayLike | None) -> Vector:
     return np.append(bodies, np.zeros(len(model.layout) - len(bodies)))
 
 
-def _proof(
-    model: TorqueModel, scaled: ScaledFit, variables: BodyVariables, u: Vector
-) -> Optimality:
+def _proof(scaled: ScaledFit, variables: BodyVariables, u: Vector) -> Optimality:
     """Certify a point as the cone programme's is, with multipliers of its own."""
     problem = scaled.problem
     centre = scaled.centre

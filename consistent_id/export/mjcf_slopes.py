@@ -11,10 +11,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from consistent_id._support.arrays import Matrix, Vector
+from consistent_id._support.arrays import Vector
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.export.drive_values import JointDrive, joint_drives
-from consistent_id.export.mjcf_body import require_mujoco
+from consistent_id.export.mjcf_body import rotation_of
 from consistent_id.export.mjcf_gears import set_number
 from consistent_id.robot.model import Joint
 
@@ -117,12 +117,6 @@ def _ends(model: Any, j: int, rest: float) -> tuple[Vector, Vector]:
     u /= np.linalg.norm(u)
     angle = rest - float(model.qpos0[model.jnt_qposadr[j]]) + np.pi
     turned = np.cos(angle) * u + np.sin(angle) * np.cross(axis, u)
-    R = _rotation(model.body_quat[body])
+    R = rotation_of(model.body_quat[body])
     own = anchor + RADIUS * u
     return own, model.body_pos[body] + R @ (anchor + RADIUS * turned)
-
-
-def _rotation(quat: Vector) -> Matrix:
-    R = np.zeros(9)
-    require_mujoco().mju_quat2Mat(R, quat)
-    return R.reshape(3, 3)

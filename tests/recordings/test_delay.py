@@ -10,6 +10,7 @@ from consistent_id import signals
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers import Columns, read_recording
 from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.signals.delay import _filtered_pair
 
 ORDER = {"position": 0, "velocity": 1, "acceleration": 2, "torque": 0}
 NAMES = ("a", "b", "c")
@@ -70,6 +71,19 @@ def test_a_delay_is_found_within_a_tenth_of_a_sample(first, second, rates, noise
         scores.append((found.seconds - delay) / found.standard_error)
     # The cut-off with the least standard error is chosen, so it is somewhat too small.
     assert 0.3 < np.sqrt(np.mean(np.square(scores))) < 3.0
+
+
+def test_a_period_of_the_filter_is_left_out_at_each_end_of_the_late_signal():
+    def recorded(start, stop):
+        time = np.arange(start * 128, stop * 128 + 1) / 128.0  # exact in binary
+        return log(time, np.sin(5.0 * time))
+
+    ends = []
+    for first, second in ((recorded(0, 40), recorded(10, 30)), (recorded(8, 32),) * 2):
+        pair = _filtered_pair(first, second, 0, 20.0, longest=0.5, lowest=1.0)
+        ends.append((pair.time[0], pair.time[-1]))
+    # Of the reference as much again as the longest delay is needed.
+    assert ends == [(11.0, 29.0), (9.5, 30.5)]
 
 
 def test_a_joint_at_rest_says_nothing_and_the_reverse_delay_is_the_negative():

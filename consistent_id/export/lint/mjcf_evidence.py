@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from consistent_id._support.arrays import Array, Matrix
-from consistent_id.export.mjcf_body import require_mujoco
+from consistent_id._support.arrays import Array
+from consistent_id.export.mjcf_body import require_mujoco, rotation_of
 from consistent_id.export.repair.cause_search import LinkStatement
 from consistent_id.export.repair.file_evidence import FileEvidence
 from consistent_id.export.repair.link_solid import LinkSolid, directions, hull_solid
@@ -45,7 +45,7 @@ def _statement(name: str, body: Any, model: Any, b: int) -> LinkStatement:
         xx, yy, zz, xy, xz, yz = body.fullinertia
         inertia = inertia_matrix([xx, xy, xz, yy, yz, zz])
         return LinkStatement(name, mass, com, np.eye(3), inertia)
-    axes = _rotation(model.body_iquat[b])
+    axes = rotation_of(model.body_iquat[b])
     return LinkStatement(name, mass, com, axes, np.diag(model.body_inertia[b]))
 
 
@@ -56,7 +56,7 @@ def _solid(model: Any, b: int) -> LinkSolid | None:
         points = _points(model, int(g))
         if points is None:
             return None
-        clouds.append(points @ _rotation(model.geom_quat[g]).T + model.geom_pos[g])
+        clouds.append(points @ rotation_of(model.geom_quat[g]).T + model.geom_pos[g])
     return hull_solid(np.vstack(clouds)) if clouds else None
 
 
@@ -84,9 +84,3 @@ def _points(model: Any, g: int) -> Array | None:
         height = np.sign(around[:, 2:]) * size[1]
         return np.hstack([rim, height])
     return None
-
-
-def _rotation(quaternion: Array) -> Matrix:
-    turn = np.zeros(9)
-    require_mujoco().mju_quat2Mat(turn, quaternion)
-    return turn.reshape(3, 3)

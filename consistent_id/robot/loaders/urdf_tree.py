@@ -44,11 +44,11 @@ def tree_findings(root: Element) -> Iterator[Finding]:
             )
         elif child:
             carried[child] = joint
-    yield from _root_findings(root, links, carried)
+    yield from _root_findings(links, carried)
 
 
 def _root_findings(
-    root: Element, links: dict[str, Element], carried: dict[str, Element]
+    links: dict[str, Element], carried: dict[str, Element]
 ) -> Iterator[Finding]:
     roots = [link for name, link in links.items() if name not in carried]
     for extra in roots[1:]:
