@@ -19,10 +19,17 @@ from consistent_id import (
     build_regression,
     simulate_torque,
 )
+from consistent_id.constraints.cones.least_norm import solve_least_norm
 from consistent_id.constraints.cones.programmes import Multipliers
 from consistent_id.constraints.distances import nominal_distance
 from consistent_id.constraints.priors import Distance
-from consistent_id.estimation.penalised import _proven, certify_penalised, penalised_fit
+from consistent_id.estimation.penalised import (
+    _proven,
+    _stacked,
+    _step_length,
+    certify_penalised,
+    penalised_fit,
+)
 from consistent_id.estimation.scaled_fit import REFERENCE, scaled_fit
 from consistent_id.regression.base import base_parameters
 from consistent_id.robot.inertia import PSEUDO_INERTIA_BASIS, pseudo_inertia
@@ -53,6 +60,12 @@ def noisy(seed, joints, drive=DRIVE, noise=0.1, samples=200):
 def dimensionless(model, regression, distance="entropic", constraints=BODIES):
     fit = scaled_fit(model, regression, base_parameters(model), constraints)
     return fit, nominal_distance(model, distance, fit.unit)
+
+
+def J(u, fit, k):
+    """The pseudo-inertia of link `k` in dimensionless parameters."""
+    own = slice(10 * k, 10 * k + 10)
+    return pseudo_inertia(u[own] * fit.unit[own])
 
 
 def objective(fit, distance, weight, u):
@@ -104,6 +117,34 @@ def test_the_entropic_optimum_is_that_of_a_smooth_search_over_bodies(seed, weigh
     mine = objective(fit, distance, weight, found.solution.u)
     assert mine == pytest.approx(value - fit.residual**2 / 2, rel=1e-6, abs=1e-9)
     assert found.solution.u == pytest.approx(x / fit.unit, rel=1e-3, abs=1e-3)
+
+
+@pytest.mark.parametrize("weight", [1e-3, 1.0])
+@pytest.mark.parametrize("seed", range(3))
+def test_of_a_long_newton_step_so_much_is_taken_as_lowers_the_objective_most(
+    seed, weight
+):
+    model, regression = noisy(seed, joints=2)
+    fit, distance = dimensionless(model, regression)
+    rng = np.random.default_rng(seed)
+    u = distance.nominal.copy()
+    u[:20] = np.concatenate([random_body(rng).vector for _ in range(2)]) / fit.unit[:20]
+    rows = distance.local(u)
+    step = solve_least_norm(_stacked(fit, rows, weight), origin=u).u - u
+    length = np.linalg.norm(rows.G @ step)
+    taken = _step_length(fit, distance, weight, u, step, length)
+    least = 1.0 / (1.0 + length)
+    # A quarter of each eigenvalue of a body is left, at the least.
+    shares = [
+        np.linalg.eigvals(np.linalg.solve(J(u, fit, k), J(step, fit, k))).real.min()
+        for k in range(2)
+    ]
+    most = max(min(1.0, -0.75 / min(shares)), least) if min(shares) < 0.0 else 1.0
+    tried = np.linspace(least, most, 500)
+    values = [objective(fit, distance, weight, u + t * step) for t in tried]
+    assert length > 0.25 and least <= taken <= most * (1.0 + 1e-9)
+    best = objective(fit, distance, weight, u + taken * step)
+    assert best <= min(values) * (1.0 + 1e-12)
 
 
 def test_without_constraints_a_quadratic_distance_has_the_normal_equations_answer():
