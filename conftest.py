@@ -1,5 +1,6 @@
 """One BLAS thread, examples that repeat themselves, and names of doctests."""
 
+import gc
 import os
 
 import pytest
@@ -35,3 +36,8 @@ def pytest_collection_modifyitems(items):
         test = getattr(item, "dtest", None)
         if test is not None and "run_study(" in test.docstring:
             item.add_marker(pytest.mark.slow)
+
+
+def pytest_collection_finish():
+    """Spare the garbage collector the tests and libraries, which all stay."""
+    gc.freeze()

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from experiments import experiment, pendulum
 from robots import random_robot, random_states
+from some_fast import some_fast
 
 from consistent_id import (
     CentreOfMassBoxes,
@@ -43,7 +44,7 @@ def test_without_noise_the_true_robot_is_recovered_where_the_data_speak(seed):
     assert np.allclose(estimate.base_values, expected, atol=1e-3 * abs(expected).max())
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", some_fast(range(6), 3))
 def test_every_link_is_a_body_and_every_mass_is_the_datasheets(seed):
     model, truth, log = experiment(20 + seed, noise=5.0, samples=200)
     regression = build_regression(model, log)
@@ -58,7 +59,7 @@ def test_every_link_is_a_body_and_every_mass_is_the_datasheets(seed):
 
 @pytest.mark.parametrize(
     "seed",
-    [*range(8), *(pytest.param(k, marks=pytest.mark.slow) for k in range(8, 30))],
+    some_fast(range(30), 5),
 )
 def test_random_problems_of_all_kinds_are_certified(seed):
     rng = np.random.default_rng(1000 + seed)

@@ -119,16 +119,20 @@ def test_the_entropic_optimum_is_that_of_a_smooth_search_over_bodies(seed, weigh
     assert found.solution.u == pytest.approx(x / fit.unit, rel=1e-3, abs=1e-3)
 
 
-@pytest.mark.parametrize("weight", [1e-3, 1.0])
+@pytest.mark.parametrize("heavy", [False, True])
 @pytest.mark.parametrize("seed", range(3))
 def test_of_a_long_newton_step_so_much_is_taken_as_lowers_the_objective_most(
-    seed, weight
+    seed, heavy
 ):
     model, regression = noisy(seed, joints=2)
     fit, distance = dimensionless(model, regression)
     rng = np.random.default_rng(seed)
-    u = distance.nominal.copy()
-    u[:20] = np.concatenate([random_body(rng).vector for _ in range(2)]) / fit.unit[:20]
+    u, weight = distance.nominal.copy(), 1e6 if heavy else 1e-3
+    if heavy:  # by far: Newton's step leads beyond the optimum
+        u[:20] *= 3.0
+    else:
+        others = np.concatenate([random_body(rng).vector for _ in range(2)])
+        u[:20] = others / fit.unit[:20]
     rows = distance.local(u)
     step = solve_least_norm(_stacked(fit, rows, weight), origin=u).u - u
     length = np.linalg.norm(rows.G @ step)
@@ -142,6 +146,7 @@ def test_of_a_long_newton_step_so_much_is_taken_as_lowers_the_objective_most(
     most = max(min(1.0, -0.75 / min(shares)), least) if min(shares) < 0.0 else 1.0
     tried = np.linspace(least, most, 500)
     values = [objective(fit, distance, weight, u + t * step) for t in tried]
+    assert (taken < 0.999 * most) == heavy
     assert length > 0.25 and least <= taken <= most * (1.0 + 1e-9)
     best = objective(fit, distance, weight, u + taken * step)
     assert best <= min(values) * (1.0 + 1e-12)
@@ -167,6 +172,16 @@ def test_a_firmer_belief_brings_the_robot_nearer_and_costs_fit(distance):
     # Up to what a relative gap of 1e-6 leaves open.
     assert (np.diff([f.squared_distance for f in path]) >= -1e-4).all()
     assert (np.diff([f.excess for f in path]) <= 1e-4).all()
+
+
+def test_the_gap_of_the_distance_is_the_objectives_over_half_the_weight():
+    model, regression = noisy(1, joints=2)
+    found = penalised_fit(*dimensionless(model, regression), 4.0)
+    # Half of (misfit + 4 distance): with the misfit the same, 0.3 of it is 0.15.
+    loose = replace(found, optimality=replace(found.optimality, objective=3.0, gap=0.1))
+    assert loose.distance_gap == pytest.approx(0.15)
+    small = replace(found, optimality=replace(found.optimality, objective=0.0, gap=0.1))
+    assert small.distance_gap == pytest.approx(0.05 * REFERENCE)
 
 
 @pytest.mark.parametrize("seed", range(10))

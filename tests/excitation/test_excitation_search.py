@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from excited import arm, arm_limits, arm_problem
+from some_fast import some_fast
 
 from consistent_id import SolverError, TorqueModel
 from consistent_id.excitation.aims import Aim, PathForm
@@ -44,7 +45,7 @@ def test_random_starts_use_the_same_share_of_every_joints_limits(seed):
     assert not np.array_equal(problem.random(seed), other)
 
 
-@pytest.mark.parametrize("objective", OBJECTIVES)
+@pytest.mark.parametrize("objective", some_fast(OBJECTIVES, 2))
 def test_a_search_improves_on_its_start_and_keeps_the_limits(objective):
     form = PathForm(5.0, 3)
     task = TorqueModel(arm(2)), arm_limits(arm(2))
@@ -166,6 +167,7 @@ def test_every_improvement_is_reported():
     assert reports[-1] == found.score
 
 
+@pytest.mark.slow
 def test_searches_come_back_best_first():
     starts = [Candidate(number) for number in range(3)]
     found = run_searches(problem_of(), starts, workers=1, work=np.inf, interrupted=bool)
