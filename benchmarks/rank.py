@@ -14,7 +14,7 @@ import numpy as np
 import consistent_id as ci
 from consistent_id.export.new_urdf import rpy_of
 from consistent_id.regression.base import column_kinds, random_regressor
-from consistent_id.regression.columns import (
+from consistent_id.regression.independent_columns import (
     STRUCTURAL_TOLERANCE,
     independent_columns,
     split_at_gap,

@@ -4,7 +4,6 @@ There is one small value per idea.  Each lowers itself to a `ConicSet` over the
 parameters of a torque model; any number of them combine.
 """
 
-from consistent_id.constraints.bodies import EqualMotors, FixedBodies
 from consistent_id.constraints.datasheet import (
     CentreOfMassBoxes,
     FixedCentresOfMass,
@@ -12,8 +11,9 @@ from consistent_id.constraints.datasheet import (
     MassBounds,
     PhysicalConsistency,
 )
+from consistent_id.constraints.known_bodies import EqualMotors, FixedBodies
 from consistent_id.constraints.motors import Motor, RotorInertias
-from consistent_id.constraints.parameters import (
+from consistent_id.constraints.parameter_constraints import (
     FixedParameters,
     LinearRelation,
     NonNegativeDrive,

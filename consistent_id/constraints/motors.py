@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from consistent_id.constraints.cones.sets import ConicSet
-from consistent_id.constraints.parameters import ParameterBounds
+from consistent_id.constraints.parameter_constraints import ParameterBounds
 from consistent_id.constraints.rows import fixed_values
 from consistent_id.errors import ProblemError
 from consistent_id.regression.regressor import TorqueModel

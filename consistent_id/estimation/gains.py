@@ -34,8 +34,8 @@ from consistent_id.estimation.load.loaded_robot import (
     loaded_robot,
 )
 from consistent_id.recordings.recording import Recording, several
-from consistent_id.regression.columns import independent_columns
 from consistent_id.regression.correlation import correlation_length
+from consistent_id.regression.independent_columns import independent_columns
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.model import Link

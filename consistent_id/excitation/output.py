@@ -25,7 +25,7 @@ from consistent_id.excitation.request_tables import request_tables
 from consistent_id.excitation.verification import demands
 from consistent_id.motion.files import follow, write_trajectory
 from consistent_id.motion.files.cycles import CYCLES, cycle_of
-from consistent_id.motion.files.files import FORMAT_OF_ENDING
+from consistent_id.motion.files.trajectory_file import FORMAT_OF_ENDING
 from consistent_id.problems.problem import Problem
 from consistent_id.report.figures import save_figure
 from consistent_id.robot.parameters import did_you_mean

@@ -15,12 +15,12 @@ from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays
 from consistent_id._support.threads import single_threaded
 from consistent_id.errors import NotExcitedError
 from consistent_id.recordings.base_motion import BaseMotion
-from consistent_id.regression.columns import (
+from consistent_id.regression.drive.drive_terms import DriveTerms
+from consistent_id.regression.independent_columns import (
     STRUCTURAL_TOLERANCE,
     ColumnSplit,
     split_at_gap,
 )
-from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.parameters import ParameterLayout
 

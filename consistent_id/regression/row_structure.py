@@ -6,7 +6,7 @@ import numpy as np
 
 from consistent_id._support.arrays import IntArray, Matrix
 from consistent_id.regression.base import random_regressor
-from consistent_id.regression.columns import STRUCTURAL_TOLERANCE
+from consistent_id.regression.independent_columns import STRUCTURAL_TOLERANCE
 from consistent_id.regression.regressor import TorqueModel
 
 

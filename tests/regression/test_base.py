@@ -21,8 +21,11 @@ from consistent_id.regression.base import (
     condition_number,
     linear_combination,
 )
-from consistent_id.regression.columns import independent_columns, split_at_gap
 from consistent_id.regression.drive.drive_terms import DriveTerms
+from consistent_id.regression.independent_columns import (
+    independent_columns,
+    split_at_gap,
+)
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.loaders import DHRow, from_modified_dh
 

@@ -20,8 +20,8 @@ from consistent_id.regression.base import (
     column_kinds,
     random_regressor,
 )
-from consistent_id.regression.columns import split_at_gap
 from consistent_id.regression.drive.drive_terms import DriveTerms
+from consistent_id.regression.independent_columns import split_at_gap
 from consistent_id.regression.regression import Regression, build_regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.segments import merged

@@ -18,7 +18,7 @@ from consistent_id.regression.base import (
     random_regressor,
     random_states,
 )
-from consistent_id.regression.columns import split_at_gap
+from consistent_id.regression.independent_columns import split_at_gap
 from consistent_id.regression.motion_arrays import Motion, motion_of
 from consistent_id.regression.regression import Regression, triangle
 from consistent_id.regression.regressor import TorqueModel

@@ -22,7 +22,7 @@ from consistent_id.motion.files.document import (
     path_of_npz,
 )
 from consistent_id.motion.files.ros import message_of, samples_of_message
-from consistent_id.motion.files.tables import (
+from consistent_id.motion.files.sample_tables import (
     columns_of,
     csv_of,
     parquet_of,
