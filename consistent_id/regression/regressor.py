@@ -6,6 +6,7 @@ drive terms of each joint and of coupled joints.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from hashlib import sha256
 from typing import TypeVar
 
@@ -398,11 +399,7 @@ def unloaded_joints(
     reference = robot.nominal if reference is None else reference
     if reference is None:
         return ()
-    rng = np.random.default_rng(0)
-    states = rng.uniform(-2.0, 2.0, (3, 8, len(robot)))
-    rigid = TorqueModel(robot, torque_joints=robot.joint_names)
-    base = BaseMotion.at_rest(len(states[0])) if robot.floating else None
-    parts = rigid.regressor(*states, base=base) * reference.reshape(-1)[:, None]
+    parts = _rigid_probe(robot) * reference.reshape(-1)[:, None]
     torques = np.linalg.norm(parts.sum(axis=1), axis=1)
     sizes = np.linalg.norm(abs(parts).sum(axis=1), axis=1)
     return tuple(
@@ -410,6 +407,16 @@ def unloaded_joints(
         for name, torque, size in zip(robot.joint_names, torques, sizes, strict=True)
         if torque <= _NO_LOAD * size
     )
+
+
+@lru_cache(maxsize=16)
+def _rigid_probe(robot: RobotModel) -> Array:
+    """Return the regressor of the bodies at some random states."""
+    rng = np.random.default_rng(0)
+    states = rng.uniform(-2.0, 2.0, (3, 8, len(robot)))
+    rigid = TorqueModel(robot, torque_joints=robot.joint_names)
+    base = BaseMotion.at_rest(len(states[0])) if robot.floating else None
+    return rigid.regressor(*states, base=base)
 
 
 def _require_load(model: TorqueModel, reference: Vector) -> None:
