@@ -127,9 +127,10 @@ def _identify_log(options: argparse.Namespace) -> Answer:
         seed=options.seed,
         progress=shows_progress(options),
         accepted=options.accept,
+        costs=False,
     )
     tables = [*headline_tables(study), draft_table(draft)]
-    record = study_record(study)
+    record = study_record(study) if options.json else {}
     if draft.selection is not None:
         tables.append(draft.selection.table())
         record |= {"selection": draft.selection.to_dict()}

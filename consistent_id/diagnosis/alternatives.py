@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from consistent_id._support.arrays import IntArray, Matrix, Vector
+from consistent_id._support.minimum import bounded_minimum
 from consistent_id.constraints import FixedMasses
 from consistent_id.diagnosis.channel_factors import ChannelFactors, channel_factors
 from consistent_id.diagnosis.corrections import Cause
@@ -125,8 +126,6 @@ def _other_gain(as_is: FittedLog) -> Iterator[Candidate]:
 
     Several joints carry one body: what they say of it has to agree.
     """
-    from scipy.optimize import minimize_scalar
-
     if as_is.misfit < _EXPLAINED:
         return
     factors = as_is.factors
@@ -145,13 +144,13 @@ def _other_gain(as_is: FittedLog) -> Iterator[Candidate]:
     name, start = min(tried, key=lambda key: tried[key])
     if tried[name, start] * _THRESHOLD > factors.least_misfit():
         return
-    near = minimize_scalar(
+    near = bounded_minimum(
         lambda logarithm: changed(name, logarithm).least_misfit(),
-        bounds=(start - 0.4, start + 0.4),
-        method="bounded",
-        options={"xatol": 0.005},
+        start - 0.4,
+        start + 0.4,
+        tolerance=0.005,
     )
-    factor = float(np.exp(near.x))
+    factor = float(np.exp(near))
     cause = Cause(
         "torque gain",
         name,
@@ -159,7 +158,7 @@ def _other_gain(as_is: FittedLog) -> Iterator[Candidate]:
         f"check the gain and gear ratio of {name}",
         _THRESHOLD,
     )
-    yield Candidate(cause, changed(name, float(near.x)), as_is.constraints)
+    yield Candidate(cause, changed(name, near), as_is.constraints)
 
 
 def _other_clock(as_is: FittedLog) -> Iterator[Candidate]:
@@ -167,8 +166,6 @@ def _other_clock(as_is: FittedLog) -> Iterator[Candidate]:
 
     Gravity knows no time: what weighs in it accelerates in the inertial torque.
     """
-    from scipy.optimize import minimize_scalar
-
     if as_is.misfit < _EXPLAINED:
         return
     model, base = as_is.factors.model, as_is.factors.base
@@ -184,8 +181,8 @@ def _other_clock(as_is: FittedLog) -> Iterator[Candidate]:
         return  # at the ends there is no inertial torque, or nothing else
     if min(tried) * _OF_TIME > tried[_SPEEDS.index(1.0)]:
         return
-    inner = np.log(_SPEEDS)[[k - 1, k + 1]]
-    speed = float(np.exp(minimize_scalar(left, bounds=inner, method="bounded").x))
+    low, high = np.log(_SPEEDS)[[k - 1, k + 1]].tolist()
+    speed = float(np.exp(bounded_minimum(left, low, high)))
     cause = Cause(
         "clock",
         "time",

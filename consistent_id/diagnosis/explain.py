@@ -18,6 +18,7 @@ from consistent_id.constraints import (
     NonNegativeDrive,
     PhysicalConsistency,
 )
+from consistent_id.constraints.cones.certificate import GAP_TOLERANCE
 from consistent_id.diagnosis.channel_factors import ChannelFactors, channel_factors
 from consistent_id.diagnosis.corrections import Cause, Correction
 from consistent_id.diagnosis.cuts import cuts_at, least_within
@@ -202,7 +203,7 @@ def explanations(
         if alike and _SURE * least_within(factors[i], cuts) > asked:
             continue
         try:
-            fit = _fit(candidate.factors, candidate.constraints)
+            fit = _fit(candidate.factors, candidate.constraints, gap=1.0 - _SURE)
         except (InfeasibleError, SolverError):
             continue
         if alike:
@@ -235,9 +236,13 @@ def corrected(as_is: FittedLog, corrections: Sequence[Correction]) -> list[Candi
     ]
 
 
-def _fit(factors: ChannelFactors, constraints: Sequence[Constraint]) -> BestFit:
+def _fit(
+    factors: ChannelFactors,
+    constraints: Sequence[Constraint],
+    gap: float = GAP_TOLERANCE,
+) -> BestFit:
     model, base = factors.model, factors.base
-    return best_fit(model, factors.regression(), constraints, base=base)
+    return best_fit(model, factors.regression(), constraints, base=base, gap=gap)
 
 
 def _moved(

@@ -10,6 +10,7 @@ from consistent_id._support.threads import single_threaded
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.cones.certificate import (
     FEASIBILITY_TOLERANCE,
+    GAP_TOLERANCE,
     Optimality,
     solve_certified,
 )
@@ -58,8 +59,11 @@ def best_fit(
     constraints: Sequence[Constraint],
     *,
     base: BaseParameters,
+    gap: float = GAP_TOLERANCE,
 ) -> BestFit:
     """Return the least weighted misfit over the constraints, certified.
+
+    With a larger relative `gap` of the squared misfit it is certified to that.
 
     Raises
     ------
@@ -67,17 +71,21 @@ def best_fit(
         See `constrained_least_squares`.
     """
     scaled = scaled_fit(model, regression, base, constraints)
-    return BestFit(scaled, *solved(scaled.problem, scaled.centre))
+    return BestFit(scaled, *solved(scaled.problem, scaled.centre, gap=gap))
 
 
 def solved(
-    problem: LeastNorm, centre: Vector, *, reach: float = 0.0
+    problem: LeastNorm,
+    centre: Vector,
+    *,
+    reach: float = 0.0,
+    gap: float = GAP_TOLERANCE,
 ) -> tuple[ConeSolution, Optimality]:
     """Solve and certify; when nothing comes of it, ask if a solution can exist."""
     found = None
     try:
         found = solution, optimality = solve_certified(
-            problem, centre, reference=REFERENCE, reach=reach
+            problem, centre, reference=REFERENCE, reach=reach, gap=gap
         )
     except SolverError as failure:
         reason = str(failure)

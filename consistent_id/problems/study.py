@@ -271,9 +271,8 @@ _STAGES = {
     "estimates": "estimates",
     "recommendation": "recommendation",
     "comparison": "comparison",
-    "costs of constraints": "costs",
-    "shadow prices": "prices",
 }
+_COSTS = {"costs of constraints": "costs", "shadow prices": "prices"}
 
 
 def run_study(
@@ -282,6 +281,7 @@ def run_study(
     seed: int = 0,
     progress: bool = False,
     accepted: Sequence[str] = (),
+    costs: bool = True,
 ) -> Study:
     """Work a problem through: its paper if it has one, estimates, comparison.
 
@@ -294,11 +294,13 @@ def run_study(
         Show how far it is, on the standard error.
     accepted : sequence of str
         Kinds of findings and reasons that verdicts are to overlook.
+    costs : bool
+        Whether to compute what constraints cost, instead of when it is asked for.
 
     Returns
     -------
     Study
-        With everything computed but its `uncertainty`.
+        With everything else computed but its `uncertainty`.
 
     Raises
     ------
@@ -306,8 +308,9 @@ def run_study(
         If the problem has neither recordings nor a simulated experiment.
     """
     study = Study(problem, seed=seed, progress=progress, accepted=tuple(accepted))
-    with stages(len(_STAGES), progress) as begin:
-        for stage, part in _STAGES.items():
+    parts = {**_STAGES, **_COSTS} if costs else _STAGES
+    with stages(len(parts), progress) as begin:
+        for stage, part in parts.items():
             begin(stage)
             getattr(study, part)
     return study

@@ -1,11 +1,12 @@
 """The torque that joints transmit, where friction depends on it."""
 
 from collections.abc import Iterator
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from consistent_id._support.arrays import Vector, frozen
+from consistent_id._support.arrays import Array, Vector, frozen
 from consistent_id.errors import ProblemError
 from consistent_id.recordings.base_motion import BaseMotion
 from consistent_id.regression.joint_geometry import (
@@ -60,15 +61,7 @@ def unloaded_joints(
     reference = robot.nominal if reference is None else reference
     if reference is None:
         return ()
-    states = [*np.random.default_rng(0).uniform(-2.0, 2.0, (3, len(robot), 8))]
-    base = BaseMotion.at_rest(8).stacked.T if robot.floating else None
-    motion = link_motions(robot, states, lambda x: (np.sin(x), np.cos(x)), base)
-    gravity, bodies = floats(robot.gravity), reference.reshape(-1, 10)
-    parts = np.zeros((len(robot), len(bodies), 10, 8))
-    for j, k, entries in regressor_entries(joint_geometry(robot), gravity, motion):
-        if j < len(robot):  # the others are the base's
-            for i, entry in enumerate(entries):
-                parts[j, k, i] = entry * bodies[k, i]
+    parts = _rigid_probe(robot) * reference.reshape(-1, 10)[:, :, None]
     torques = np.linalg.norm(parts.sum(axis=(1, 2)), axis=1)
     sizes = np.linalg.norm(abs(parts).sum(axis=(1, 2)), axis=1)
     return tuple(
@@ -76,6 +69,20 @@ def unloaded_joints(
         for name, torque, size in zip(robot.joint_names, torques, sizes, strict=True)
         if torque <= _NO_LOAD * size
     )
+
+
+@lru_cache(maxsize=16)
+def _rigid_probe(robot: RobotModel) -> Array:
+    """Return what each body's parameters bring to each joint at some random states."""
+    states = [*np.random.default_rng(0).uniform(-2.0, 2.0, (3, len(robot), 8))]
+    base = BaseMotion.at_rest(8).stacked.T if robot.floating else None
+    motion = link_motions(robot, states, lambda x: (np.sin(x), np.cos(x)), base)
+    gravity, bodies = floats(robot.gravity), len(robot.links)
+    probe = np.zeros((len(robot), bodies, 10, 8))
+    for j, k, entries in regressor_entries(joint_geometry(robot), gravity, motion):
+        if j < len(robot):  # the others are the base's
+            probe[j, k] = np.stack([np.broadcast_to(x, 8) for x in entries])
+    return probe
 
 
 def _require_load(model: "TorqueModel", reference: Vector) -> None:

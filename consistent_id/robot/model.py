@@ -330,6 +330,8 @@ class RobotModel:
             if name not in self.link_names:
                 near = did_you_mean(name, self.link_names)
                 raise ModelError(f"no moving link named {name!r}; {near}")
+        if not datasheets:
+            return self
         links = tuple(
             replace(link, datasheet=datasheets.get(link.name, link.datasheet))
             for link in self.links

@@ -1,10 +1,11 @@
 """Typical sizes of parameters, by which problems are made dimensionless."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
-from consistent_id._support.arrays import Array, Vector
+from consistent_id._support.arrays import Array, Vector, freeze_arrays, frozen
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.model import RobotModel
 
@@ -20,6 +21,9 @@ class LinkScales:
     mass: Vector
     length: Vector
 
+    def __post_init__(self) -> None:
+        freeze_arrays(self, {"mass": (None,), "length": (None,)})
+
     @property
     def units(self) -> Vector:
         """Typical size of each inertial parameter, shape (10 links,)."""
@@ -34,6 +38,7 @@ class LinkScales:
         return np.column_stack([r * self.length] * 3 + [r])
 
 
+@lru_cache(maxsize=16)
 def link_scales(robot: RobotModel) -> LinkScales:
     """Return each link's typical mass and length.
 
@@ -60,6 +65,7 @@ def link_scales(robot: RobotModel) -> LinkScales:
     return LinkScales(mass, np.maximum(length, 0.1 * longest))
 
 
+@lru_cache(maxsize=16)
 def reference_bodies(robot: RobotModel) -> Array:
     """Return physically consistent parameters of each link, shape (links, 10).
 
@@ -76,7 +82,7 @@ def reference_bodies(robot: RobotModel) -> Array:
         com = np.zeros(3) if link.datasheet.com is None else link.datasheet.com
         ball = InertialParameters.from_central(m, com, 0.1 * m * d**2 * np.eye(3))
         bodies.append(ball.vector)
-    return np.array(bodies)
+    return frozen(bodies, (None, 10), "reference bodies")
 
 
 def _known_mass(robot: RobotModel, k: int) -> float | None:

@@ -8,6 +8,7 @@ problems.  What the solver says of its own success is not used; `certify` judges
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -72,8 +73,9 @@ def solve_least_norm(
         If the solver returns no finite point with multipliers.
     """
     G, g, domain = problem.G, problem.g, problem.domain
+    rows = list(_rows_about(domain, None if origin is None else origin.tobytes()))
     if origin is not None:
-        g, domain = g - G @ origin, domain.moved(origin)
+        g = g - G @ origin
     # Far from the origin, absolute tolerances would ask for digits that are not there.
     distance = float(np.linalg.norm(g)) / _FAR
     scale = distance if magnified and distance > 0.0 else max(1.0, distance)
@@ -81,17 +83,24 @@ def solve_least_norm(
     norm = np.zeros((1 + len(g), 1 + size))
     norm[0, 0] = -1.0
     norm[1:, 1:] = -G / scale
-    rows = set_rows(domain, others=1)
     rows.append(ConeRows("second order", norm, np.append(0.0, -g / scale)))
     if within is not None:
         ball = within if origin is None else within.moved(origin)
         rows.append(ball.rows(others=1))
     point = solve_cones(np.eye(1 + size)[0], rows, tolerance=tolerance)
     v = point.x[1:]
-    u = problem.domain.snapped(v if origin is None else origin + v)
+    u = domain.snapped(v if origin is None else origin + v)
     # Duals of the scaled norm, turned into those of half the square of the unscaled.
     duals = set_multipliers(domain, point.duals[:3])
     multipliers = duals.times(scale * float(np.linalg.norm(G @ v - g)))
     return ConeSolution(
         u, multipliers, point.status, point.build_seconds, point.solve_seconds
     )
+
+
+@lru_cache(maxsize=8)
+def _rows_about(domain: ConicSet, origin: bytes | None) -> tuple[ConeRows, ...]:
+    """Return the rows of a set about an origin, for variables ``(t, v)``."""
+    if origin is not None:
+        domain = domain.moved(np.frombuffer(origin))
+    return tuple(set_rows(domain, others=1))

@@ -10,7 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from consistent_id._support.arrays import IntArray, Vector
+from consistent_id._support.arrays import BoolArray, IntArray, Vector
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import estimated_period
@@ -47,6 +47,13 @@ def folds() -> tuple[tuple[int, tuple[int, ...]], ...]:
             inside = np.flatnonzero((middles > k / n) & (middles < (k + 1) / n))
             found.append((n, tuple(inside.tolist())))
     return tuple(found)
+
+
+@lru_cache(maxsize=1)
+def left_out() -> BoolArray:
+    """Return which cells each block is made of, shape (blocks, cells)."""
+    cells = np.arange(len(EDGES) - 1)
+    return np.array([np.isin(cells, out) for _, out in folds()])
 
 
 def motion_period(raw: Recording) -> float | None:

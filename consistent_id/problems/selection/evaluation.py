@@ -93,6 +93,7 @@ class Evaluator:
     _samples: dict[float | None, Samples] = field(default_factory=dict)
     _factors: dict[tuple[object, ...], Factors] = field(default_factory=dict)
     _supersets: dict[float, Superset] = field(default_factory=dict)
+    _candidates: dict[Choice, Candidate] = field(default_factory=dict)
     _evaluated: dict[Choice, Evaluated] = field(default_factory=dict)
 
     @property
@@ -103,7 +104,8 @@ class Evaluator:
     def rescaled(self, sigma: Vector, size: float) -> "Evaluator":
         """Return an evaluator of the same rows with other units of joints."""
         setting = replace(self.setting, sigma=sigma, size=size)
-        return Evaluator(setting, self._samples, self._factors, self._supersets)
+        rows = self._samples, self._factors, self._supersets
+        return Evaluator(setting, *rows, self._candidates)
 
     def expected(self, evaluated: Evaluated) -> float:
         """Return the torque error on left-out blocks over the torque, all joints."""
@@ -115,7 +117,14 @@ class Evaluator:
     def candidate(self, choice: Choice) -> Candidate:
         """Return a choice as a torque model with constraints."""
         s = self.setting
-        return candidate_of(choice, s.table, s.folder, s.bodies)
+        # How rows are prepared is no part of the model.
+        alike = replace(
+            choice, motion_cutoff=None, torque_cutoff=None, least_speed=None, delay=0.0
+        )
+        if alike not in self._candidates:
+            found = candidate_of(alike, s.table, s.folder, s.bodies)
+            self._candidates[alike] = found
+        return self._candidates[alike]
 
     def evaluated(self, choice: Choice) -> Evaluated:
         """Fit a choice under its constraints without each fold in turn.

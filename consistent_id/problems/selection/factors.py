@@ -5,19 +5,20 @@ Every model is a selection of columns, every fold a QR of triangles: rows are re
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import accumulate
 from typing import NamedTuple
 
 import numpy as np
 
-from consistent_id._support.arrays import IntArray, Matrix, Vector
+from consistent_id._support.arrays import Array, IntArray, Matrix, Vector
 from consistent_id.problems.selection.blocks import EDGES, folds
 from consistent_id.problems.selection.samples import Samples
 from consistent_id.regression.drive.gear_coupling import GearCoupling
 from consistent_id.regression.drive.term import DriveTerm, JointSamples, term_columns
 from consistent_id.regression.drive_entries import coupled_joints
-from consistent_id.regression.regression import triangle
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.row_structure import row_structure
+from consistent_id.regression.triangles import extended, triangle
 
 
 class Key(NamedTuple):
@@ -38,16 +39,16 @@ class JointFactors:
         How all inertial columns follow from those that are kept.
     places : mapping of Key to int
         Of drive columns.
-    cells : tuple of ndarray
-        Triangular factor of each cell.
-    training : tuple of ndarray
+    cells : ndarray, shape (cells, rows, columns)
+        Triangular factor of each cell; below short ones, zeros.
+    training : ndarray, shape (folds, rows, columns)
         Of what is left when a fold is left out, for each fold.
     """
 
     expand: Matrix
     places: Mapping[Key, int]
-    cells: tuple[Matrix, ...]
-    training: tuple[Matrix, ...]
+    cells: Array
+    training: Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,15 +104,24 @@ def factors_of(
 def _joint_factors(
     rows: Matrix, cell: IntArray, number: int, expand: Matrix, keys: tuple[Key, ...]
 ) -> JointFactors:
-    cells = tuple(
-        triangle(np.asfortranarray(rows[cell == place])) for place in range(number)
-    )
-    training = []
-    for _, out in folds():
-        others = [R for place, R in enumerate(cells) if place not in out]
-        training.append(triangle(np.asfortranarray(np.vstack(others))))
+    width = rows.shape[1]
+    cells = np.zeros((number, width, width))
+    for place in range(number):
+        R = triangle(np.asfortranarray(rows[cell == place]))
+        cells[place, : len(R)] = R
+    before, after = _cumulated(cells), _cumulated(cells[::-1])[::-1]
+    training = [_joined(before[out[0]], after[out[-1] + 1]) for _, out in folds()]
     places = {key: len(expand) + i for i, key in enumerate(keys)}
-    return JointFactors(expand, places, cells, tuple(training))
+    return JointFactors(expand, places, cells, np.array(training))
+
+
+def _cumulated(cells: Array) -> list[Matrix]:
+    """Return the factor of no cell, of the first, of the first two, and so on."""
+    return list(accumulate(cells, _joined, initial=np.zeros(cells.shape[1:])))
+
+
+def _joined(first: Matrix, second: Matrix) -> Matrix:
+    return extended(np.array(first, order="F"), np.array(second, order="F"))
 
 
 def _drive_columns(

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector
-from consistent_id.problems.selection.blocks import NUMBERS, folds
+from consistent_id.problems.selection.blocks import NUMBERS, left_out
 from consistent_id.problems.selection.factors import Factors, JointFactors
 from consistent_id.problems.selection.models import Candidate, FoldFits
 
@@ -80,12 +80,8 @@ def held_out(fits: FoldFits, factors: Factors, sigma: Vector) -> HeldOut:
 def joint_errors(candidate: Candidate, x: Matrix, joint: JointFactors) -> Vector:
     """Return a joint's squared error on each fold, `x` of shape (folds, parameters)."""
     z = own_parameters(candidate, x, joint)
-    return np.array(
-        [
-            sum(float(np.sum((joint.cells[c] @ z[k]) ** 2)) for c in out)
-            for k, (_, out) in enumerate(folds())
-        ]
-    )
+    squares = np.sum((joint.cells @ z.T) ** 2, axis=1)
+    return np.asarray(np.sum(squares.T, axis=1, where=left_out()))
 
 
 def own_parameters(candidate: Candidate, x: Matrix, joint: JointFactors) -> Array:

@@ -31,11 +31,10 @@ _TOLERANCE = 1e-6  # of the solver: a thousandth of the gains that are looked fo
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Candidate:
-    """A choice with its torque model and the set that parameters lie in.
+    """A torque model and the set that its parameters lie in.
 
     Parameters
     ----------
-    choice : Choice
     model : TorqueModel
     keys : tuple of Key
         Of the drive parameters, in the layout's order.
@@ -45,7 +44,6 @@ class Candidate:
         Which of them the constraints keep from being negative.
     """
 
-    choice: Choice
     model: TorqueModel
     keys: tuple[Key, ...]
     domain: ConicSet
@@ -72,7 +70,7 @@ def candidate_of(
         for (owner, name), term in zip(owners_names, model.column_terms, strict=True)
     )
     low, _ = domain.box
-    return Candidate(choice, model, keys, domain, low[size:] >= 0.0)
+    return Candidate(model, keys, domain, low[size:] >= 0.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,8 +8,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from consistent_id._support.arrays import BoolArray, Matrix, Vector
-from consistent_id.problems.selection.factors import Factors, JointFactors, Key
+from consistent_id._support.arrays import Array, BoolArray, Matrix, Vector
+from consistent_id._support.nonnegative import nonnegative_least_squares
+from consistent_id.problems.selection.factors import Factors, JointFactors
 from consistent_id.problems.selection.held_out import (
     HeldOut,
     held_out,
@@ -49,11 +50,8 @@ def screened(
             for i, key in enumerate(candidate.keys)
             if any(key in joint.places for joint in joints)
         ]
-        for fold in range(len(x)):
-            A, b = _left(candidate, joints, sigma[group], x[fold], keys, fold)
-            x[fold, [size + i for i in keys]] = _drive(
-                A, b, candidate.nonnegative[keys]
-            )
+        A, b = _left(candidate, joints, sigma[group], current.parameters, keys)
+        x[:, [size + i for i in keys]] = _drive(A, b, candidate.nonnegative[keys])
     return held_out(FoldFits(candidate, x), factors, sigma)
 
 
@@ -76,43 +74,48 @@ def _left(
     candidate: Candidate,
     joints: Sequence[JointFactors],
     sigma: Vector,
-    x: Vector,
+    bodies: Matrix,
     keys: Sequence[int],
-    fold: int,
-) -> tuple[Matrix, Vector]:
-    """Return drive columns, and the torque that the bodies leave to them."""
+) -> tuple[Array, Matrix]:
+    """Return drive columns, and the torque that the bodies leave to them, by folds."""
     size = candidate.model.layout.inertial_size
     columns, rest = [], []
     for joint, s in zip(joints, sigma, strict=True):
-        R, kept = joint.training[fold], len(joint.expand)
-        A = np.zeros((len(R), len(keys)))
-        for i, place in enumerate(_places(candidate.keys, keys, joint)):
-            if place is not None:
-                A[:, i] = R[:, place]
+        R, kept = joint.training, len(joint.expand)
+        A = np.zeros((*R.shape[:2], len(keys)))
+        for i, key in enumerate(candidate.keys[i] for i in keys):
+            if key in joint.places:
+                A[:, :, i] = R[:, :, joint.places[key]]
+        own = bodies[:, :size] @ joint.expand.T
+        left = R[:, :, -1] - np.einsum("frk,fk->fr", R[:, :, :kept], own)
         columns.append(A / s)
-        rest.append((R[:, -1] - R[:, :kept] @ (joint.expand @ x[:size])) / s)
-    return np.vstack(columns), np.concatenate(rest)
+        rest.append(left / s)
+    return np.concatenate(columns, axis=1), np.concatenate(rest, axis=1)
 
 
-def _places(
-    every: Sequence[Key], chosen: Sequence[int], joint: JointFactors
-) -> list[int | None]:
-    return [joint.places.get(every[i]) for i in chosen]
+def _drive(A: Array, b: Matrix, nonnegative: BoolArray) -> Matrix:
+    """Return least-squares solutions, entries marked so being zero or more.
 
-
-def _drive(A: Matrix, b: Vector, nonnegative: BoolArray) -> Vector:
-    """Return the least-squares solution, entries marked so being zero or more."""
-    from scipy.optimize import nnls
-
-    norms = np.linalg.norm(A, axis=0)
+    Parameters
+    ----------
+    A : ndarray, shape (folds, rows, columns)
+    b : ndarray, shape (folds, rows)
+    nonnegative : ndarray of bool, shape (columns,)
+    """
+    n = A.shape[2]
+    norms = np.linalg.norm(A, axis=1)
     unit = np.where(norms > 0.0, norms, 1.0)
-    free = np.flatnonzero(~nonnegative)
-    both = np.column_stack([A / unit, -A[:, free] / unit[free]])
-    y, _ = nnls(both, b)
-    n = A.shape[1]
-    x = y[:n].copy()
-    x[free] -= y[n:]
-    return np.asarray(x / unit)
+    both = np.concatenate([A / unit[:, None], b[:, :, None]], axis=2)
+    R = np.asarray(np.linalg.qr(both, mode="r"))
+    y = np.zeros((len(A), n))
+    sizes = abs(np.diagonal(R[:, :n, :n], axis1=1, axis2=2))
+    fine = sizes.min(axis=1, initial=1.0) > _RANK
+    y[fine] = np.linalg.solve(R[fine, :n, :n], R[fine, :n, n:])[:, :, 0]
+    for fold in np.flatnonzero(~fine | (y[:, nonnegative] < 0.0).any(axis=1)):
+        y[fold] = nonnegative_least_squares(
+            R[fold, :n, :n], R[fold, :n, n], nonnegative, guess=y[fold] > 0.0
+        )
+    return y / unit
 
 
 def torque_delay(
@@ -132,7 +135,7 @@ def torque_delay(
     sigma : ndarray, shape (torque joints,), [N m or N]
     """
     rows = [
-        candidate_columns(candidate, joint, np.vstack(joint.cells), base) / s
+        candidate_columns(candidate, joint, np.concatenate(joint.cells), base) / s
         for joint, s in zip(factors.joints, sigma, strict=True)
     ]
     R = triangle(np.asfortranarray(np.vstack(rows)))

@@ -50,8 +50,6 @@ def speed_share(recording: Recording, window: float = 0.25) -> Vector:
         With velocity.
     window : float, [s]
     """
-    from scipy.ndimage import maximum_filter1d
-
     speed = recording.velocity
     if speed is None:
         raise RecordingError(f"{recording.name} has no velocity")
@@ -59,7 +57,13 @@ def speed_share(recording: Recording, window: float = 0.25) -> Vector:
     share = np.max(abs(speed) / np.where(top > 0.0, top, np.inf), axis=1)
     step = float(np.median(np.diff(recording.time)))
     reach = int(0.5 * window / step)
-    return np.asarray(maximum_filter1d(share, 2 * reach + 1, mode="nearest"))
+    # The largest within twice as many samples, until there are enough.
+    widest, width = np.pad(share, reach, "edge"), 1
+    while width < 2 * reach + 1:
+        step_on = min(width, 2 * reach + 1 - width)
+        widest = np.maximum(widest[:-step_on], widest[step_on:])
+        width += step_on
+    return np.asarray(widest)
 
 
 def saturated(recording: Recording, limit: ArrayLike | None = None) -> BoolArray:

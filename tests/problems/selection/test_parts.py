@@ -106,12 +106,13 @@ def test_a_fit_without_a_block_is_the_best_on_the_other_rows(begun):
 
 def test_screened_drive_terms_are_the_bounded_least_squares_solution():
     rng = np.random.default_rng(3)
-    for _ in range(20):
-        A, b = rng.normal(size=(30, 5)) * [1, 10, 0.1, 1, 5], rng.normal(size=30)
-        nonnegative = np.array([True, True, False, True, False])
-        low = np.where(nonnegative, 0.0, -np.inf)
-        expected = lsq_linear(A, b, (low, np.inf), tol=1e-13).x
-        np.testing.assert_allclose(_drive(A, b, nonnegative), expected, atol=1e-6)
+    A, b = rng.normal(size=(20, 30, 5)) * [1, 10, 0.1, 1, 5], rng.normal(size=(20, 30))
+    nonnegative = np.array([True, True, False, True, False])
+    low = np.where(nonnegative, 0.0, -np.inf)
+    expected = [
+        lsq_linear(*fold, (low, np.inf), tol=1e-13).x for fold in zip(A, b, strict=True)
+    ]
+    np.testing.assert_allclose(_drive(A, b, nonnegative), expected, atol=1e-6)
 
 
 def test_a_gain_is_the_share_of_the_squared_error_that_is_gone():
