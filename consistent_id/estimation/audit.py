@@ -123,7 +123,7 @@ def audited(
             ),
         ),
         seconds=perf_counter() - started,
-        fit=fit_of(model, regression, x, base),
+        fit=fit_of(model, regression, x, base, known=scaled.constraints.A_eq),
     )
 
 
