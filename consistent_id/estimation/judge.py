@@ -36,7 +36,7 @@ LEAST_MISFIT = 0.02  # misfit that the held-out error is compared with at the le
 NO_BETTER_THAN_ZERO = 1.0  # error of who predicts no torque at all
 EFFORT_CARE = 1.2  # peak torque over effort limit: limits are often rounded down
 SPARE_CARE = 3.0  # effective samples per parameter; clean logs above have 11-40
-GUESSED_CARE = 0.5  # the larger part of a row's torque on other motions
+GUESSED_CARE = 0.3  # of a row's torque on other motions; clean logs have 0.00-0.13
 FRICTIONLESS = 0.01  # share of drive terms in the torque; drives have 10-80 %
 
 _UNSEEN = "parameters without effect on the torque measured, or next to none"
