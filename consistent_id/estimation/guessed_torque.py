@@ -29,9 +29,12 @@ def guessed_share(
 ) -> float:
     """Return the share of torque that the data do not determine, on random motions.
 
-    Torque of the part of `x` that neither data nor equalities determine, and the
-    standard error of the rest, over the torque; of the row in which that is most.  If
-    the base floats, rows are also those of the base: all bodies move.
+    Each parameter is as good a guess as any other: before the data it has a spread that
+    makes as much torque as the typical parameter of `x`.  What weight that guess would
+    keep beside data and equalities is the share of ``x`` that is guessed: all of what
+    they do not see, nothing of what they tell well.  Returned is the torque of it over
+    the whole torque, of the row in which that is most.  If the base floats, rows are
+    also those of the base: all bodies move.
 
     Parameters
     ----------
@@ -52,23 +55,20 @@ def guessed_share(
     every = replace(model, torque_joints=()) if model.robot.floating else model
     W = random_regressor(every)  # rows, parameters, samples
     unit = _units(W)
+    u = x / unit  # torque on other motions that each parameter makes
     noise = residual_noise(regression, base)
-    seen = np.linalg.pinv(noise.steps) @ base.projection * unit
     free = _null(known * unit)
-    left, _, right = np.linalg.svd(seen @ free, full_matrices=True)
-    s = np.linalg.svd(seen @ free, compute_uv=False)
-    rank = int((s > DATA_RANK_TOLERANCE * s.max(initial=0.0)).sum())
-    unseen = free @ right[rank:].T
-    guess = unit * (unseen @ (unseen.T @ (x / unit)))
-    spread = unit[:, None] * (
-        free @ (right[:rank].T / s[:rank]) @ left[:, :rank].T @ noise.root.T
-    )
+    seen = np.linalg.pinv(noise.steps) @ base.projection * unit @ free
+    told = np.linalg.solve(noise.root.T, seen)  # in standard errors
+    prior = 1.0 / max(float(np.mean(u**2)), np.finfo(float).tiny)
+    _, s, axes = np.linalg.svd(told)
+    weight = prior / (prior + np.append(s, np.zeros(len(axes) - len(s))) ** 2)
+    guess = unit * (free @ (axes.T @ (weight * (axes @ (free.T @ u)))))
     torque, guessed = (
         np.sqrt(np.mean(np.einsum("rps,p->rs", W, v) ** 2, axis=1)) for v in (x, guess)
     )
-    error = np.sqrt(np.mean(np.einsum("rps,pk->rsk", W, spread) ** 2, axis=1).sum(1))
     matters = _matters(every, torque)
-    share = np.hypot(guessed, error)[matters] / torque[matters]
+    share = guessed[matters] / torque[matters]
     return float(min(share.max(initial=0.0), 1.0))
 
 

@@ -36,10 +36,10 @@ LEAST_MISFIT = 0.02  # misfit that the held-out error is compared with at the le
 NO_BETTER_THAN_ZERO = 1.0  # error of who predicts no torque at all
 EFFORT_CARE = 1.2  # peak torque over effort limit: limits are often rounded down
 SPARE_CARE = 3.0  # effective samples per parameter; clean logs above have 11-40
-GUESSED_CARE = 0.3  # of a row's torque on other motions; clean logs have 0.00-0.13
+GUESSED_CARE = 0.3  # clean logs: 0.00; rich ones of real arms: 0.03-0.15
 FRICTIONLESS = 0.01  # share of drive terms in the torque; drives have 10-80 %
 
-_UNSEEN = "parameters without effect on the torque measured, or next to none"
+_UNSEEN = "parameters that the torque measured hardly shows"
 
 
 def judge(evidence: Evidence) -> Verdict:
@@ -189,8 +189,9 @@ def _of_guesses(evidence: Evidence) -> Iterator[Reason]:
     yield Reason(
         "mostly guessed",
         "use with care",
-        f"of the torque on other motions, up to {percent(fit.guessed)} of a row's is "
-        f"not determined by the data: {_some(evidence.undetermined) or _UNSEEN}",
+        f"up to {percent(fit.guessed)} of a joint's or the base's torque on other "
+        "motions is the prior's, not the data's: "
+        f"{_some(evidence.undetermined) or _UNSEEN}",
         "move all joints more, measure more rows, or state what is known (masses)",
     )
 

@@ -1,5 +1,7 @@
 """What data leave to a prior is said, if other motions rest on it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from experiments import experiment
@@ -14,7 +16,9 @@ from consistent_id import (
     constrained_least_squares,
     load_mjcf,
 )
+from consistent_id.estimation.determination import linear_errors
 from consistent_id.estimation.guessed_torque import guessed_share
+from consistent_id.regression.residual_noise import residual_noise
 
 
 def known(model):
@@ -72,31 +76,34 @@ def test_what_is_stated_is_not_guessed():
     assert guessed_share(model, regression, base, truth, everything) == 0.0
 
 
-def test_the_share_of_noise_is_the_error_of_predictions():
+def test_the_noisier_a_log_the_more_of_it_is_guessed():
     model, truth, log = experiment(1, joints=2, samples=400)
-    base = base_parameters(model)
-    rng = np.random.default_rng(0)
-    states = [rng.uniform(-s, s, (2000, 2)) for s in (np.pi, 2.0, 2.0)]
-    true = model.predict(truth, *states)
-    errors, shares = [], []
-    for _ in range(20):
-        torque = log.torque + 0.3 * rng.normal(size=log.torque.shape)
-        noisy = build_regression(
-            model,
-            Recording(
-                log.joints,
-                log.time,
-                log.position,
-                log.velocity,
-                log.acceleration,
-                torque,
-            ),
-        )
-        R = noisy.stacked()[:, [*base.independent, -1]]
-        x = base.lift(np.linalg.lstsq(R[:, :-1], R[:, -1], rcond=None)[0])
-        wrong = np.linalg.norm(model.predict(x, *states) - true, axis=0)
-        errors.append((wrong / np.linalg.norm(true, axis=0)).max())
-        shares.append(guessed_share(model, noisy, base, x, known(model)))
-    assert np.mean(shares) == pytest.approx(
-        np.sqrt(np.mean(np.square(errors))), rel=0.5
-    )
+    base, rng = base_parameters(model), np.random.default_rng(0)
+    white = rng.normal(size=log.torque.shape)
+    shares = []
+    for level in (1e-3, 1.0, 1e2, 1e5):
+        noisy = build_regression(model, replace(log, torque=log.torque + level * white))
+        shares.append(guessed_share(model, noisy, base, truth, known(model)))
+    assert shares == sorted(shares)
+    assert shares[0] < 1e-6
+    assert shares[-1] > 0.99
+
+
+def test_the_guess_is_the_prior_s_share_of_a_posterior_mean():
+    """One unknown: the share is ``s^2 / (s^2 + p^2)``, s its standard error."""
+    model, truth, log = experiment(1, joints=2, samples=400)
+    base, rng = base_parameters(model), np.random.default_rng(0)
+    torque = log.torque + 2.0 * rng.normal(size=log.torque.shape)
+    regression = build_regression(model, replace(log, torque=torque))
+    i = model.layout.index(model.layout.names[model.layout.inertial_size])
+    others = np.delete(np.eye(len(truth)), i, axis=0)
+    x = np.zeros(len(truth))
+    x[i] = truth[i]
+    noise = residual_noise(regression, base)
+    error = linear_errors(base, noise, others)[i]
+    # Of the one parameter that makes torque; the mean square is over all parameters.
+    prior = x[i] ** 2 / len(x)
+    share = guessed_share(model, regression, base, x, others)
+    # The error is of rows that count alike; the share weighs them as they scatter.
+    assert share == pytest.approx(error**2 / (error**2 + prior), rel=0.02)
+    assert 0.2 < share < 0.8
