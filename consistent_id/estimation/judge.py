@@ -11,7 +11,12 @@ from dataclasses import replace
 import numpy as np
 
 from consistent_id.estimation.evidence import Evidence
-from consistent_id.estimation.judge_slopes import JOINT_MATTERS, of_slopes, where
+from consistent_id.estimation.judge_slopes import (
+    EFFORT_CARE,
+    JOINT_MATTERS,
+    of_slopes,
+    where,
+)
 from consistent_id.estimation.stiction import AT_REST
 from consistent_id.estimation.torque_error import stacked_beyond, stacked_error
 from consistent_id.estimation.verdict import WORDS, Reason, Verdict, Word, percent
@@ -34,7 +39,6 @@ JOINT_HELD_OUT_CARE = 0.40
 GENERALISATION_CARE = 3.0  # held-out error over misfit
 LEAST_MISFIT = 0.02  # misfit that the held-out error is compared with at the least
 NO_BETTER_THAN_ZERO = 1.0  # error of who predicts no torque at all
-EFFORT_CARE = 1.2  # peak torque over effort limit: limits are often rounded down
 SPARE_CARE = 3.0  # effective samples per parameter; clean logs above have 11-40
 GUESSED_CARE = 0.3  # clean logs: 0.00; rich ones of real arms: 0.03-0.15
 FRICTIONLESS = 0.01  # share of drive terms in the torque; drives have 10-80 %

@@ -14,6 +14,7 @@ from consistent_id.estimation.verdict import Reason
 SLOPE_CARE = (0.8, 1.25)
 SLOPE_FAR = 3.0  # no designer is so wrong about masses
 SLOPE_MISSING = 0.2  # below, the bodies' torque is not in the channel
+EFFORT_CARE = 1.2  # peak torque over effort limit: limits are often rounded down
 EXPLAINED = 0.3  # squared share of torque from which a slope means something
 EXPECTED = 0.1  # share of a joint's torque that makes its slope matter
 EXPECTED_MUCH = 0.3  # share that cannot be missing for want of excitation
@@ -64,9 +65,12 @@ def of_slopes(evidence: Evidence) -> Iterator[Reason]:
         )
     if off:
         alike = len(off) == np.count_nonzero(means) and _alike(fit, off)
+        # Two witnesses of a gain: masses, and what the drives can give.
+        beyond = [j for j in off if least[j] > SLOPE_FAR]
+        shown = alike and bool((fit.efforts[beyond] > EFFORT_CARE).any())
         yield Reason(
             "gain or unit" if alike else "nominal model",
-            "use with care",
+            "do not use" if shown else "use with care",
             "measured over nominal torque: " + _slopes(fit, off),
             "check the unit and gain of torque, and the model's masses"
             if alike
