@@ -43,7 +43,7 @@ SPARE_CARE = 3.0  # effective samples per parameter; clean logs above have 11-40
 GUESSED_CARE = 0.3  # clean logs: 0.00; rich ones of real arms: 0.03-0.15
 FRICTIONLESS = 0.01  # share of drive terms in the torque; drives have 10-80 %
 
-_UNSEEN = "parameters that the torque measured hardly shows"
+_UNSEEN = "the torque measured hardly shows some parameters"
 
 
 def judge(evidence: Evidence) -> Verdict:
@@ -190,12 +190,13 @@ def _of_guesses(evidence: Evidence) -> Iterator[Reason]:
     fit = evidence.fit
     if fit is None or not fit.guessed > GUESSED_CARE:
         return
+    count = len(evidence.undetermined)
+    why = f"{count} combinations are not identifiable" if count else _UNSEEN
     yield Reason(
         "mostly guessed",
         "use with care",
         f"up to {percent(fit.guessed)} of a joint's or the base's torque on other "
-        "motions is the prior's, not the data's: "
-        f"{_some(evidence.undetermined) or _UNSEEN}",
+        f"motions is the prior's, not the data's: {why}",
         "move all joints more, measure more rows, or state what is known (masses)",
     )
 
