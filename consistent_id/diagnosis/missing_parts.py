@@ -93,7 +93,7 @@ def missing_parts(as_is: FittedLog) -> list[Candidate]:
     return [
         *_of_one_joint(as_is, left, matter),
         *_of_pairs(as_is, left, matter),
-        *_of_a_while(as_is, left),
+        *of_a_while(as_is, left),
     ]
 
 
@@ -155,17 +155,21 @@ def _of_pairs(
         yield _without(as_is, cause, parts)
 
 
-def _of_a_while(as_is: FittedLog, left: list[Residual]) -> Iterator[Candidate]:
+def of_a_while(as_is: FittedLog, left: list[Residual]) -> Iterator[Candidate]:
     """Yield the log without the while in which nearly all residuals are.
 
-    A while at either end of a log is when filters settle: no contact is seen in it.
+    A while at either end of a log, nearer than half its length, is when filters settle:
+    no contact is seen in it.
     """
     log = as_is.recording
     if as_is.misfit < _FELT:
         return
     weight = np.sum([(r.rest / r.size) ** 2 for r in left], axis=0)
     inside = window(weight)
-    if inside is None or inside[0] or inside[-1]:
+    if inside is None:
+        return
+    near = int(inside.sum()) // 2
+    if inside[: near + 1].any() or inside[len(inside) - near - 1 :].any():
         return
     start, stop = log.time[inside][[0, -1]]
     cause = Cause(
