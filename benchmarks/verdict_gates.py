@@ -19,7 +19,7 @@ import consistent_id as ci
 from consistent_id.comparison.consistency_test import consistency_test
 from consistent_id.problems.study import Study
 
-COLUMNS = "misfit excess slope_low slope_high correl spare chi2 p"
+COLUMNS = "misfit excess slope_low slope_high correl spare guessed chi2 p"
 
 
 def figures(robot: str, seed: int) -> list[float]:
@@ -41,6 +41,7 @@ def figures(robot: str, seed: int) -> list[float]:
         slopes.max(initial=-np.inf),
         fit.correlation,
         fit.spare,
+        fit.guessed,
         test.increase,
         test.p_value,
     ]

@@ -13,6 +13,7 @@ from consistent_id.diagnosis.corrections import Cause
 from consistent_id.diagnosis.explain import Candidate, FittedLog, thinned
 from consistent_id.diagnosis.jackknife import solution
 from consistent_id.diagnosis.late_torque import late_torque
+from consistent_id.diagnosis.lost_signs import lost_signs
 from consistent_id.diagnosis.missing_parts import missing_parts
 from consistent_id.diagnosis.torque_parts import nominal_parts
 from consistent_id.recordings.recording import Recording
@@ -38,6 +39,7 @@ def alternatives(as_is: FittedLog) -> list[Candidate]:
         *_other_gravity(as_is),
         *_other_masses(as_is),
         *_other_channels(as_is),
+        *lost_signs(as_is),
         *_other_gain(as_is),
         *_other_clock(as_is),
         *late_torque(as_is),

@@ -14,6 +14,7 @@ _SAME = 0.05  # by which the ratios of joints agree, and one may be off from one
 _LATE = 0.012  # s: less is what filters of velocities do
 _CLEAR = 0.25  # of the squared misfit, that a lag may leave
 _SPAN = 0.1  # s, over which rates are averaged
+_CHANCE = 3.0  # standard errors that are no chance
 _COUNTS = 30.0  # ratio beyond which no clock is meant
 
 _RATIOS = {
@@ -66,17 +67,18 @@ def velocity_findings(recording: Recording) -> list[Finding]:
     agreed = abs(correlation) >= _AGREED
     known = [np.inf] if not agreed.any() else ratios[agreed]
     common = float(np.median(known))
+    errors = _ratio_errors(recording, correlation)
     for ratio, (kind, statement, advice) in _RATIOS.items():
         if 1 / _NEAR < common / ratio < _NEAR:
             seen = f"velocity over the position's rate is {common:.4g}: {statement}"
             return [Finding(kind, "fault", "all joints", seen, advice, 10.0)]
     return (
         _late(recording, recording.velocity, from_position)
-        or _common_ratio(ratios[agreed])
+        or _common_ratio(ratios[agreed], errors[agreed])
         or [
             *_signs(recording, ratios, agreed),
             *_swaps(recording, recording.velocity, from_position, agreed),
-            *_scales(recording, ratios, correlation),
+            *_scales(recording, ratios, correlation, errors),
         ]
     )
 
@@ -87,13 +89,31 @@ def _averaged(values: Array, span: int) -> Array:
     return np.asarray(sums[span:] - sums[:-span]) / span
 
 
-def _common_ratio(ratios: Vector) -> list[Finding]:
-    """Find a factor between velocities and positions' rates that all joints share."""
+def _ratio_errors(recording: Recording, correlation: Vector) -> Vector:
+    """Return standard errors of the logarithms of ratios, shape (joints,).
+
+    Of as many independent pairs as there are averages while the joint moves.
+    """
+    speed = np.asarray(recording.velocity) ** 2
+    moving = np.sum(speed, axis=0) ** 2 / np.maximum(np.sum(speed**2, axis=0), 1e-300)
+    pairs = np.maximum(moving / max(_SPAN * recording.rate, 1.0) - 1.0, 0.5)
+    r = np.clip(abs(correlation), 1e-6, 1.0)
+    return np.asarray(np.sqrt((1.0 / r**2 - 1.0) / pairs))
+
+
+def _common_ratio(ratios: Vector, errors: Vector) -> list[Finding]:
+    """Find a factor between velocities and positions' rates that all joints share.
+
+    One that is beyond what so few samples of motion may show by chance.
+    """
     if not len(ratios):
         return []
+    chance = float(np.median(errors))
     common = float(np.median(ratios))
     alike = abs(ratios / common - 1.0) <= _SAME
     if common <= 0.0 or not alike.all() or abs(common - 1.0) <= _SAME:
+        return []
+    if abs(np.log(common)) <= _CHANCE * chance:
         return []
     seen = f"velocity over the position's rate is {common:.4g} in all joints: "
     if 1.0 / _COUNTS < common < _COUNTS:
@@ -116,18 +136,21 @@ def _common_ratio(ratios: Vector) -> list[Finding]:
     ]
 
 
-def _scales(recording: Recording, ratios: Vector, correlation: Vector) -> list[Finding]:
+def _scales(
+    recording: Recording, ratios: Vector, correlation: Vector, errors: Vector
+) -> list[Finding]:
     """Find joints whose position and velocity have different scales.
 
     Noise of the position's rate makes a ratio smaller, down by the squared correlation;
-    noise of the velocity does not.  A scale is one if either may explain it.
+    noise of the velocity does not.  A scale is one if either may explain it, or chance.
     """
     found = []
-    for joint, ratio, r in zip(recording.joints, ratios, correlation, strict=True):
+    rows = zip(recording.joints, ratios, correlation, errors, strict=True)
+    for joint, ratio, r, error in rows:
         if r < _AGREED:
             continue
         scale = float(np.clip(1.0, ratio, ratio / r**2))
-        if abs(np.log(scale)) > 2.0 * _SAME:
+        if abs(np.log(scale)) > max(2.0 * _SAME, _CHANCE * error):
             found.append(
                 Finding(
                     "encoder scale",

@@ -154,6 +154,9 @@ _ALL = "all joints"
 _QUARTERS = (90.0, -90.0, 180.0)  # degrees
 _SCALES = (0.01, 0.02, 0.8, 0.9, 1.1, 1.25)  # gears that were forgotten or are not so
 _UNITS = ((1e3, "kN m"), (1e-3, "N mm"))
+# Ratio of misfits: who reverses a torque that is right is wrong by twice of it.  What
+# half explains a log both ways, as a torque without its fast part, is not reversed.
+_SIGN = 2.0
 
 
 def _scaling(joints: Sequence[Joint], places: Sequence[int], factor: float) -> Matrix:
@@ -221,7 +224,7 @@ FAULT_KINDS = (
     FaultKind(
         "torque sign",
         "torque",
-        1.3,
+        _SIGN,
         "with the torque of {joints} reversed",
         "reverse the torque channel of {joints}; or its position and velocity, or its "
         "axis in the model",
@@ -230,7 +233,7 @@ FAULT_KINDS = (
     FaultKind(
         "torque sign",
         "torque",
-        1.3,
+        _SIGN,
         "with the torque of {joints} reversed",
         "reverse the torque channel of {joints}",
         _all_reversed,
@@ -238,7 +241,7 @@ FAULT_KINDS = (
     FaultKind(
         "position sign",
         "motion",
-        1.3,
+        _SIGN,
         "with the position of {joints} reversed",
         "reverse position and velocity of {joints}, or its axis in the model",
         _reversed,

@@ -18,11 +18,14 @@ from consistent_id.recordings.recording import Recording
 from consistent_id.regression.motion_arrays import motion_of
 
 _THRESHOLD = 1.3  # ratio of misfits, as in the table of corrections
+# Of a drift: a filtered torque is slow too, and a line in time takes up half of that.
+_OF_DRIFT = 2.0
 _SHARE = 0.5  # of the squared residual, that what is missing has to take up
 _BOTH = 0.25  # in each of two joints
 _MATTERS = 0.1  # of the largest squared residual: the others' are not looked at
 _WINDOW = 0.3  # of the log, at the most, that a contact lasts
 _INSIDE = 0.8  # of the squared residuals, that are within it
+_FELT = 0.03  # of the torque: misfit of a log in which nothing is touched
 _CREEP = 0.02  # rad/s or m/s, of the smooth Coulomb term
 
 
@@ -90,7 +93,7 @@ def missing_parts(as_is: FittedLog) -> list[Candidate]:
     return [
         *_of_one_joint(as_is, left, matter),
         *_of_pairs(as_is, left, matter),
-        *_of_a_while(as_is, left),
+        *of_a_while(as_is, left),
     ]
 
 
@@ -124,7 +127,7 @@ def _of_one_joint(
                     names[j],
                     statement.format(names[j]),
                     advice,
-                    _THRESHOLD,
+                    _OF_DRIFT if kind == "drift" else _THRESHOLD,
                     excuse=2 if kind == "spring" else 0,
                 )
                 parts = {names[j]: left[j].taken_up(columns)}
@@ -152,12 +155,21 @@ def _of_pairs(
         yield _without(as_is, cause, parts)
 
 
-def _of_a_while(as_is: FittedLog, left: list[Residual]) -> Iterator[Candidate]:
-    """Yield the log without the while in which nearly all residuals are."""
+def of_a_while(as_is: FittedLog, left: list[Residual]) -> Iterator[Candidate]:
+    """Yield the log without the while in which nearly all residuals are.
+
+    A while at either end of a log, nearer than half its length, is when filters settle:
+    no contact is seen in it.
+    """
     log = as_is.recording
+    if as_is.misfit < _FELT:
+        return
     weight = np.sum([(r.rest / r.size) ** 2 for r in left], axis=0)
     inside = window(weight)
     if inside is None:
+        return
+    near = int(inside.sum()) // 2
+    if inside[: near + 1].any() or inside[len(inside) - near - 1 :].any():
         return
     start, stop = log.time[inside][[0, -1]]
     cause = Cause(

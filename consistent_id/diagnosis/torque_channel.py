@@ -188,6 +188,9 @@ def _common_gain(p: TorqueParts) -> list[Finding]:
     if len(slopes) < 2 or not _explained(p):
         return []
     gain = float(np.median(slopes))
+    heavy = _heavy(p)
+    if len(heavy) and _LOW <= float(np.median(heavy)) <= _HIGH:
+        return []  # gravity is as it should be: what is off is the inertial part
     # Where friction is large, the body's part is the less sure: half of the joints.
     near = np.abs(np.log(np.maximum(slopes / gain, 1e-9))) <= np.log(_COMMON)
     alike = min(near.mean(), _agreeing(p)[p.whole_shown].mean())
@@ -197,7 +200,7 @@ def _common_gain(p: TorqueParts) -> list[Finding]:
         if 1 / _UNIT < gain / unit < _UNIT:
             statement = f"all torques are {gain:.3g} times the model's: they are {name}"
             return [_gain("torque unit", "fault", "all joints", statement, 1 / unit, p)]
-    if gain > 1.0 and not len(_heavy(p)):
+    if gain > 1.0 and not len(heavy):
         return []
     statement = (
         f"all torques are {gain:.3g} times the model's: a gain or a gear ratio is "

@@ -101,7 +101,7 @@ def audited(
         certificate=_certificate(proof, least if consistent else None, figures),
         notes=(note, *_edges(links)),
         seconds=perf_counter() - started,
-        fit=fit_of(model, regression, x, base),
+        fit=fit_of(model, regression, x, base, known=scaled.constraints.A_eq),
     )
 
 

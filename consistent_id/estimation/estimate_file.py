@@ -39,6 +39,8 @@ class JointRecord(msgspec.Struct):
     explained: float | None
     expected: float | None
     efforts: float | None
+    moving: float | None = None
+    holding: float | None = None
 
 
 class FitRecord(msgspec.Struct):
@@ -51,6 +53,7 @@ class FitRecord(msgspec.Struct):
     joints: dict[str, JointRecord]
     correlation: float | None = None
     spare: float | None = None
+    guessed: float | None = None
 
 
 class ReasonRecord(msgspec.Struct):

@@ -9,15 +9,19 @@ from typing import Any, Self
 
 import numpy as np
 
-from consistent_id._support.arrays import Array, Vector, freeze_arrays, frozen
+from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays, frozen
+from consistent_id.estimation.guessed_torque import guessed_share
+from consistent_id.estimation.stiction import holding, moving_shares
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.linear import solve_linear
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.row_names import in_newton
 
-_ALONE = ("misfit", "floor", "excess", "drive_share", "correlation", "spare")
-_PER_JOINT = tuple("torque misfits shares slopes explained expected efforts".split())
+_ALONE = ("misfit", "floor", "excess", "drive_share", "correlation", "spare", "guessed")
+_PER_JOINT = tuple(
+    "torque misfits shares slopes explained expected efforts moving holding".split()
+)
 _ROUNDING = 1e-10  # relative size of a column that drive terms explain to rounding
 
 
@@ -45,6 +49,9 @@ class Fit:
     spare : float
         Samples with white noise that determine as much as all, per parameter that the
         data determine; NaN likewise.
+    guessed : float
+        Share of the torque on other motions that the data do not determine; see
+        `guessed_share`.
     torque : array_like, shape (joints,), [N m or N]
         RMS torque.
     misfits : array_like, shape (joints,)
@@ -63,6 +70,11 @@ class Fit:
         much the nominal bodies ought to matter.
     efforts : array_like, shape (joints,)
         Largest torque over the joint's effort limit; zero where either is not known.
+    moving : array_like, shape (joints,)
+        Share of samples in which the joint moves, as its Coulomb friction sees it; NaN
+        without that.
+    holding : array_like, shape (joints,), [N m or N]
+        Torque that friction can hold at rest; NaN where it is not known.
     """
 
     joints: tuple[str, ...]
@@ -72,6 +84,7 @@ class Fit:
     drive_share: float
     correlation: float
     spare: float
+    guessed: float
     torque: Vector
     misfits: Vector
     shares: Vector
@@ -79,6 +92,8 @@ class Fit:
     explained: Vector
     expected: Vector
     efforts: Vector
+    moving: Vector
+    holding: Vector
 
     def __post_init__(self) -> None:
         freeze_arrays(
@@ -101,14 +116,19 @@ class Fit:
         joints = record["joints"]
         alone: dict[str, Any] = {name: _known(record.get(name)) for name in _ALONE}
         of_joints: dict[str, Any] = {
-            name: np.array([_known(joint[name]) for joint in joints.values()])
+            name: np.array([_known(joint.get(name)) for joint in joints.values()])
             for name in _PER_JOINT
         }
         return cls(joints=tuple(joints), **alone, **of_joints)
 
 
 def fit_of(
-    model: TorqueModel, regression: Regression, x: Vector, base: BaseParameters
+    model: TorqueModel,
+    regression: Regression,
+    x: Vector,
+    base: BaseParameters,
+    *,
+    known: Matrix | None = None,
 ) -> Fit:
     """Return how well parameters explain a regression.
 
@@ -119,6 +139,8 @@ def fit_of(
         Its `sigma` weigh `Fit.excess` alone.
     x : ndarray, shape (parameters,)
     base : BaseParameters
+    known : ndarray, shape (rows, parameters), optional
+        Rows of the equalities that hold by assumption.
     """
     x = frozen(x, (len(model.layout),), "parameters")
     counts = np.array(regression.counts, dtype=np.float64)
@@ -135,6 +157,8 @@ def fit_of(
     has_drive = len(model.layout) > model.layout.inertial_size
     effective = np.nan if regression.noise is None else regression.effective.sum()
 
+    moving = moving_shares(model, regression)
+
     def stacked(rms: Vector) -> float:
         return float(np.sqrt((counts * rms**2).sum() / (counts * size**2).sum()))
 
@@ -146,11 +170,20 @@ def fit_of(
         drive_share=stacked(of_drive) if has_drive else np.nan,
         correlation=float(counts.sum() / effective),
         spare=float(effective / max(free.rank, 1)),
+        guessed=guessed_share(
+            model,
+            regression,
+            base,
+            x,
+            np.zeros((0, len(x))) if known is None else known,
+        ),
         torque=size,
         misfits=residual / size,
         shares=_shares(model, size),
         **_on_nominal(model, regression),
         efforts=regression.peaks / _effort_limits(model),
+        moving=moving,
+        holding=holding(model, x, moving),
     )
 
 

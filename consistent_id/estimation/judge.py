@@ -10,10 +10,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from consistent_id._support.arrays import BoolArray
 from consistent_id.estimation.evidence import Evidence
-from consistent_id.estimation.fit import Fit
-from consistent_id.estimation.torque_error import stacked_error
+from consistent_id.estimation.judge_slopes import (
+    EFFORT_CARE,
+    JOINT_MATTERS,
+    of_slopes,
+    where,
+)
+from consistent_id.estimation.stiction import AT_REST
+from consistent_id.estimation.torque_error import stacked_beyond, stacked_error
 from consistent_id.estimation.verdict import WORDS, Reason, Verdict, Word, percent
 from consistent_id.regression.mass_matrix import POSES
 from consistent_id.regression.residual_noise import WHITE
@@ -34,16 +39,11 @@ JOINT_HELD_OUT_CARE = 0.40
 GENERALISATION_CARE = 3.0  # held-out error over misfit
 LEAST_MISFIT = 0.02  # misfit that the held-out error is compared with at the least
 NO_BETTER_THAN_ZERO = 1.0  # error of who predicts no torque at all
-SLOPE_CARE = (0.8, 1.25)
-SLOPE_FAR = 3.0  # no designer is so wrong about masses
-SLOPE_MISSING = 0.2  # below, the bodies' torque is not in the channel
-EXPLAINED = 0.3  # squared share of torque from which a slope means something
-EXPECTED = 0.1  # share of a joint's torque that makes its slope matter
-EXPECTED_MUCH = 0.3  # share that cannot be missing for want of excitation
-EFFORT_CARE = 1.2  # peak torque over effort limit: limits are often rounded down
-JOINT_MATTERS = 0.05  # torque over that of the strongest joint
 SPARE_CARE = 3.0  # effective samples per parameter; clean logs above have 11-40
+GUESSED_CARE = 0.3  # clean logs: 0.00; rich ones of real arms: 0.03-0.15
 FRICTIONLESS = 0.01  # share of drive terms in the torque; drives have 10-80 %
+
+_UNSEEN = "the torque measured hardly shows some parameters"
 
 
 def judge(evidence: Evidence) -> Verdict:
@@ -107,7 +107,8 @@ def _of_bodies(evidence: Evidence) -> Iterator[Reason]:
 
 
 def _of_held_out(evidence: Evidence) -> Iterator[Reason]:
-    error = stacked_error(evidence.held_out)
+    """Judge what is predicted, but not what friction holds while a joint rests."""
+    error = stacked_beyond(evidence.held_out)
     if error is None:
         return
     fit = evidence.fit
@@ -149,7 +150,7 @@ def _worst_joint(evidence: Evidence) -> tuple[str, float]:
     worst = np.zeros(len(fit.joints))
     for error in evidence.held_out:
         size = np.maximum(error.torque, fit.torque)
-        worst = np.maximum(worst, np.where(matters, error.rms / size, 0.0))
+        worst = np.maximum(worst, np.where(matters, error.beyond / size, 0.0))
     j = int(np.argmax(worst))
     return fit.joints[j], float(worst[j])
 
@@ -184,72 +185,42 @@ def _of_fit(evidence: Evidence) -> Iterator[Reason]:
         )
 
 
-def _of_slopes(evidence: Evidence) -> Iterator[Reason]:
-    """Compare the channel with the torque of the nominal bodies, joint by joint."""
+def _of_guesses(evidence: Evidence) -> Iterator[Reason]:
+    """Say if other motions rest on what no data determine."""
     fit = evidence.fit
-    if fit is None:
+    if fit is None or not fit.guessed > GUESSED_CARE:
         return
-    strong = fit.shares >= JOINT_MATTERS
-    matters = strong & (fit.expected >= EXPECTED)
-    # With a gain of 100, the nominal torque is a hundredth, but explains it all.
-    scaled = strong & (abs(fit.slopes) * fit.expected >= EXPECTED_MUCH)
-    means = (matters | scaled) & (fit.explained >= EXPLAINED)
-    reversed_ = [j for j in _where(means) if fit.slopes[j] < 0.0]
-    missing = [
-        j
-        for j in _where(matters & (fit.expected >= EXPECTED_MUCH))
-        if fit.slopes[j] < SLOPE_MISSING and j not in reversed_
-    ]
-    low, high = SLOPE_CARE
-    off = [
-        j
-        for j in _where(means)
-        if not low <= fit.slopes[j] <= high and j not in (*reversed_, *missing)
-    ]
-    if reversed_:
+    count = len(evidence.undetermined)
+    why = f"{count} combinations are not identifiable" if count else _UNSEEN
+    yield Reason(
+        "mostly guessed",
+        "use with care",
+        f"up to {percent(fit.guessed)} of a joint's or the base's torque on other "
+        f"motions is the prior's, not the data's: {why}",
+        "move all joints more, measure more rows, or state what is known (masses)",
+    )
+
+
+def _of_rest(evidence: Evidence) -> Iterator[Reason]:
+    """Name the joints that hardly moved: nothing tells their friction."""
+    fit = evidence.fit
+    resting = [] if fit is None else where(fit.moving < AT_REST)
+    if fit is not None and resting:
         yield Reason(
-            "torque sign",
-            "do not use",
-            f"torque runs against the nominal bodies': {_slopes(fit, reversed_)}",
-            "check the sign of torque and position, and the axes of the model",
-        )
-    if missing:
-        yield Reason(
-            "torque channel",
+            "joint at rest",
             "use with care",
-            "the torque of the nominal bodies is hardly in the channel: "
-            f"{_slopes(fit, missing)}",
-            "is it compensated for gravity, another quantity, or of another joint?",
+            f"{_some([fit.joints[j] for j in resting])} hardly moved: friction and "
+            "rotor inertia there are undetermined, and friction may hold any torque "
+            "up to breakaway",
+            "move these joints too, or take them out of the model (locked)",
         )
-    if off:
-        alike = len(off) == np.count_nonzero(means) and _alike(fit, off)
-        yield Reason(
-            "gain or unit" if alike else "nominal model",
-            "use with care",
-            "measured over nominal torque: " + _slopes(fit, off),
-            "check the unit and gain of torque, and the model's masses"
-            if alike
-            else "check these joints' gains, drive terms (rotor inertia) and bodies",
-        )
-
-
-def _alike(fit: Fit, joints: Sequence[int]) -> bool:
-    """Return whether slopes are off as by one gain.
-
-    They are if all are far off to the same side, or if those of several joints differ
-    by less than the gate allows.
-    """
-    slopes = fit.slopes[list(joints)]
-    far = slopes.min() > SLOPE_FAR or slopes.max() < 1.0 / SLOPE_FAR
-    near = slopes.max() / slopes.min() < SLOPE_CARE[1] / SLOPE_CARE[0]
-    return bool(far or (near and len(slopes) > 1))
 
 
 def _of_channel(evidence: Evidence) -> Iterator[Reason]:
     fit = evidence.fit
     if fit is None:
         return
-    beyond = [j for j in _where(fit.efforts > EFFORT_CARE)]
+    beyond = [j for j in where(fit.efforts > EFFORT_CARE)]
     if beyond:
         said = ", ".join(f"{fit.joints[j]} {fit.efforts[j]:.2g} times" for j in beyond)
         yield Reason(
@@ -323,7 +294,7 @@ def _worth_knowing(evidence: Evidence) -> Iterator[Reason]:
 Rule = Callable[[Evidence], Iterable[Reason]]
 
 RULES: tuple[Rule, ...] = (
-    _of_slopes,
+    of_slopes,
     _of_findings,
     _of_fit,
     _of_held_out,
@@ -331,18 +302,12 @@ RULES: tuple[Rule, ...] = (
     _of_channel,
     _of_optimum,
     _of_noise,
+    _of_rest,
+    _of_guesses,
     _worth_knowing,
 )
 """What is asked of the evidence; of reasons with the same word, the first weighs most:
 a cause before its effects."""
-
-
-def _where(mask: BoolArray) -> list[int]:
-    return [int(j) for j in np.flatnonzero(mask)]
-
-
-def _slopes(fit: Fit, joints: Sequence[int]) -> str:
-    return ", ".join(f"{fit.joints[j]} {fit.slopes[j]:.2f}" for j in joints)
 
 
 def _some(names: Sequence[str]) -> str:

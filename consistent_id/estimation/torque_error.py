@@ -8,6 +8,7 @@ import numpy as np
 from consistent_id._support.arrays import Vector
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.estimate import Estimate
+from consistent_id.estimation.stiction import IN_MOTION, beyond_friction, moving_shares
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.regression import build_regression
 from consistent_id.regression.regressor import TorqueModel
@@ -29,6 +30,11 @@ class TorqueError:
     stacked : float
         ``||tau - prediction|| / ||tau||`` over all joints; where some turn and others
         slide, the root mean square of both kinds' own, since N m and N do not add.
+    beyond : ndarray, shape (torque joints,), [N m or N]
+        Root of the mean squared error beyond what friction can hold where a joint
+        rests, which is no error of the robot; see `beyond_friction`.
+    stacked_beyond : float
+        ``stacked`` of that.
     """
 
     recording: str
@@ -36,6 +42,8 @@ class TorqueError:
     relative: Vector
     torque: Vector
     stacked: float
+    beyond: Vector
+    stacked_beyond: float
 
     @property
     def mse(self) -> Vector:
@@ -61,9 +69,12 @@ def torque_errors(
         raise ProblemError(f"{recording.name}: its torque is zero throughout")
     regression = build_regression(model, recording)
     counts, size = np.array(regression.counts), regression.torque_rms
+    moving = moving_shares(model, regression)
+    rests = bool((moving < IN_MOTION).any())
     errors = []
     for estimate in estimates:
         rms = regression.residual_rms(estimate.parameters)
+        beyond = _beyond(estimate, recording) if rests else rms
         errors.append(
             TorqueError(
                 recording.name,
@@ -71,9 +82,28 @@ def torque_errors(
                 rms / np.where(size > 0.0, size, np.nan),
                 size,
                 _stacked(model, counts * rms**2, counts * size**2),
+                beyond,
+                _stacked(model, counts * beyond**2, counts * size**2),
             )
         )
     return errors
+
+
+def _beyond(estimate: Estimate, recording: Recording) -> Vector:
+    """Return the RMS error beyond what friction at rest can hold, of each joint."""
+    model, fit = estimate.model, estimate.fit
+    motion = recording.of(model.robot.joint_names)
+    measured = np.asarray(recording.of(model.torque_joints).torque)
+    predicted = model.predict(
+        estimate.parameters,
+        motion.position,
+        np.asarray(motion.velocity),
+        np.asarray(motion.acceleration),
+        base=motion.base,
+    )
+    held = np.zeros(len(model.torque_joints)) if fit is None else fit.holding
+    left = beyond_friction(model, motion, measured - predicted, held)
+    return np.asarray(np.sqrt(np.mean(left**2, axis=0)))
 
 
 def _stacked(model: TorqueModel, error: Vector, torque: Vector) -> float:
@@ -94,5 +124,13 @@ def stacked_error(errors: Sequence[TorqueError]) -> float | None:
 
     The root of the mean square of `TorqueError.stacked`; None without any.
     """
-    stacked = [error.stacked for error in errors]
+    return _mean([error.stacked for error in errors])
+
+
+def stacked_beyond(errors: Sequence[TorqueError]) -> float | None:
+    """Return the same of what is beyond friction at rest."""
+    return _mean([error.stacked_beyond for error in errors])
+
+
+def _mean(stacked: Sequence[float]) -> float | None:
     return float(np.sqrt(np.mean(np.square(stacked)))) if stacked else None

@@ -105,3 +105,19 @@ def test_a_joint_at_rest_does_not_jump():
     position = log.position.copy()
     position[:, 1] = 0.3 + np.clip(flips, -2e-4, 2e-4)
     assert jump_findings(replace(log, position=position, velocity=None)) == []
+
+
+def test_a_ratio_of_few_samples_in_motion_is_chance():
+    """Half a second of motion, the velocity rounded: no clock, no scale is shown."""
+    log = clean_log(0)
+    still = np.ones(len(log.time))
+    still[100:] = 0.0
+    rng = np.random.default_rng(0)
+    moved = np.cumsum(log.velocity * still[:, None], axis=0) / log.rate
+    rough = log.velocity + 1.0 * log.velocity.std(axis=0) * rng.normal(
+        size=log.velocity.shape
+    )
+    few = replace(log, position=moved, velocity=1.12 * rough * still[:, None])
+    assert velocity_findings(few) == []
+    many = replace(log, velocity=1.12 * log.velocity)
+    assert [f.kind for f in velocity_findings(many)] == ["clock"]

@@ -164,3 +164,11 @@ def test_a_motion_that_never_turns_back_shows_a_unit_and_not_surely_a_gain(
     found = {finding.kind: finding.severity for finding in _swung_once(factor)}
     assert found["short"] == "warning"
     assert found[kind] == severity
+
+
+@pytest.mark.parametrize("speed", [2.0, 0.5])
+def test_a_gain_would_be_gravity_s_too(speed):
+    """A clock of another speed changes the inertial part alone: no gain does that."""
+    found = _said(lambda g, i, f: g + speed**2 * i + f)
+    assert "torque gain" not in [finding.kind for finding in found]
+    assert [f.kind for f in _said(lambda g, i, f: 2.0 * (g + i + f))] == ["torque gain"]

@@ -342,3 +342,8 @@ def test_columns_that_underflow_are_no_drive_terms():
     still[:, 1] = 1e-170  # what a filter leaves of a joint at rest
     regression = build_regression(arm, replace(clean, velocity=still))
     assert np.isfinite(fit_of(arm, regression, truth, base_parameters(arm)).misfit)
+
+
+def test_a_gain_that_masses_and_drives_both_deny_is_refused():
+    verdict = verdict_of(with_torque(100.0 * log().torque))
+    assert (verdict.word, kinds(verdict)[0]) == ("do not use", "gain or unit")

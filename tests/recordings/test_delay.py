@@ -287,3 +287,17 @@ def test_masks_that_do_not_fit_are_refused():
             signals.without(recording, bad)
     with pytest.raises(RecordingError, match="has no torque"):
         signals.saturated(recording)
+
+
+def test_a_velocity_channel_of_zeros_has_no_delay():
+    time = np.arange(2000) / 200.0
+    angle = np.column_stack([np.sin(3 * time + time**2 / 8), np.sin(2 * time)])
+    rate = np.gradient(angle, time, axis=0)
+    position = signals.Track("position", ("a", "b"), time, angle)
+    dead = signals.Track("velocity", ("a", "b"), time, 0.0 * rate)
+    with pytest.raises(RecordingError, match=r"correlations of a, b are \[0.0, 0.0\]"):
+        signals.estimate_delay(position, dead)
+    half = signals.Track("velocity", ("a", "b"), time, rate * [1.0, 0.0])
+    found = signals.estimate_delay(position, half)
+    assert found.seconds == pytest.approx(0.0, abs=1e-3)
+    assert found.correlations[1] == 0.0

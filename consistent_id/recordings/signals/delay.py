@@ -251,6 +251,7 @@ def _with_error(
     r = _centred(pair.reference(pair.time - shift))
     power = np.maximum((r**2).sum(axis=0), tiny)
     gain = (r * y).sum(axis=0) / power
+    size = (y**2).sum(axis=0)  # zero of a channel that is constant
     error = y - gain * r
     J = -gain * _centred(pair.slope(pair.time - shift))
     J -= r * ((r * J).sum(axis=0) / power)
@@ -268,7 +269,7 @@ def _with_error(
         standard_error=float(spread / curvature) if curvature > 0.0 else np.inf,
         cutoff=cutoff,
         joints=joints,
-        correlations=gain * np.sqrt(power / np.maximum((y**2).sum(axis=0), tiny)),
+        correlations=gain * np.sqrt(power / np.where(size > 0.0, size, np.inf)),
         gains=gain,
     )
 

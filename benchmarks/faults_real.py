@@ -1,0 +1,344 @@
+"""What is said of recordings of four real arms that were spoilt as users spoil logs.
+
+``python benchmarks/faults_real.py [--only ur10e/payload ...] [--results FILE] [--write
+FILE]`` takes one recording of each arm of ``$CONSISTENT_ID_DATASETS``, spoils it or the
+URDF, and works it through as `clean_recordings` does.  The estimate then predicts
+another recording of the same arm.  Of torque that is not the drawing's, real friction
+and real noise are part, which no simulation has.
+"""
+
+import argparse
+import json
+import os
+import tempfile
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from clean_recordings import Robot, completed, draft_of, robots
+from scipy.signal import lfilter
+from threadpoolctl import threadpool_limits
+
+import consistent_id as ci
+
+RECORDINGS = {
+    "ur10e": (
+        "identification/ur-20_02_10-30sec_12harm",
+        "validation/ur-20_02_05-20sec_8harm",
+    ),
+    "kuka_kr300": ("identification/FF_A", "validation/FF_B"),
+    "staubli_tx40": ("identification/seg_0.0-4.5s", "identification/seg_0.0-4.5s"),
+    "tiago": ("identification/first60", "validation/last40"),
+}
+"""Recordings to learn from, and to be predicted: of the TX40 there is one, whole."""
+
+WRONG, TIMES = 0.05, 1.5  # error, and times that of the whole log, that is wrong
+
+
+@dataclass(frozen=True)
+class Log:
+    """A recording's columns, and the text of the URDF that goes with it."""
+
+    columns: dict[str, np.ndarray]
+    urdf: str
+    arms: int
+
+    def of(self, channel: str) -> np.ndarray:
+        """Return a channel of all joints, shape (samples, joints)."""
+        names = [f"{channel}{k + 1}" for k in range(self.arms)]
+        return np.column_stack([self.columns[name] for name in names])
+
+    def with_(self, **channels: np.ndarray) -> "Log":
+        """Return the log with other channels."""
+        new = dict(self.columns)
+        for channel, values in channels.items():
+            for k in range(values.shape[1]):
+                new[f"{channel}{k + 1}"] = values[:, k]
+        return replace(self, columns=new)
+
+
+Spoil = Callable[[Log, str], Log]
+
+
+def of_torque(change: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> Spoil:
+    """Change the torque, or what it is made of, given the time."""
+    return lambda log, torque: log.with_(
+        **{torque: change(log.of(torque), log.columns["time"])}
+    )
+
+
+def scaled(joint: int, factor: float) -> Spoil:
+    """Scale one torque."""
+    return of_torque(
+        lambda tau, _: tau * np.where(np.arange(tau.shape[1]) == joint, factor, 1.0)
+    )
+
+
+def turned(tau: np.ndarray, _: np.ndarray) -> np.ndarray:
+    """Take the first three torques one column too far."""
+    return np.column_stack([tau[:, [1, 2, 0]], tau[:, 3:]])
+
+
+def stepped(tau: np.ndarray, _: np.ndarray) -> np.ndarray:
+    """Round to twenty steps either way."""
+    step = abs(tau).max(axis=0) / 20
+    return np.asarray(np.round(tau / step) * step)
+
+
+def held(tau: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Sample at 10 Hz, and hold."""
+    every = max(int(0.1 / np.median(np.diff(time))), 1)
+    return np.asarray(tau[np.arange(len(tau)) // every * every])
+
+
+def slow(tau: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Filter as a drive may do, first order at 1 Hz."""
+    a = np.exp(-2 * np.pi * float(np.median(np.diff(time))))
+    return np.asarray(tau[0] + lfilter([1 - a], [1, -a], tau - tau[0], axis=0))
+
+
+def degrees(log: Log, _: str) -> Log:
+    """Log one joint in degrees, with its velocity."""
+    columns = dict(log.columns)
+    for name in ("q2", "dq2"):
+        if name in columns:
+            columns[name] = np.degrees(columns[name])
+    return replace(log, columns=columns)
+
+
+def milliseconds(log: Log, _: str) -> Log:
+    """Count milliseconds."""
+    columns = {**log.columns, "time": 1e3 * log.columns["time"]}
+    return replace(log, columns=columns)
+
+
+def paused(log: Log, _: str) -> Log:
+    """Stop three times for two seconds, friction holding what it held."""
+    time = log.columns["time"]
+    step = float(np.median(np.diff(time)))
+    rows = np.arange(len(time))
+    for at in (len(time) * np.array([3, 2, 1])) // 4:
+        rows = np.insert(rows, at, np.full(int(2.0 / step), rows[at]))
+    columns = {
+        name: np.where(np.diff(rows, prepend=-1) == 0, 0.0, values[rows])
+        if name.startswith("dq")
+        else values[rows]
+        for name, values in log.columns.items()
+    }
+    steps = np.where(np.diff(rows) == 0, step, np.diff(time[rows]))
+    columns["time"] = np.append(0.0, np.cumsum(steps))
+    return replace(log, columns=columns)
+
+
+def joined(log: Log, torque: str) -> Log:
+    """Go on with a robot whose arms weigh half as much again."""
+    tau = log.of(torque).copy()
+    tau[len(tau) // 2 :] *= 1.5
+    return log.with_(**{torque: tau})
+
+
+def warming(log: Log, torque: str) -> Log:
+    """Lose half of the friction while drives warm up, in a third of the log."""
+    time, q, tau = log.columns["time"], log.of("q"), log.of(torque)
+    speed = np.gradient(_smooth(q, time), time, axis=0)
+    left = np.exp(-3.0 * (time - time[0]) / (time[-1] - time[0]))
+    for j in range(tau.shape[1]):
+        dry = np.tanh(speed[:, j] / 0.02)
+        columns = np.column_stack([speed[:, j], dry, np.ones(len(time)), q, np.sin(q)])
+        level = np.linalg.lstsq(columns, tau[:, j], rcond=None)[0]
+        tau[:, j] -= 0.5 * (1.0 - left) * (columns[:, :2] @ np.maximum(level[:2], 0.0))
+    return log.with_(**{torque: tau})
+
+
+def _smooth(q: np.ndarray, time: np.ndarray) -> np.ndarray:
+    width = max(int(0.05 / np.median(np.diff(time))), 1)
+    window = np.ones(width) / width
+    return np.column_stack([np.convolve(x, window, "same") for x in q.T])
+
+
+def leaning(log: Log, _: str) -> Log:
+    """Draw the base level, though the robot's leans by 10 degrees.
+
+    What the robot does is done to the drawing: the first joint is turned in it.
+    """
+    head, found, rest = log.urdf.partition("<joint ")
+    place = rest.find("rpy=")
+    quote = rest[place + 4]
+    stop = rest.index(quote, place + 5)
+    r, p, y = rest[place + 5 : stop].split()
+    angles = f"{float(r) + np.radians(10.0)} {p} {y}"
+    return replace(log, urdf=head + found + rest[: place + 5] + angles + rest[stop:])
+
+
+SPOILS: dict[str, tuple[tuple[str, ...], Spoil]] = {
+    "whole": ((), lambda log, _: log),
+    "torques one column off": (("channel order", "torque channel"), of_torque(turned)),
+    "one joint in degrees": (("degrees", "encoder scale"), degrees),
+    "one torque in N mm": (("torque gain", "torque channel", "units"), scaled(1, 1e3)),
+    "time in ms": (("clock",), milliseconds),
+    "pauses": (("standstill", "frozen channel", "clock"), paused),
+    "two robots joined": (("model does not explain", "contact", "drift"), joined),
+    "wrong gear ratio": (("torque gain",), scaled(1, 1.25)),
+    "torque at the motor": (
+        ("torque gain", "torque channel", "torque unit"),
+        of_torque(lambda tau, _: tau / 100.0),
+    ),
+    "torque reversed": (("torque sign",), scaled(1, -1.0)),
+    "torque in coarse steps": (("torque resolution",), of_torque(stepped)),
+    "torque held at 10 Hz": (("torque resolution", "lag", "delay"), of_torque(held)),
+    "torque filtered at 1 Hz": (("lag", "drive filter", "delay"), of_torque(slow)),
+    "drives warm up": (("drift",), warming),
+    "base leans by 10 degrees": (("gravity", "offset zero"), leaning),
+}
+"""Label -> kinds as which it may be named, and what does it."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What was said of a log.
+
+    Parameters
+    ----------
+    name : str
+    said : str
+        The verdict, or ``refused``.
+    faults, warnings, reasons : list of str
+        Kinds.
+    error : float
+        On the other recording, over its torque.
+    """
+
+    name: str
+    said: str
+    faults: list[str]
+    warnings: list[str]
+    reasons: list[str]
+    error: float
+
+    @property
+    def label(self) -> str:
+        """What was done to it."""
+        return self.name.partition("/")[2]
+
+    def answer(self, whole: float) -> str:
+        """Return how it was answered, beside the error from the whole log."""
+        kinds = SPOILS[self.label][0]
+        if self.said == "refused" or self.said == "do not use":
+            right = not self.faults or set(self.faults) & set(kinds)
+            return "refused" if right else "refused, wrong cause"
+        if set((*self.faults, *self.warnings)) & set(kinds):
+            return "named"
+        if self.error <= max(WRONG, TIMES * whole):
+            return "estimated well"
+        return "care" if self.said != "use" else "SILENTLY WRONG"
+
+
+def outcome(robot: Robot, folder: Path, label: str) -> Outcome:
+    """Work a spoilt recording through."""
+    import pandas as pd
+
+    name = f"{robot.name}/{label}"
+    source = folder / robot.name
+    learn, predict = (source / f"{part}.parquet" for part in RECORDINGS[robot.name])
+    with tempfile.TemporaryDirectory() as where, threadpool_limits(1):
+        into = Path(where)
+        table = pd.read_parquet(learn)
+        arms = sum(c[0] == "q" and c[1:].isdigit() for c in table)
+        columns = {c: table[c].to_numpy(float) for c in table}
+        log = Log(columns, (source / robot.model).read_text(), arms)
+        torque = robot.columns.get("torque", "tau{number}").removesuffix("{number}")
+        spoilt = SPOILS[label][1](log, torque)
+        (into / robot.name).mkdir()
+        (into / robot.name / robot.model).write_text(spoilt.urdf)
+        file = into / robot.name / "log.parquet"
+        pd.DataFrame(spoilt.columns).to_parquet(file)
+        (into / "read").mkdir()
+        read = completed(robot, file, into, into / "read")
+        try:
+            study = ci.run_study(draft_of(robot, into, read).problem())
+        except ci.ConsistentIdError as refusal:
+            return Outcome(name, "refused", [], [], [str(refusal)[:200]], np.nan)
+        other = completed(robot, predict, folder, into / "read")
+        hidden = draft_of(robot, into, other).problem()
+        logs = [study.problem.prepare(log) for log in hidden.logs("training")]
+        errors = [study.recommended.estimate.score(log).stacked for log in logs]
+    kinds = {
+        severity: list(
+            dict.fromkeys(f.kind for f in study.findings if f.severity == severity)
+        )
+        for severity in ("fault", "warning")
+    }
+    return Outcome(
+        name,
+        study.verdict.word,
+        kinds["fault"],
+        kinds["warning"],
+        list(dict.fromkeys(r.kind for r in study.verdict.grounds)),
+        float(np.sqrt(np.mean(np.square(errors)))),
+    )
+
+
+def page(outcomes: dict[str, Outcome]) -> str:
+    """Return the page for the documentation."""
+    rows = []
+    for found in outcomes.values():
+        arm = found.name.partition("/")[0]
+        whole = outcomes[f"{arm}/whole"].error
+        error = "-" if np.isnan(found.error) else f"{found.error:.1%}"
+        said = ", ".join((*found.faults, *found.warnings)) or "-"
+        rows.append(
+            (found.label, arm, found.said, said, error, found.answer(whole)),
+        )
+    answers = [row[-1] for row in rows if row[0] != "whole"]
+    counts = ", ".join(f"{answers.count(a)} {a}" for a in dict.fromkeys(answers))
+    lines = [
+        "# What is said of spoilt recordings",
+        "",
+        "Measured by `python benchmarks/faults_real.py`: a recording of each arm,",
+        "spoilt as users spoil logs, drafted and worked through. The error is that of",
+        "predicting another recording, which is whole. An estimate is called well if",
+        f"it is wrong by no more than {TIMES:g} times as much as from the whole log.",
+        "",
+        f"{len(answers)} spoilt logs: {counts}.",
+        "",
+        "| spoilt by | arm | verdict | findings | error | answer |",
+        "|---|---|---|---|---:|---|",
+        *(f"| {' | '.join(row)} |" for row in sorted(rows)),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def kept(file: Path | None) -> dict[str, Outcome]:
+    """Return what an earlier run has written."""
+    lines = file.read_text().splitlines() if file and file.exists() else ()
+    records: list[dict[str, Any]] = [json.loads(line) for line in lines]
+    return {record["name"]: Outcome(**record) for record in records}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--only", nargs="+", metavar="PART", default=[""])
+    parser.add_argument("--results", type=Path, help="lines of JSON, to resume from")
+    parser.add_argument("--write", type=Path, help="write the page here")
+    options = parser.parse_args()
+    folder = Path(os.environ["CONSISTENT_ID_DATASETS"])
+    arms = [robot for robot in robots(folder) if robot.name in RECORDINGS]
+    found = kept(options.results)
+    for label in SPOILS:
+        for robot in arms:
+            name = f"{robot.name}/{label}"
+            if name in found or not any(part in name for part in options.only):
+                continue
+            found[name] = outcome(robot, folder, label)
+            if options.results:
+                with options.results.open("a") as stream:
+                    print(json.dumps(asdict(found[name])), file=stream)
+            print(found[name], flush=True)
+    if options.write:
+        options.write.write_text(page(found))
+
+
+if __name__ == "__main__":
+    main()

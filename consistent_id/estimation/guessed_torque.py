@@ -1,0 +1,97 @@
+"""How much of the torque on other motions the data leave to the prior.
+
+On the motion that an estimate was fitted to, what the data do not determine makes no
+torque.  On other motions it does, and a prior or a convention chose it.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from consistent_id._support.arrays import BoolArray, Matrix, Vector
+from consistent_id.regression.base import BaseParameters, random_regressor
+from consistent_id.regression.linear import DATA_RANK_TOLERANCE
+from consistent_id.regression.regression import Regression
+from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.residual_noise import residual_noise
+from consistent_id.regression.row_names import in_newton
+
+ROW_MATTERS = 0.05
+"""Torque over that of the strongest row of its unit, below which a row is left out."""
+
+
+def guessed_share(
+    model: TorqueModel,
+    regression: Regression,
+    base: BaseParameters,
+    x: Vector,
+    known: Matrix,
+) -> float:
+    """Return the share of torque that the data do not determine, on random motions.
+
+    Each parameter is as good a guess as any other: before the data it has a spread that
+    makes as much torque as the typical parameter of `x`.  What weight that guess would
+    keep beside data and equalities is the share of ``x`` that is guessed: all of what
+    they do not see, nothing of what they tell well.  Returned is the torque of it over
+    the whole torque, of the row in which that is most.  If the base floats, rows are
+    also those of the base: all bodies move.
+
+    Parameters
+    ----------
+    model : TorqueModel
+    regression : Regression
+    base : BaseParameters
+    x : ndarray, shape (parameters,)
+    known : ndarray, shape (rows, parameters)
+        Rows of the equalities that hold by assumption.
+
+    Returns
+    -------
+    float
+        NaN for a model that cannot move: rows that somebody else gave.
+    """
+    if not model.robot.connected:
+        return np.nan
+    every = replace(model, torque_joints=()) if model.robot.floating else model
+    W = random_regressor(every)  # rows, parameters, samples
+    unit = _units(W)
+    u = x / unit  # torque on other motions that each parameter makes
+    noise = residual_noise(regression, base)
+    free = _null(known * unit)
+    seen = np.linalg.pinv(noise.steps) @ base.projection * unit @ free
+    told = np.linalg.solve(noise.root.T, seen)  # in standard errors
+    prior = 1.0 / max(float(np.mean(u**2)), np.finfo(float).tiny)
+    _, s, axes = np.linalg.svd(told)
+    weight = prior / (prior + np.append(s, np.zeros(len(axes) - len(s))) ** 2)
+    guess = unit * (free @ (axes.T @ (weight * (axes @ (free.T @ u)))))
+    torque, guessed = (
+        np.sqrt(np.mean(np.einsum("rps,p->rs", W, v) ** 2, axis=1)) for v in (x, guess)
+    )
+    matters = _matters(every, torque)
+    share = guessed[matters] / torque[matters]
+    return float(min(share.max(initial=0.0), 1.0))
+
+
+def _units(W: Matrix) -> Vector:
+    """Return sizes of parameters that make as much torque as each other."""
+    norms = np.sqrt(np.sum(W**2, axis=(0, 2)))
+    return np.asarray(1.0 / np.where(norms > 0.0, norms, 1.0))
+
+
+def _null(rows: Matrix) -> Matrix:
+    """Return an orthonormal basis of the parameters that equalities leave free."""
+    norms = np.linalg.norm(rows, axis=1, keepdims=True)
+    if not norms.any():
+        return np.eye(rows.shape[1])
+    _, s, right = np.linalg.svd(rows / np.where(norms > 0.0, norms, 1.0))
+    return np.asarray(right[int((s > DATA_RANK_TOLERANCE * s[0]).sum()) :].T)
+
+
+def _matters(model: TorqueModel, torque: Vector) -> BoolArray:
+    """Return the rows whose torque is not small beside others of its unit."""
+    forces = np.array([in_newton(model.robot, name) for name in model.torque_joints])
+    matters = np.zeros(len(torque), dtype=bool)
+    for kind in (forces, ~forces):
+        largest = torque[kind].max(initial=0.0)
+        matters[kind] = (torque[kind] > 0.0) & (torque[kind] >= ROW_MATTERS * largest)
+    return matters

@@ -1,0 +1,109 @@
+"""What data leave to a prior is said, if other motions rest on it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from experiments import experiment
+from quadrupeds import quadruped_text
+
+from consistent_id import (
+    BaseMotion,
+    Recording,
+    TorqueModel,
+    base_parameters,
+    build_regression,
+    constrained_least_squares,
+    load_mjcf,
+)
+from consistent_id.estimation.determination import linear_errors
+from consistent_id.estimation.guessed_torque import guessed_share
+from consistent_id.regression.residual_noise import residual_noise
+
+
+def known(model):
+    return np.zeros((0, len(model.layout)))
+
+
+@pytest.fixture(scope="module")
+def quadruped(tmp_path_factory):
+    """The floating robot, and a log of random states with all torques."""
+    file = tmp_path_factory.mktemp("quadruped") / "robot.xml"
+    file.write_text(quadruped_text())
+    robot = load_mjcf(file, base="floating")
+    rng = np.random.default_rng(0)
+    n, samples = len(robot), 1500
+    q, dq, ddq = rng.uniform(-1.0, 1.0, (3, samples, n))
+    w, dw, a = rng.uniform(-1.0, 1.0, (3, samples, 3))
+    base = BaseMotion(w, dw, a + np.array([0.0, 0.0, 9.81]))
+    model = TorqueModel(robot)
+    tau = model.predict(robot.nominal, q, dq, ddq, base=base)
+    tau = tau + 1e-3 * rng.normal(size=tau.shape)
+    time = 0.01 * np.arange(samples)
+    return model, Recording(robot.joint_names, time, q, dq, ddq, tau[:, 6:], base=base)
+
+
+def test_a_trunk_that_no_joint_torque_shows_is_guessed(quadruped):
+    whole, log = quadruped
+    legs = TorqueModel(whole.robot, torque_joints=whole.robot.joint_names)
+    found = constrained_least_squares(legs, build_regression(legs, log))
+    # Seven of 16 kg are the trunk's: about so much of the base's force is the prior's.
+    assert found.fit.guessed == pytest.approx(7.0 / 16.2, abs=0.1)
+    assert found.verdict.word == "use with care"
+    assert "mostly guessed" in [r.kind for r in found.verdict.grounds]
+
+
+def test_rich_data_leave_nothing_to_guess_and_still_joints_their_bodies():
+    model, truth, log = experiment(5, joints=3, noise=0.01)
+    base = base_parameters(model)
+    rich = guessed_share(model, build_regression(model, log), base, truth, known(model))
+    assert rich < 0.01
+    alone = np.array([0.0, 0.0, 1.0])
+    states = [x * alone for x in (log.position, log.velocity, log.acceleration)]
+    torque = model.predict(truth, *states)
+    still = Recording(log.joints, log.time, *states, torque)
+    poor = guessed_share(
+        model, build_regression(model, still), base, truth, known(model)
+    )
+    assert poor > 0.5
+
+
+def test_what_is_stated_is_not_guessed():
+    model, truth, log = experiment(0, joints=2, noise=0.01, samples=40)
+    base = base_parameters(model)
+    regression = build_regression(model, log)
+    everything = np.eye(len(truth))
+    assert guessed_share(model, regression, base, truth, everything) == 0.0
+
+
+def test_the_noisier_a_log_the_more_of_it_is_guessed():
+    model, truth, log = experiment(1, joints=2, samples=400)
+    base, rng = base_parameters(model), np.random.default_rng(0)
+    white = rng.normal(size=log.torque.shape)
+    shares = []
+    for level in (1e-3, 1.0, 1e2, 1e5):
+        noisy = build_regression(model, replace(log, torque=log.torque + level * white))
+        shares.append(guessed_share(model, noisy, base, truth, known(model)))
+    assert shares == sorted(shares)
+    assert shares[0] < 1e-6
+    assert shares[-1] > 0.99
+
+
+def test_the_guess_is_the_prior_s_share_of_a_posterior_mean():
+    """One unknown: the share is ``s^2 / (s^2 + p^2)``, s its standard error."""
+    model, truth, log = experiment(1, joints=2, samples=400)
+    base, rng = base_parameters(model), np.random.default_rng(0)
+    torque = log.torque + 2.0 * rng.normal(size=log.torque.shape)
+    regression = build_regression(model, replace(log, torque=torque))
+    i = model.layout.index(model.layout.names[model.layout.inertial_size])
+    others = np.delete(np.eye(len(truth)), i, axis=0)
+    x = np.zeros(len(truth))
+    x[i] = truth[i]
+    noise = residual_noise(regression, base)
+    error = linear_errors(base, noise, others)[i]
+    # Of the one parameter that makes torque; the mean square is over all parameters.
+    prior = x[i] ** 2 / len(x)
+    share = guessed_share(model, regression, base, x, others)
+    # The error is of rows that count alike; the share weighs them as they scatter.
+    assert share == pytest.approx(error**2 / (error**2 + prior), rel=0.02)
+    assert 0.2 < share < 0.8
