@@ -143,6 +143,7 @@ def playable_record(playable: PlayableDesign) -> dict[str, Any]:
         }
         for name, move in playable.moves.items()
     }
+    record["run_ins"] = list(playable.notes)
     record["refusals"] = list(playable.refusals)
     return record
 
@@ -151,7 +152,8 @@ def playable_tables(playable: PlayableDesign) -> list[Table]:
     """Return the same for people."""
     rows = tuple(_rows(playable))
     header = ("motion", "lasts", "least margin", "joint", "limit of")
-    notes = ("run-in and run-out included; proven for all times", *playable.refusals)
+    what = "run-in and run-out included; proven for all times"
+    notes = (what, *playable.notes, *playable.refusals)
     tables = design_tables(playable.design, playable.proofs)
     return [*tables, Table("What is played", header, rows, notes)]
 

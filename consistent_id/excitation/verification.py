@@ -1,6 +1,6 @@
 """What a path must keep to, and what is proven of it over its whole duration."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -98,12 +98,12 @@ class Proof:
     margins: MotionMargins
     clearance: ClearanceReport | None
 
-    def later(self, by: float) -> "Proof":
-        """Return the proof of the same path, begun so much later [s]."""
-        margins = [replace(m, time=m.time + by) for m in self.margins.margins]
+    def retimed(self, clock: Callable[[float], float]) -> "Proof":
+        """Return the proof of the same motion, whose times another clock shows."""
+        margins = [replace(m, time=clock(m.time)) for m in self.margins.margins]
         apart = self.clearance
         if apart is not None:
-            apart = replace(apart, time=apart.time + by)
+            apart = replace(apart, time=clock(apart.time))
         return Proof(MotionMargins(tuple(margins)), apart)
 
     @property
