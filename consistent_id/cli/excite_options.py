@@ -17,6 +17,7 @@ _KEYS = (
     "share",
     "ground",
     "clearance",
+    "collisions",
 )
 
 
@@ -52,6 +53,13 @@ def add_motion_options(command: argparse.ArgumentParser) -> None:
         ("clearance", "METRES", "between bodies that must not touch"),
     ):
         asked.add_argument(f"--{name}", type=positive, metavar=unit, help=text)
+    asked.add_argument(
+        "--no-collisions",
+        dest="collisions",
+        action="store_const",
+        const=False,
+        help="leave out the scene, and the shapes of the URDF",
+    )
     asked.add_argument(
         "--ground", type=float, metavar="METRES", help="height of a floor to keep off"
     )

@@ -185,8 +185,7 @@ def _clearances(design: ExcitationDesign, proofs: Mapping[str, Proof]) -> list[T
     )
     notes = (
         f"{len(scene.pairs)} pairs of bodies checked; proven for all times",
-        *(str(note) for note in scene.notes),
-        *(f"link {name} of the file is not checked" for name in scene.dropped),
+        *scene.remarks,
     )
     header = (
         "motion",

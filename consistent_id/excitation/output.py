@@ -143,7 +143,7 @@ def playable_record(playable: PlayableDesign) -> dict[str, Any]:
         }
         for name, move in playable.moves.items()
     }
-    record["run_ins"] = list(playable.notes)
+    record["notes_on_playing"] = list(playable.notes)
     record["refusals"] = list(playable.refusals)
     return record
 

@@ -38,7 +38,8 @@ class PlayableDesign:
         Of each of the moves, from its first moment to its last.
     refusals : tuple of str
     notes : tuple of str
-        On run-ins and run-outs that are not the straight ones.
+        On bodies that nothing was requested of, and on run-ins and run-outs that are
+        not the straight ones.
     """
 
     design: ExcitationDesign
@@ -95,7 +96,7 @@ def playable_design(
     moves: dict[str, Move] = {}
     proofs: dict[str, Proof] = {}
     refusals: list[str] = []
-    notes: list[str] = []
+    notes = list(request.notes)
     validation = None
 
     def play(

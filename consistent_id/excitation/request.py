@@ -8,6 +8,7 @@ import numpy as np
 from consistent_id.errors import ProblemError
 from consistent_id.excitation.aims import Aim, PathForm
 from consistent_id.excitation.criteria import Objective
+from consistent_id.excitation.default_scene import default_scene
 from consistent_id.excitation.forms import forms_to_try
 from consistent_id.excitation.request_scene import requested_scene
 from consistent_id.motion.collisions.scene import Scene
@@ -38,6 +39,8 @@ class DesignRequest:
         Where the robot rests before and after, all joints of it.
     periods : int, optional
         How often a periodic path is repeated; None to play its duration once.
+    notes : tuple of str
+        On bodies that nothing was requested of.
     """
 
     forms: tuple[PathForm, ...]
@@ -46,6 +49,7 @@ class DesignRequest:
     scene: Scene | None
     start_pose: dict[str, float] | None
     periods: int | None
+    notes: tuple[str, ...] = ()
 
     @property
     def form(self) -> PathForm:
@@ -86,15 +90,18 @@ def design_request(problem: Problem) -> DesignRequest:
         correlation_time=table.correlation_time,
         interest=table.interest,
     )
-    scene = requested_scene(problem)
     pose = _pose(table.start_pose, limits) if table.start_pose else None
-    if scene is not None and pose is not None:
+    scene = requested_scene(problem)
+    notes: tuple[str, ...] = ()
+    if table.scene is None:
+        scene, notes = default_scene(problem, pose)
+    elif scene is not None and pose is not None:
         _require_clear(scene, pose)
     periods = None if table.periods == 1 else table.periods
     if periods is not None:
         for form in forms:
             _require_whole_period(form, periods)
-    return DesignRequest(forms, aim, limits, scene, pose, periods)
+    return DesignRequest(forms, aim, limits, scene, pose, periods, notes)
 
 
 def _forms(table: ExcitationTable, limits: MotionLimits) -> tuple[PathForm, ...]:

@@ -37,7 +37,7 @@ def request_tables(
         f"Exciting trajectory of {model.robot.name}: what would be designed",
         ("", "requested"),
         tuple(rows),
-        required.notes,
+        (*required.notes, *request.notes),
     )
     return [plan, limits_table(request.limits), *_scene(required)]
 
@@ -72,11 +72,8 @@ def _scene(required: Demands) -> list[Table]:
     rows = tuple(
         (*scene.names(pair), f"{pair.wanted * 1e3:.1f}") for pair in scene.pairs
     )
-    notes = (
-        *(str(note) for note in scene.notes),
-        *(f"link {name} of the file is not checked" for name in scene.dropped),
-    )
-    return [Table("Bodies kept apart", ("one", "other", "by [mm]"), rows, notes)]
+    header = ("one", "other", "by [mm]")
+    return [Table("Bodies kept apart", header, rows, scene.remarks)]
 
 
 def _pose(pose: dict[str, float]) -> str:

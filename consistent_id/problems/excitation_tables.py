@@ -90,4 +90,5 @@ class ExcitationTable(Table, frozen=True, kw_only=True):
     correlation_time: NonNegative = 0.2
     start_pose: dict[str, float] = {}
     limits: LimitsTable = LimitsTable()
+    collisions: bool = True
     scene: SceneTable | None = None
