@@ -128,7 +128,13 @@ def planned_tables(
     """Return what `playable_design` would design, for people, without a search."""
     request = design_request(problem)
     parameters_named(problem.model.layout, request.aim.interest)
-    required = demands(problem.model, request.limits, parameters, request.scene)
+    required = demands(
+        problem.model,
+        request.limits,
+        parameters,
+        request.scene,
+        request.friction_share,
+    )
     return request_tables(problem.model, request, required)
 
 

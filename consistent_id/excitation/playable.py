@@ -87,6 +87,7 @@ def playable_design(
         limits=request.limits,
         parameters=parameters,
         scene=request.scene,
+        friction_share=request.friction_share,
         starts=starts,
         time_limit=time_limit,
         seed=seed,

@@ -242,8 +242,9 @@ def _whole(
         If run-in or run-out does not keep what is demanded.
     """
     proofs: dict[str, list[Proof]] = {}
+    brief = demands.of_short_motion
     for name, pieces in (("run-in", move.run_in), ("run-out", move.run_out)):
-        proofs[name] = [demands.proof(piece) for piece in pieces]
+        proofs[name] = [brief.proof(piece) for piece in pieces]
         try:
             if pieces:
                 combined(proofs[name]).require()

@@ -1,5 +1,7 @@
 """A design request as tables, before a search is begun."""
 
+import numpy as np
+
 from consistent_id._support.tables import Table
 from consistent_id.excitation.request import DesignRequest
 from consistent_id.excitation.verification import Demands
@@ -55,7 +57,9 @@ def limits_table(limits: MotionLimits) -> Table:
       joint1     -1      2         1           inf   inf     inf
       per joint in rad or m, s, and N m or N
     """
-    names = ("lower", "upper", "velocity", "acceleration", "jerk", "effort")
+    names = ["lower", "upper", "velocity", "acceleration", "jerk", "effort"]
+    over_time = ("effort_rate", "effort_rms")
+    names += [n for n in over_time if np.isfinite(getattr(limits, n)).any()]
     values = [getattr(limits, name) for name in names]
     rows = tuple(
         (joint, *(f"{value[j]:.5g}" for value in values))
