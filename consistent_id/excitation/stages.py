@@ -25,7 +25,6 @@ _REFINED = 2  # paths that go on to the second stage, however many workers there
 _ATTEMPTS = 4  # at a proof, each with less of the limits to use
 _WORSE = 0.05  # a logarithm, by which another path may be worse than one unproven
 _CREST = 2.0  # peak over root mean square, of torque whose peak is not limited
-_FALL = 2  # power of the wanted fall by which a peak falls; the first alone is little
 _EQUAL = 1e-9  # difference of logarithms below which two paths are equally good
 _COMPARED = 8  # random paths at most that a design must be better than
 
@@ -227,6 +226,7 @@ class _Search:
             worst = usable[0].score + _WORSE
             if attempt == _ATTEMPTS - 1 or means.interrupted():
                 worst = np.inf
+            tried = len(proofs)
             for one in usable:
                 if one.score > worst:
                     break
@@ -251,9 +251,11 @@ class _Search:
                 break
             near = [p.clearance for p in proofs if p.clearance is not None]
             failed = [(c.first, c.second) for c in near if not c.holds]
-            peaks = _allowed_peaks(proofs[-1])
+            peaks = _allowed_peaks(proofs[tried])
             guards = tuple(g.tightened(failed, peaks) for g in problem.guards)
             problem, starts = replace(problem, guards=guards), usable[:_REFINED]
+            if peaks:  # which the paths found so far are far from
+                starts = [Candidate(number) for number in range(means.starts)]
             work = max(share * means.work - meter.spent, _MORE * means.work)
         proofs[0].require()
         raise InfeasibleError("no path was found that keeps all limits")
@@ -284,7 +286,7 @@ def _allowed_peaks(proof: Proof) -> dict[str, float]:
     for margin in margins:
         if margin.quantity in ("torque rate", "torque RMS") and not margin.holds:
             peak = reached.get(margin.joint, _CREST * margin.limit)
-            peak *= (margin.limit / margin.bound) ** _FALL
+            peak *= margin.limit / margin.bound
             peaks[margin.joint] = min(peak, peaks.get(margin.joint, np.inf))
     return peaks
 
