@@ -14,9 +14,15 @@ _KEYS = (
     "velocity",
     "acceleration",
     "jerk",
+    "effort_rate",
+    "effort_rms",
+    "current",
+    "torque_constant",
+    "friction_share",
     "share",
     "ground",
     "clearance",
+    "collisions",
 )
 
 
@@ -48,10 +54,32 @@ def add_motion_options(command: argparse.ArgumentParser) -> None:
         ("velocity", "NUMBER", "limit of all joints, in rad/s or m/s"),
         ("acceleration", "NUMBER", "limit of all joints, in rad/s^2 or m/s^2"),
         ("jerk", "NUMBER", "limit of all joints, in rad/s^3 or m/s^3"),
+        ("effort-rate", "NUMBER", "limit of how fast torque changes, in N m/s or N/s"),
+        (
+            "effort-rms",
+            "NUMBER",
+            "limit of each torque's root mean square, in N m or N",
+        ),
+        ("current", "AMPERES", "limit of all motors; needs --torque-constant"),
+        ("torque-constant", "NUMBER", "of all joints, gears included, in N m/A or N/A"),
         ("share", "SHARE", "of all limits that may be used, such as 0.9"),
         ("clearance", "METRES", "between bodies that must not touch"),
     ):
         asked.add_argument(f"--{name}", type=positive, metavar=unit, help=text)
+    asked.add_argument(
+        "--friction-share",
+        type=float,
+        metavar="SHARE",
+        help="of the effort limits, left for friction without --parameters "
+        "(default: 0.3)",
+    )
+    asked.add_argument(
+        "--no-collisions",
+        dest="collisions",
+        action="store_const",
+        const=False,
+        help="leave out the scene, and the shapes of the URDF",
+    )
     asked.add_argument(
         "--ground", type=float, metavar="METRES", help="height of a floor to keep off"
     )

@@ -99,7 +99,11 @@ class ClearanceGuard:
         """Return none: rows come where a path is near to bodies."""
         return set()
 
-    def tightened(self, failed: Sequence[tuple[str, str]] = ()) -> Self:
+    def tightened(
+        self,
+        failed: Sequence[tuple[str, str]] = (),
+        peaks: Mapping[str, float] | None = None,
+    ) -> Self:
         """Return a guard that keeps the bodies that were too near further apart."""
         spare = dict(self.spare)
         for place, pair in enumerate(self.scene.pairs):

@@ -34,7 +34,7 @@ from consistent_id.excitation.stages import (
     compared_paths,
     design_stages,
 )
-from consistent_id.excitation.verification import demands
+from consistent_id.excitation.verification import FRICTION_SHARE, demands
 from consistent_id.excitation.work import Meter
 from consistent_id.motion.collisions.scene import Scene
 from consistent_id.motion.limits import MotionLimits, motion_limits
@@ -53,6 +53,7 @@ def design_trajectory(
     limits: MotionLimits | None = None,
     parameters: ArrayLike | None = None,
     scene: Scene | None = None,
+    friction_share: float = FRICTION_SHARE,
     starts: int = 4,
     time_limit: float = 10.0,
     seed: int = 0,
@@ -74,9 +75,12 @@ def design_trajectory(
         By default the robot file's.
     parameters : array_like, shape (parameters,) or (members, parameters), optional
         With which torque is predicted; the worst of them keeps its limits.  By default
-        the nominal robot without friction.
+        the nominal robot, and a share of the limits is left for its friction.
     scene : Scene, optional
         Bodies that must stay apart; without it collisions are not checked.
+    friction_share : float
+        Of the effort limits, that is left for friction, where `parameters` do not say
+        how large it is.
     starts : int
         Searches from random paths.
     time_limit : float, [s]
@@ -103,10 +107,10 @@ def design_trajectory(
     model = TorqueModel(model) if isinstance(model, RobotModel) else model
     limits = motion_limits(model.robot) if limits is None else limits
     workers = _require_sensible(starts, time_limit, seed, workers)
-    required = demands(model, limits, parameters, scene)
+    required = demands(model, limits, parameters, scene, friction_share)
+    aim = with_default_noise(aim or Aim(), model, limits)
     limits = required.limits
     forms = _forms(form, limits)
-    aim = with_default_noise(aim or Aim(), model, limits)
     for one in forms:
         _require_long_enough(one, aim, limits)
     base = base_for(model, aim.interest)

@@ -17,6 +17,7 @@ from consistent_id.regression.base import ConditionNumber
 FORMAT = "consistent_id design 1"
 _ENDS = ("lower", "upper")
 _BOUNDED = ("velocity", "acceleration", "jerk", "torque")
+_OVER_TIME = ("torque rate", "torque RMS")
 _MOVES = {"trajectory": "whole_move", "validation": "validation_move"}
 """Names of the moves, and the keys of their clearances in a record."""
 
@@ -130,20 +131,22 @@ def used_limits(design: ExcitationDesign) -> Table:
     """Return the share of each limit that a design uses, joint by joint."""
     limits = design.limits
     margins = {(m.joint, m.quantity): m for m in design.proof.margins.margins}
+    over_time = {m.quantity for m in design.proof.margins.margins} & {*_OVER_TIME}
+    quantities = (*_BOUNDED, *(name for name in _OVER_TIME if name in over_time))
     rows = []
     for j, joint in enumerate(limits.joints):
         low, high = (margins.get((joint, f"{end} position")) for end in _ENDS)
-        cells = ["-"] * (1 + len(_BOUNDED))
+        cells = ["-"] * (1 + len(quantities))
         if low is not None and high is not None:
             span = limits.upper[j] - limits.lower[j]
             cells[0] = f"{100.0 * (high.bound - low.bound) / span:.0f} %"
-        for k, quantity in enumerate(_BOUNDED, start=1):
+        for k, quantity in enumerate(quantities, start=1):
             if (margin := margins.get((joint, quantity))) is not None:
                 cells[k] = f"{100.0 * margin.bound / margin.limit:.0f} %"
         rows.append((joint, *cells))
     return Table(
         "Share of each limit that is used",
-        ("joint", "range", *_BOUNDED),
+        ("joint", "range", *quantities),
         tuple(rows),
         (f"torque: {_torque_of(design)}",),
     )
@@ -185,8 +188,7 @@ def _clearances(design: ExcitationDesign, proofs: Mapping[str, Proof]) -> list[T
     )
     notes = (
         f"{len(scene.pairs)} pairs of bodies checked; proven for all times",
-        *(str(note) for note in scene.notes),
-        *(f"link {name} of the file is not checked" for name in scene.dropped),
+        *scene.remarks,
     )
     header = (
         "motion",
@@ -292,4 +294,6 @@ def _limits(limits: MotionLimits) -> dict[str, Any]:
         "acceleration": finite(limits.acceleration),
         "jerk": finite(limits.jerk),
         "effort": finite(limits.effort),
+        "effort_rate": finite(limits.effort_rate),
+        "effort_rms": finite(limits.effort_rms),
     }

@@ -5,7 +5,7 @@ path; what is above zero is not allowed.  Rows are made only at times where an i
 comes near to that.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol, Self
 from weakref import WeakKeyDictionary
@@ -67,10 +67,15 @@ class Guard(Protocol):
     def initial_places(self, times: int) -> "set[Place]":
         """Return the places of rows that a search has from its start."""
 
-    def tightened(self, failed: Sequence[tuple[str, str]] = ()) -> Self:
+    def tightened(
+        self,
+        failed: Sequence[tuple[str, str]] = (),
+        peaks: Mapping[str, float] | None = None,
+    ) -> Self:
         """Return a guard that allows a little less.
 
-        Of bodies, to the pairs of names that were too near; to all if none is named.
+        Of bodies, to the pairs of names that were too near, and to all if none is
+        named; of torque, such peaks to the joints that are named.
         """
 
 
@@ -132,9 +137,17 @@ class TorqueGuard:
         """Return none: few torques come near their limits, and rows take time."""
         return set()
 
-    def tightened(self, failed: Sequence[tuple[str, str]] = ()) -> Self:
-        """Return a guard with less of each limit to use."""
-        return replace(self, reach=self.reach - _TIGHTER)
+    def tightened(
+        self,
+        failed: Sequence[tuple[str, str]] = (),
+        peaks: Mapping[str, float] | None = None,
+    ) -> Self:
+        """Return a guard with less of each limit to use, of some joints' no more."""
+        joints = self.model.torque_joints
+        most = np.array([(peaks or {}).get(joint, np.inf) for joint in joints])
+        return replace(
+            self, reach=self.reach - _TIGHTER, effort=np.minimum(self.effort, most)
+        )
 
     def _kernel(self, motion: Array) -> TorqueKernel:
         kernels, samples = _KERNELS.setdefault(self, {}), motion.shape[1]

@@ -128,7 +128,13 @@ def planned_tables(
     """Return what `playable_design` would design, for people, without a search."""
     request = design_request(problem)
     parameters_named(problem.model.layout, request.aim.interest)
-    required = demands(problem.model, request.limits, parameters, request.scene)
+    required = demands(
+        problem.model,
+        request.limits,
+        parameters,
+        request.scene,
+        request.friction_share,
+    )
     return request_tables(problem.model, request, required)
 
 
@@ -143,6 +149,7 @@ def playable_record(playable: PlayableDesign) -> dict[str, Any]:
         }
         for name, move in playable.moves.items()
     }
+    record["notes_on_playing"] = list(playable.notes)
     record["refusals"] = list(playable.refusals)
     return record
 
@@ -151,7 +158,8 @@ def playable_tables(playable: PlayableDesign) -> list[Table]:
     """Return the same for people."""
     rows = tuple(_rows(playable))
     header = ("motion", "lasts", "least margin", "joint", "limit of")
-    notes = ("run-in and run-out included; proven for all times", *playable.refusals)
+    what = "run-in and run-out included; proven for all times"
+    notes = (what, *playable.notes, *playable.refusals)
     tables = design_tables(playable.design, playable.proofs)
     return [*tables, Table("What is played", header, rows, notes)]
 

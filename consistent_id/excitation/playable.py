@@ -9,9 +9,10 @@ from consistent_id.errors import InfeasibleError, ProblemError
 from consistent_id.excitation.aims import Aim
 from consistent_id.excitation.design import design_trajectory
 from consistent_id.excitation.designed import ExcitationDesign
+from consistent_id.excitation.proven_moves import proven_move
 from consistent_id.excitation.request import DesignRequest, design_request
 from consistent_id.excitation.validating import ValidationPath, validation_trajectory
-from consistent_id.excitation.verification import Demands, Proof, combined
+from consistent_id.excitation.verification import Demands, Proof
 from consistent_id.motion.move import Move
 from consistent_id.motion.move_along import move_along
 from consistent_id.problems.problem import Problem
@@ -36,6 +37,9 @@ class PlayableDesign:
     proofs : mapping of str to Proof
         Of each of the moves, from its first moment to its last.
     refusals : tuple of str
+    notes : tuple of str
+        On bodies that nothing was requested of, and on run-ins and run-outs that are
+        not the straight ones.
     """
 
     design: ExcitationDesign
@@ -43,6 +47,7 @@ class PlayableDesign:
     moves: Mapping[str, Move]
     proofs: Mapping[str, Proof]
     refusals: tuple[str, ...]
+    notes: tuple[str, ...] = ()
 
 
 def playable_design(
@@ -82,6 +87,7 @@ def playable_design(
         limits=request.limits,
         parameters=parameters,
         scene=request.scene,
+        friction_share=request.friction_share,
         starts=starts,
         time_limit=time_limit,
         seed=seed,
@@ -91,15 +97,20 @@ def playable_design(
     moves: dict[str, Move] = {}
     proofs: dict[str, Proof] = {}
     refusals: list[str] = []
+    notes = list(request.notes)
     validation = None
 
     def play(
         name: str, path: FourierTrajectory, proof: Proof, periods: int | None
     ) -> None:
-        pose, limits = request.start_pose, design.limits
-        move = move_along(path, limits, from_pose=pose, to_pose=pose, periods=periods)
-        proofs[name] = _whole_proof(move, path, proof, design.demands, request)
-        moves[name] = move
+        pose, required = request.start_pose, design.demands
+        try:
+            found = proven_move(path, proof, required, pose, periods=periods, seed=seed)
+        except InfeasibleError as cause:
+            advice = _advice(path, required, request)
+            raise InfeasibleError(f"{cause}. {advice}") from None
+        moves[name], proofs[name] = found.move, found.proof
+        notes.extend([f"{name}: {found.note}"] if found.note else [])
 
     try:
         play(TRAINING, design.trajectory, design.proof, request.periods)
@@ -110,36 +121,9 @@ def playable_design(
         play(VALIDATION, validation.trajectory, validation.proof, None)
     except (InfeasibleError, ProblemError) as cause:
         refusals.append(f"there is no validation motion: {cause}")
-    return PlayableDesign(design, validation, moves, proofs, tuple(refusals))
-
-
-def _whole_proof(
-    move: Move,
-    path: FourierTrajectory,
-    proof: Proof,
-    demands: Demands,
-    request: DesignRequest,
-) -> Proof:
-    """Return the proof of a move along a path that is proven already.
-
-    The path is proven once: what holds over one period holds over all of them.
-
-    Raises
-    ------
-    InfeasibleError
-        If run-in or run-out does not keep what is demanded.
-    """
-    proofs: dict[str, list[Proof]] = {}
-    for name, pieces in (("run-in", move.run_in), ("run-out", move.run_out)):
-        proofs[name] = [demands.proof(piece) for piece in pieces]
-        try:
-            if pieces:
-                combined(proofs[name]).require()
-        except InfeasibleError as cause:
-            advice = _advice(path, demands, request)
-            raise InfeasibleError(f"{name}: {cause}. {advice}") from None
-    later = proof.later(move.trajectory.start - path.start)
-    return combined([*proofs["run-in"], later, *proofs["run-out"]])
+    return PlayableDesign(
+        design, validation, moves, proofs, tuple(refusals), tuple(notes)
+    )
 
 
 def _advice(path: FourierTrajectory, demands: Demands, request: DesignRequest) -> str:

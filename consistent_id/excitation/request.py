@@ -8,8 +8,11 @@ import numpy as np
 from consistent_id.errors import ProblemError
 from consistent_id.excitation.aims import Aim, PathForm
 from consistent_id.excitation.criteria import Objective
+from consistent_id.excitation.default_scene import default_scene
 from consistent_id.excitation.forms import forms_to_try
+from consistent_id.excitation.request_currents import with_current_limits
 from consistent_id.excitation.request_scene import requested_scene
+from consistent_id.excitation.verification import FRICTION_SHARE
 from consistent_id.motion.collisions.scene import Scene
 from consistent_id.motion.collisions.separation import nearest
 from consistent_id.motion.limits import MotionLimits, motion_limits
@@ -38,6 +41,10 @@ class DesignRequest:
         Where the robot rests before and after, all joints of it.
     periods : int, optional
         How often a periodic path is repeated; None to play its duration once.
+    notes : tuple of str
+        On bodies that nothing was requested of.
+    friction_share : float
+        Of the effort limits, left for friction that is not known.
     """
 
     forms: tuple[PathForm, ...]
@@ -46,6 +53,8 @@ class DesignRequest:
     scene: Scene | None
     start_pose: dict[str, float] | None
     periods: int | None
+    notes: tuple[str, ...] = ()
+    friction_share: float = FRICTION_SHARE
 
     @property
     def form(self) -> PathForm:
@@ -86,15 +95,20 @@ def design_request(problem: Problem) -> DesignRequest:
         correlation_time=table.correlation_time,
         interest=table.interest,
     )
-    scene = requested_scene(problem)
     pose = _pose(table.start_pose, limits) if table.start_pose else None
-    if scene is not None and pose is not None:
+    scene = requested_scene(problem)
+    notes: tuple[str, ...] = ()
+    if table.scene is None:
+        scene, notes = default_scene(problem, pose)
+    elif scene is not None and pose is not None:
         _require_clear(scene, pose)
     periods = None if table.periods == 1 else table.periods
     if periods is not None:
         for form in forms:
             _require_whole_period(form, periods)
-    return DesignRequest(forms, aim, limits, scene, pose, periods)
+    left = table.limits.friction_share
+    left = FRICTION_SHARE if left is None else left
+    return DesignRequest(forms, aim, limits, scene, pose, periods, notes, left)
 
 
 def _forms(table: ExcitationTable, limits: MotionLimits) -> tuple[PathForm, ...]:
@@ -123,13 +137,16 @@ def _limits(given: LimitsTable, robot: RobotModel) -> MotionLimits:
             acceleration=given.acceleration,
             jerk=given.jerk,
             effort=given.effort,
+            effort_rate=given.effort_rate,
+            effort_rms=given.effort_rms,
         )
+        limits = with_current_limits(limits, given)
     except ProblemError as cause:
         raise ProblemError(
             f"[excitation.limits] {cause}. Its keys: position = {{ "
             f"{robot.joint_names[0]} = [-1.0, 1.0] }}, velocity = 1.0, acceleration = "
-            "5.0, jerk, effort, one for all joints or by name; in the shell "
-            "--velocity, --acceleration"
+            "5.0, jerk, effort, effort_rate, effort_rms, one for all joints or by "
+            "name; in the shell --velocity, --acceleration"
         ) from None
     return limits.within(given.share)
 

@@ -31,7 +31,7 @@ _SHAPES = ("sphere", "box", "capsule", "cylinder")
 
 
 def requested_scene(problem: Problem) -> Scene | None:
-    """Return the scene of ``[excitation.scene]``; None without such a table.
+    """Return the scene of ``[excitation.scene]``; None without, or if left out.
 
     Raises
     ------
@@ -39,7 +39,7 @@ def requested_scene(problem: Problem) -> Scene | None:
         If the table contradicts itself or the robot; it names the key.
     """
     table = problem.table.excitation.scene
-    if table is None:
+    if table is None or not problem.table.excitation.collisions:
         return None
     bodies = [_body(body, number) for number, body in enumerate(table.bodies, 1)]
     try:

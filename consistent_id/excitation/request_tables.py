@@ -1,5 +1,7 @@
 """A design request as tables, before a search is begun."""
 
+import numpy as np
+
 from consistent_id._support.tables import Table
 from consistent_id.excitation.request import DesignRequest
 from consistent_id.excitation.verification import Demands
@@ -37,7 +39,7 @@ def request_tables(
         f"Exciting trajectory of {model.robot.name}: what would be designed",
         ("", "requested"),
         tuple(rows),
-        required.notes,
+        (*required.notes, *request.notes),
     )
     return [plan, limits_table(request.limits), *_scene(required)]
 
@@ -55,7 +57,9 @@ def limits_table(limits: MotionLimits) -> Table:
       joint1     -1      2         1           inf   inf     inf
       per joint in rad or m, s, and N m or N
     """
-    names = ("lower", "upper", "velocity", "acceleration", "jerk", "effort")
+    names = ["lower", "upper", "velocity", "acceleration", "jerk", "effort"]
+    over_time = ("effort_rate", "effort_rms")
+    names += [n for n in over_time if np.isfinite(getattr(limits, n)).any()]
     values = [getattr(limits, name) for name in names]
     rows = tuple(
         (joint, *(f"{value[j]:.5g}" for value in values))
@@ -72,11 +76,8 @@ def _scene(required: Demands) -> list[Table]:
     rows = tuple(
         (*scene.names(pair), f"{pair.wanted * 1e3:.1f}") for pair in scene.pairs
     )
-    notes = (
-        *(str(note) for note in scene.notes),
-        *(f"link {name} of the file is not checked" for name in scene.dropped),
-    )
-    return [Table("Bodies kept apart", ("one", "other", "by [mm]"), rows, notes)]
+    header = ("one", "other", "by [mm]")
+    return [Table("Bodies kept apart", header, rows, scene.remarks)]
 
 
 def _pose(pose: dict[str, float]) -> str:

@@ -20,7 +20,18 @@ from consistent_id.problems.robot_draft import ROBOT_ENDINGS, robot_draft
 from consistent_id.regression.base import base_parameters
 from consistent_id.robot.chains import Selection
 
-_LIMITS = ("velocity", "acceleration", "jerk", "effort", "share")
+_LIMITS = (
+    "velocity",
+    "acceleration",
+    "jerk",
+    "effort",
+    "effort_rate",
+    "effort_rms",
+    "current",
+    "torque_constant",
+    "friction_share",
+    "share",
+)
 _SCENE = ("ground", "clearance")
 
 

@@ -24,6 +24,7 @@ _MORE = 0.3  # share that searches get at least after a proof has failed
 _REFINED = 2  # paths that go on to the second stage, however many workers there are
 _ATTEMPTS = 4  # at a proof, each with less of the limits to use
 _WORSE = 0.05  # a logarithm, by which another path may be worse than one unproven
+_CREST = 2.0  # peak over root mean square, of torque whose peak is not limited
 _EQUAL = 1e-9  # difference of logarithms below which two paths are equally good
 _COMPARED = 8  # random paths at most that a design must be better than
 
@@ -225,6 +226,7 @@ class _Search:
             worst = usable[0].score + _WORSE
             if attempt == _ATTEMPTS - 1 or means.interrupted():
                 worst = np.inf
+            tried = len(proofs)
             for one in usable:
                 if one.score > worst:
                     break
@@ -249,8 +251,11 @@ class _Search:
                 break
             near = [p.clearance for p in proofs if p.clearance is not None]
             failed = [(c.first, c.second) for c in near if not c.holds]
-            guards = tuple(guard.tightened(failed) for guard in problem.guards)
+            peaks = _allowed_peaks(proofs[tried])
+            guards = tuple(g.tightened(failed, peaks) for g in problem.guards)
             problem, starts = replace(problem, guards=guards), usable[:_REFINED]
+            if peaks:  # which the paths found so far are far from
+                starts = [Candidate(number) for number in range(means.starts)]
             work = max(share * means.work - meter.spent, _MORE * means.work)
         proofs[0].require()
         raise InfeasibleError("no path was found that keeps all limits")
@@ -268,6 +273,22 @@ class _Search:
                 "the joints that these belong to, and at their friction terms"
             )
         return accuracy
+
+
+def _allowed_peaks(proof: Proof) -> dict[str, float]:
+    """Return what torque joints may reach whose torque fails over time.
+
+    Rates and root mean squares are no rows of a search: they fall with the peak.
+    """
+    margins = proof.margins.margins
+    reached = {m.joint: m.bound for m in margins if m.quantity == "torque"}
+    peaks: dict[str, float] = {}
+    for margin in margins:
+        if margin.quantity in ("torque rate", "torque RMS") and not margin.holds:
+            peak = reached.get(margin.joint, _CREST * margin.limit)
+            peak *= margin.limit / margin.bound
+            peaks[margin.joint] = min(peak, peaks.get(margin.joint, np.inf))
+    return peaks
 
 
 def _usable(found: Sequence[Candidate]) -> list[Candidate]:

@@ -1,6 +1,6 @@
 """What a path must keep to, and what is proven of it over its whole duration."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,6 +24,14 @@ from consistent_id.motion.transfers import limits_of
 from consistent_id.recordings.paths import JointPath
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.model import RobotModel
+
+FRICTION_SHARE = 0.3
+"""Share of the effort limits left for friction that is not known.
+
+At full speed friction takes 19 to 40 % of the effort limits of a UR10e's joints, 21 to
+36 % of a TX40's, 50 % and more of TIAGo's; the median of all 16 joints is 31 %
+(`benchmarks/friction_shares.py`).
+"""
 
 _REACH = 0.99  # share of a torque limit that may be used at samples
 
@@ -61,11 +69,21 @@ class Demands:
         if self.parameters is not None:
             # a joint whose torque is not measured has a motor too
             every = replace(self.model, torque_joints=())
-            effort, slow = self.limits.effort, slow_speeds(self.limits)
+            slow = slow_speeds(self.limits)
+            # what has no limit at a time, but one over time, begins with twice that
+            peak = np.isinf(self.limits.effort)
+            effort = np.where(peak, 2.0 * self.limits.effort_rms, self.limits.effort)
             guards.append(TorqueGuard(every, self.parameters, effort, _REACH, slow))
         if self.scene is not None and self.scene.pairs:
             guards.append(ClearanceGuard(self.scene))
         return tuple(guards)
+
+    @property
+    def of_short_motion(self) -> "Demands":
+        """The same without limits of root mean squares: a run-in heats no motor."""
+        none = np.full_like(self.limits.effort_rms, np.inf)
+        unlimited = replace(self.limits, effort_rms=none)
+        return replace(self, limits=unlimited)
 
     def proof(self, paths: JointPath | Sequence[JointPath]) -> "Proof":
         """Prove what can be proven of a path, or of several played one by one."""
@@ -98,12 +116,12 @@ class Proof:
     margins: MotionMargins
     clearance: ClearanceReport | None
 
-    def later(self, by: float) -> "Proof":
-        """Return the proof of the same path, begun so much later [s]."""
-        margins = [replace(m, time=m.time + by) for m in self.margins.margins]
+    def retimed(self, clock: Callable[[float], float]) -> "Proof":
+        """Return the proof of the same motion, whose times another clock shows."""
+        margins = [replace(m, time=clock(m.time)) for m in self.margins.margins]
         apart = self.clearance
         if apart is not None:
-            apart = replace(apart, time=apart.time + by)
+            apart = replace(apart, time=clock(apart.time))
         return Proof(MotionMargins(tuple(margins)), apart)
 
     @property
@@ -140,6 +158,7 @@ def demands(
     limits: MotionLimits,
     parameters: ArrayLike | None = None,
     scene: Scene | None = None,
+    friction_share: float = FRICTION_SHARE,
 ) -> Demands:
     """Return what a path must keep to.
 
@@ -152,6 +171,9 @@ def demands(
         By default the nominal robot without friction, if torque has limits.
     scene : Scene, optional
         Of the model's robot.
+    friction_share : float
+        Of the limits of torque, that is left for friction where no parameters say how
+        large it is.
 
     Raises
     ------
@@ -174,16 +196,32 @@ def demands(
             )
         require_enclosable(model)
         return Demands(limits, model, members, scene, notes)
-    if not np.isfinite(limits.effort).any():
+    if not np.isfinite([limits.effort, limits.effort_rate, limits.effort_rms]).any():
         return Demands(limits, model, None, scene, (*notes, "torque has no limit"))
     nominal = model.robot.nominal
     if nominal is None:
         notes += ("torque is not checked: some links have no nominal inertia",)
         return Demands(limits, model, None, scene, notes)
-    notes += ("torque limits are kept by the nominal robot without friction",)
     rigid = TorqueModel(model.robot)
-    whose = "of the nominal robot without friction; a real one needs more"
+    left = f"{100.0 * friction_share:.3g} %"
+    whose = (
+        f"of the robot of the file; {left} of the limits is left for its friction, "
+        "which is not known"
+    )
+    notes += (f"torque limits: {whose}; --parameters takes that of an estimate",)
+    limits = _reserved(limits, friction_share)
     return Demands(limits, rigid, np.atleast_2d(nominal), scene, notes, whose)
+
+
+def _reserved(limits: MotionLimits, share: float) -> MotionLimits:
+    """Return limits with a share of those of torque left free."""
+    if not 0.0 <= share < 1.0:
+        raise ProblemError(f"friction_share is {share}, expected 0 or more, below 1")
+    return replace(
+        limits,
+        effort=(1.0 - share) * limits.effort,
+        effort_rms=(1.0 - share) * limits.effort_rms,
+    )
 
 
 def robot_limits(limits: MotionLimits, robot: RobotModel) -> MotionLimits:

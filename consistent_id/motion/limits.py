@@ -7,13 +7,15 @@ from typing import Self, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._support.arrays import Vector, freeze, freeze_arrays
+from consistent_id._support.arrays import Vector, array_default, freeze, freeze_arrays
 from consistent_id.errors import ProblemError
 from consistent_id.robot.mimic import limits_with_followers
 from consistent_id.robot.model import Joint, RobotModel
 from consistent_id.robot.parameters import did_you_mean
 
 _ORDERS = ("velocity", "acceleration", "jerk")
+_OVER_TIME = ("effort_rate", "effort_rms")
+_EFFORTS = ("effort", *_OVER_TIME)
 _T = TypeVar("_T")
 
 
@@ -29,6 +31,9 @@ class MotionLimits:
     acceleration : array_like, shape (joints,), [rad/s^2 or m/s^2]
     jerk : array_like, shape (joints,), [rad/s^3 or m/s^3]
     effort : array_like, shape (joints,), [N m or N]
+    effort_rate : array_like, shape (joints,), optional, [N m/s or N/s]
+    effort_rms : array_like, shape (joints,), optional, [N m or N]
+        Root mean square of the torque over a motion, which heats the motor.
 
     Raises
     ------
@@ -44,10 +49,15 @@ class MotionLimits:
     acceleration: Vector
     jerk: Vector
     effort: Vector
+    effort_rate: Vector = array_default(np.inf)
+    effort_rms: Vector = array_default(np.inf)
 
     def __post_init__(self) -> None:
         freeze(self, joints=tuple(self.joints))
-        names = ("lower", "upper", *_ORDERS, "effort")
+        for name in _OVER_TIME:
+            every = np.broadcast_to(getattr(self, name), (len(self.joints),))
+            freeze(self, **{name: every})
+        names = ("lower", "upper", *_ORDERS, *_EFFORTS)
         shapes = dict.fromkeys(names, (len(self.joints),))
         freeze_arrays(self, shapes, "limits", finite=False)
         for j, joint in enumerate(self.joints):
@@ -65,7 +75,7 @@ class MotionLimits:
                 f"{where}: lower {low:g} is not below upper {high:g}, so it cannot "
                 "move; widen the range, or lock the joint in the model"
             )
-        for name in (*_ORDERS, "effort"):
+        for name in (*_ORDERS, *_EFFORTS):
             value = getattr(self, name)[j]
             if not value > 0.0:
                 raise ProblemError(
@@ -98,7 +108,7 @@ class MotionLimits:
             self,
             lower=self.middle - half,
             upper=self.middle + half,
-            **{name: share * getattr(self, name) for name in (*_ORDERS, "effort")},
+            **{name: share * getattr(self, name) for name in (*_ORDERS, *_EFFORTS)},
         )
 
 
@@ -110,6 +120,8 @@ def motion_limits(
     acceleration: ArrayLike | Mapping[str, float] | None = None,
     jerk: ArrayLike | Mapping[str, float] | None = None,
     effort: ArrayLike | Mapping[str, float] | None = None,
+    effort_rate: ArrayLike | Mapping[str, float] | None = None,
+    effort_rms: ArrayLike | Mapping[str, float] | None = None,
 ) -> MotionLimits:
     """Return a robot's limits, with what is given in place of what its file says.
 
@@ -119,7 +131,8 @@ def motion_limits(
         A continuous joint without a range gets one turn, from -pi to pi, which winds
         no cable.
     position : mapping from joint to (lower, upper), optional, [rad or m]
-    velocity, acceleration, jerk, effort : array_like or mapping, optional
+    velocity, acceleration, jerk : array_like or mapping, optional
+    effort, effort_rate, effort_rms : array_like or mapping, optional
         One number for all joints, one each in the robot's order, or some by name.
         Robot files state velocity and effort at most.
 
@@ -150,6 +163,8 @@ def motion_limits(
         acceleration=_each(acceleration, unlimited, names, "acceleration"),
         jerk=_each(jerk, unlimited, names, "jerk"),
         effort=_each(effort, [x.effort for x in own], names, "effort"),
+        effort_rate=_each(effort_rate, unlimited, names, "effort_rate"),
+        effort_rms=_each(effort_rms, unlimited, names, "effort_rms"),
     )
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,6 +31,8 @@ def move_along(
     *,
     from_pose: Pose | None = None,
     to_pose: Pose | None = None,
+    from_via: ArrayLike | None = None,
+    to_via: ArrayLike | None = None,
     periods: int | None = None,
 ) -> Move:
     """Return a move from rest through a trajectory to rest, within limits on the way.
@@ -48,6 +51,8 @@ def move_along(
     from_pose, to_pose : array_like, shape (joints,), or mapping by joint, optional
         Where the robot rests before and after [rad or m]; by default the nearest poses
         from which and to which it can swing.
+    from_via, to_via : array_like, shape (poses, joints), optional
+        Poses in which it rests on the way from `from_pose` and to `to_pose`, in order.
     periods : int, optional
         How often the trajectory is repeated; by default as its duration says.
 
@@ -73,36 +78,53 @@ def move_along(
         trajectory = _repeated(trajectory, periods)
     first = _pose(from_pose, trajectory.joints, "from_pose")
     last = _pose(to_pose, trajectory.joints, "to_pose")
+    stops = [_stops(via, trajectory.joints) for via in (from_via, to_via)]
+    if (first is None and stops[0]) or (last is None and stops[1]):
+        raise ProblemError("via poses lead from or to a pose; give from_pose, to_pose")
+    ends = [first, *stops[0]], [*stops[1], last]
     unlimited = np.isinf([limits.acceleration, limits.jerk]).any()
     *tight, widest = _FACTORS if unlimited else _FACTORS[:1]
     for factor in tight:
         own = _with_own_bounds(limits, trajectory, factor)
         try:
-            return _moved(trajectory, own, first, last)
+            return _moved(trajectory, own, *ends)
         except ProblemError:
             continue  # no limit of the user's is in the way, perhaps
     own = _with_own_bounds(limits, trajectory, widest)
-    return _moved(trajectory, own, first, last)
+    return _moved(trajectory, own, *ends)
 
 
 def _moved(
     trajectory: FourierTrajectory,
     limits: MotionLimits,
-    first: MotionState | None,
-    last: MotionState | None,
+    before: list[MotionState | None],
+    after: list[MotionState | None],
 ) -> Move:
-    """Return the move between two poses, or from and to the nearest ones."""
+    """Return the move between poses, or from and to the nearest ones."""
     begin = MotionState.of(trajectory, trajectory.start)
     end = MotionState.of(trajectory, end_of(trajectory))
-    run_in: tuple[PolynomialPath, ...] = ()
-    run_out: tuple[PolynomialPath, ...] = ()
+    run_in, run_out = _between(before, limits), _between(after, limits)
+    first, last = before[-1], after[0]
     if not _resting(begin, trajectory, first):
-        run_in = (
+        run_in += (
             (approach(begin, limits),) if first is None else _way(first, begin, limits)
         )
     if not _resting(end, trajectory, last):
-        run_out = (departure(end, limits),) if last is None else _way(end, last, limits)
+        run_out = (
+            (departure(end, limits),) if last is None else _way(end, last, limits)
+        ) + run_out
     return _in_sequence(run_in, trajectory, run_out)
+
+
+def _between(
+    poses: list[MotionState | None], limits: MotionLimits
+) -> tuple[PolynomialPath, ...]:
+    """Return the ways between poses at rest, one after another."""
+    return tuple(
+        transfer(one, other, limits)
+        for one, other in pairwise(poses)
+        if one is not None and other is not None
+    )
 
 
 def _way(
@@ -134,6 +156,13 @@ def _resting(
     bounds = [trajectory.derivative_bound(k) for k in range(3)]
     small = _SAME * np.array(bounds) + np.finfo(float).tiny
     return bool((abs(state.values[:3] - wanted) <= small).all())
+
+
+def _stops(via: ArrayLike | None, joints: tuple[str, ...]) -> list[MotionState]:
+    if via is None:
+        return []
+    poses = checked(via, (None, len(joints)), "via poses")
+    return [MotionState.at_rest(joints, pose) for pose in poses]
 
 
 def _pose(pose: Pose | None, joints: tuple[str, ...], name: str) -> MotionState | None:

@@ -5,6 +5,7 @@ duration is long enough is proven by Bernstein coefficients.
 """
 
 from collections.abc import Callable
+from dataclasses import fields, replace
 
 import numpy as np
 
@@ -73,9 +74,9 @@ def limits_of(limits: MotionLimits, joints: tuple[str, ...]) -> MotionLimits:
             near = did_you_mean(name, limits.joints)
             raise ProblemError(f"limits of joint {name!r} are missing; {near}")
     at: IntArray = np.array([limits.joints.index(name) for name in joints])
-    names = ("lower", "upper", "velocity", "acceleration", "jerk", "effort")
+    names = [field.name for field in fields(limits) if field.name != "joints"]
     chosen = {name: getattr(limits, name)[at] for name in names}
-    return MotionLimits(joints=joints, **chosen)
+    return replace(limits, joints=joints, **chosen)
 
 
 def shortest(

@@ -18,6 +18,11 @@ class LimitsTable(Table, frozen=True, kw_only=True):
     acceleration: PerJoint | None = None
     jerk: PerJoint | None = None
     effort: PerJoint | None = None
+    effort_rate: PerJoint | None = None
+    effort_rms: PerJoint | None = None
+    current: PerJoint | None = None
+    torque_constant: PerJoint | None = None
+    friction_share: Annotated[float, Meta(ge=0.0, lt=1.0)] | None = None
     share: Annotated[float, Meta(gt=0.0, le=1.0)] = 1.0
 
 
@@ -90,4 +95,5 @@ class ExcitationTable(Table, frozen=True, kw_only=True):
     correlation_time: NonNegative = 0.2
     start_pose: dict[str, float] = {}
     limits: LimitsTable = LimitsTable()
+    collisions: bool = True
     scene: SceneTable | None = None

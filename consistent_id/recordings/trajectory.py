@@ -6,11 +6,11 @@
 Coefficients are in units of position, whatever variables an optimiser prefers.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import reduce
 from math import gcd, lcm
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -152,6 +152,19 @@ class FourierTrajectory:
         size = np.hypot(self.sine, self.cosine)
         bound = self.rates**order @ size
         return bound + abs(self.offset) if order == 0 else bound
+
+    def begun_later(self, by: float) -> Self:
+        """Return the trajectory from so many seconds after its start, as long as it is.
+
+        Of a periodic one, which lasts whole periods, it is the same motion in another
+        phase.
+        """
+        sine, cosine = (trig(by * self.rates)[:, None] for trig in (np.sin, np.cos))
+        return replace(
+            self,
+            sine=self.sine * cosine - self.cosine * sine,
+            cosine=self.sine * sine + self.cosine * cosine,
+        )
 
     def recording(self, rate: float, name: str = "trajectory") -> Recording:
         """Sample position, velocity and acceleration; both ends belong to it.

@@ -17,7 +17,7 @@ from consistent_id.motion.proofs.friction_bounds import directed_friction
 from consistent_id.motion.proofs.interval import Interval
 from consistent_id.motion.proofs.jets import Jet, jet, sine_and_cosine
 from consistent_id.motion.proofs.margins import motion_margins
-from consistent_id.motion.proofs.torque_bounds import _Torque, torque_bounds
+from consistent_id.motion.proofs.torque_bounds import PathTorque, torque_bounds
 from consistent_id.motion.proofs.torque_motion import smooth_torque
 from consistent_id.regression.drive.gear_coupling import GearCoupling
 from consistent_id.regression.joint_geometry import floats, joint_geometry
@@ -225,7 +225,7 @@ def test_each_stretch_holds_all_torques_in_it():
     path = random_path(8, robot.joint_names)
     model = TorqueModel(robot, replace(TANH, load_friction=True))
     x = np.concatenate([robot.nominal, np.ones(len(model.layout) - 40)])
-    torque = _Torque(
+    torque = PathTorque(
         path,
         smooth_torque(model, x[None]),
         directed_friction(model, x[None]),

@@ -159,8 +159,8 @@ def dry_run(
     def designed(aim: Aim, forms: tuple[PathForm, ...]) -> ExcitationDesign:
         return design_trajectory(
             model, forms, aim, limits=request.limits, scene=request.scene,
-            starts=starts, time_limit=time_limit, seed=seed, workers=workers,
-            progress=progress,
+            friction_share=request.friction_share, starts=starts,
+            time_limit=time_limit, seed=seed, workers=workers, progress=progress,
         )  # fmt: skip
 
     design = designed(aim, request.forms)

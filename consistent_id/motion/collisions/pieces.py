@@ -13,6 +13,7 @@ from consistent_id._support.arrays import Array
 from consistent_id.errors import ProblemError
 
 _PLACES = np.arange(1, 8) / 8.0  # where an axis of the bounding box may be cut
+_ENOUGH = 1500  # triangles by which cuts are chosen; the pieces have all of them
 
 
 def convex_pieces(triangles: Array, most: int, gain: float = 0.1) -> list[Array]:
@@ -48,7 +49,11 @@ def convex_pieces(triangles: Array, most: int, gain: float = 0.1) -> list[Array]
 
 
 def _best_cut(triangles: Array) -> tuple[float, int, float]:
-    """Volume saved by the best plane, its axis and its place on that axis."""
+    """Volume saved by the best plane, its axis and its place on that axis.
+
+    Of fine meshes, as seen by some of the triangles.
+    """
+    triangles = triangles[:: 1 + len(triangles) // _ENOUGH]
     whole = _volume(triangles.reshape(-1, 3))
     best = (0.0, 0, 0.0)
     for axis, height in _planes(triangles):

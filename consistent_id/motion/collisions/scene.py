@@ -54,6 +54,8 @@ class Scene:
     dropped : tuple of str
         Links of the file with a shape that the robot model does not have, because it
         is a part of the file's; nothing is known of where they are.
+    adjacent : int
+        Pairs of the robot's bodies on links that one joint connects, not watched.
     """
 
     robot: RobotModel
@@ -61,6 +63,7 @@ class Scene:
     pairs: tuple[Pair, ...]
     notes: tuple[PairNote, ...] = ()
     dropped: tuple[str, ...] = ()
+    adjacent: int = 0
 
     def __post_init__(self) -> None:
         for name in ("bodies", "pairs", "notes", "dropped"):
@@ -83,6 +86,19 @@ class Scene:
                     f"scene: {names[pair.first]!r} and {names[pair.second]!r} are to "
                     f"be {pair.wanted} m apart, expected 0 or more"
                 )
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What is not watched, and why, as sentences."""
+        adjacent = (
+            f"{self.adjacent} pairs of bodies on links that one joint connects are not "
+            "watched: shapes often overlap there"
+        )
+        return (
+            *([adjacent] if self.adjacent else []),
+            *(str(note) for note in self.notes),
+            *(f"link {name} of the file is not checked" for name in self.dropped),
+        )
 
     def names(self, pair: Pair) -> tuple[str, str]:
         """Return the names of a pair's bodies."""

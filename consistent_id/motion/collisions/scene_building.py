@@ -1,6 +1,7 @@
 """Which bodies of a scene can touch, and are to be kept apart."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -69,7 +70,8 @@ def build_scene(
             notes.append(PairNote(*names, False, "may touch, by `allowed`"))
         else:
             pairs.append(Pair(i, j, clearance + extra_of[i] + extra_of[j]))
-    scene = Scene(robot, bodies, tuple(pairs), tuple(notes))
+    adjacent = _adjacent(robot, bodies)
+    scene = Scene(robot, bodies, tuple(pairs), tuple(notes), adjacent=adjacent)
     return _sifted(scene, random_poses(robot, poses, seed)) if pairs else scene
 
 
@@ -95,6 +97,12 @@ def _movable(robot: RobotModel, bodies: tuple[Body, ...]) -> Iterable[tuple[int,
         obstacle = bodies[i].frame is None or bodies[j].frame is None
         if len(between) > 1 or (between and obstacle):
             yield i, j
+
+
+def _adjacent(robot: RobotModel, bodies: tuple[Body, ...]) -> int:
+    """Return how many pairs of the robot's bodies are on links of one joint."""
+    links = [place_of(robot, body).link for body in bodies if body.frame is not None]
+    return sum(len(joints_between(robot, *two)) == 1 for two in combinations(links, 2))
 
 
 def _sifted(scene: Scene, q: ArrayLike) -> Scene:
@@ -125,7 +133,7 @@ def _sifted(scene: Scene, q: ArrayLike) -> Scene:
             notes.append(PairNote(*names, True, f"{seen}; only not to touch is wanted"))
             pair = Pair(pair.first, pair.second, 0.0)
         pairs.append(pair)
-    return Scene(scene.robot, scene.bodies, tuple(pairs), tuple(notes), scene.dropped)
+    return replace(scene, pairs=tuple(pairs), notes=tuple(notes))
 
 
 def _extras(

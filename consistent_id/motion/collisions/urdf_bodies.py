@@ -55,15 +55,23 @@ def urdf_bodies(
     if elements not in ("collision", "visual"):
         raise ModelError(f"elements {elements!r}: expected 'collision' or 'visual'")
     folders = [Path(folder) for folder in package_dirs] + list(path.absolute().parents)
-    try:
-        root = parse(read_bytes(path))
-    except XmlFault as fault:
-        raise ModelError(f"{path}, {fault}") from None
     return tuple(
         body
-        for link in root.all("link")
+        for link in _links(path)
         for body in link_bodies(path, link, folders, elements, pieces)
     )
+
+
+def has_collision_shapes(path: Path) -> bool:
+    """Return whether any link of a URDF has a ``<collision>``."""
+    return any(link.child("collision") is not None for link in _links(path))
+
+
+def _links(path: Path) -> list[Element]:
+    try:
+        return list(parse(read_bytes(path)).all("link"))
+    except XmlFault as fault:
+        raise ModelError(f"{path}, {fault}") from None
 
 
 def link_bodies(

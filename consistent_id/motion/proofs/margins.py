@@ -12,6 +12,10 @@ from consistent_id.errors import ProblemError
 from consistent_id.motion.limits import MotionLimits
 from consistent_id.motion.proofs.extremes import Extremes, extremes
 from consistent_id.motion.proofs.torque_bounds import TorqueBounds, torque_bounds
+from consistent_id.motion.proofs.torque_over_time import (
+    torque_rate_bounds,
+    torque_rms_bound,
+)
 from consistent_id.recordings.paths import JointPath
 from consistent_id.regression.regressor import TorqueModel
 
@@ -27,7 +31,8 @@ class Margin:
     joint : str
     quantity : str
         ``"lower position"``, ``"upper position"``, ``"velocity"``,
-        ``"acceleration"``, ``"jerk"`` or ``"torque"``; all but positions as sizes.
+        ``"acceleration"``, ``"jerk"``, ``"torque"``, ``"torque rate"`` or ``"torque
+        RMS"``; all but positions as sizes.
     limit : float
         In the units of `MotionLimits`.
     bound : float
@@ -197,6 +202,7 @@ def motion_margins(
         if np.isfinite(effort).any():
             bounds = torque_bounds(path, every, parameters, effort=effort)
             found += _sizes("torque", effort, bounds.joints, bounds)
+        found += _over_time(path, limits, every, parameters)
     found.sort(key=lambda margin: path.joints.index(margin.joint))
     return MotionMargins(tuple(found))
 
@@ -217,6 +223,25 @@ def _positions(limits: MotionLimits, seen: Extremes) -> Iterator[Margin]:
                 float(time[j]),
                 span,
             )
+
+
+def _over_time(
+    path: JointPath, limits: MotionLimits, model: TorqueModel, parameters: ArrayLike
+) -> Iterator[Margin]:
+    """Yield the margins of torque rates and of torque's root mean square."""
+    x = np.atleast_2d(np.asarray(parameters, dtype=float))
+    if np.isfinite(limits.effort_rate).any():
+        rates = torque_rate_bounds(path, model, x, limits.effort_rate)
+        yield from _sizes("torque rate", limits.effort_rate, rates.joints, rates)
+    if np.isfinite(limits.effort_rms).any():
+        bound = torque_rms_bound(path, model, x)
+        for joint, limit, rms in zip(
+            path.joints, limits.effort_rms, bound, strict=True
+        ):
+            if np.isfinite(limit):
+                most, size = float(limit), float(rms)
+                # no time is its own: the whole path counts
+                yield Margin(joint, "torque RMS", most, size, size, path.start, most)
 
 
 def _sizes(

@@ -100,24 +100,33 @@ def torque_bounds(
         )
     if not 0.0 < tolerance < 1.0:
         raise ProblemError(f"tolerance is {tolerance}, expected between 0 and 1")
-    names = model.robot.joint_names
-    smooth, friction = smooth_torque(model, x), directed_friction(model, x)
-    rows = [names.index(name) for name in model.torque_joints]
     wanted = None
     if effort is not None:
-        wanted = checked(effort, (len(rows),), "effort", finite=False)
+        shape = (len(model.torque_joints),)
+        wanted = checked(effort, shape, "effort", finite=False)
     found = [
-        _of_piece(_Torque(piece, smooth, friction, rows), wanted, tolerance, model)
-        for piece in smooth_pieces(path)
+        _of_piece(torque, wanted, tolerance, model)
+        for torque in path_torques(path, model, x)
     ]
     return TorqueBounds(model.torque_joints, *merged(found))
 
 
+def path_torques(
+    path: JointPath, model: TorqueModel, parameters: Matrix
+) -> "list[PathTorque]":
+    """Return the torques along each smooth piece of a path."""
+    names = model.robot.joint_names
+    smooth = smooth_torque(model, parameters)
+    friction = directed_friction(model, parameters)
+    rows = [names.index(name) for name in model.torque_joints]
+    return [PathTorque(piece, smooth, friction, rows) for piece in smooth_pieces(path)]
+
+
 def _of_piece(
-    torque: "_Torque", effort: Vector | None, tolerance: float, model: TorqueModel
+    torque: "PathTorque", effort: Vector | None, tolerance: float, model: TorqueModel
 ) -> TorqueBounds:
     path = torque.path
-    cells = _cells(path)
+    cells = first_cells(path)
     scale = torque.reach(cells)
     if effort is not None:
         scale = np.where(np.isfinite(effort), effort, scale)
@@ -137,7 +146,7 @@ def _of_piece(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Torque:
+class PathTorque:
     """Smooth torque and friction of several robots along a path."""
 
     path: JointPath
@@ -172,6 +181,34 @@ class _Torque:
 
         return enclose
 
+    def rate_enclosure(self, cells: int) -> Enclosure:
+        """Return the function that encloses the rates of the smooth part, both ways."""
+        path, robots = self.path, len(self.friction.parameters)
+        radius = path.duration / (2 * cells)
+        middles = path.start + radius * np.arange(1, 2 * cells, 2, dtype=float)
+        curvature = self.smooth.curvature(path, middles, _ROUNDED_UP * radius)
+
+        def enclose(middle: Vector, radius: float, cell: IntArray) -> Enclosed:
+            rate = self.smooth.derivatives(path, middle)[1]
+            away = _ROUNDED_UP * (curvature[cell] * radius)
+            low, high = (
+                (rate + sign * away)[:, :robots, self.rows] for sign in (-1.0, 1.0)
+            )
+            now = rate[:, :robots, self.rows]
+            at, over = Interval(now, now), Interval(low, high)
+            return Enclosed(_both_ways(at), _both_ways(over))
+
+        return enclose
+
+    def mean_square(self, cells: int) -> Vector:
+        """Bound the mean square of the torque of any robot, shape (torque joints,)."""
+        path, every = self.path, np.arange(cells)
+        radius = path.duration / (2 * cells)
+        middle = path.start + radius * np.arange(1, 2 * cells, 2, dtype=float)
+        above = self.enclosure(cells)(middle, _ROUNDED_UP * radius, every).above
+        size = np.maximum(*np.split(above, 2, axis=1))
+        return np.asarray(_ROUNDED_UP * (size**2).mean(axis=0))
+
     def _with_friction(
         self, middle: Vector, radius: float, torque: Interval
     ) -> Interval:
@@ -196,7 +233,7 @@ def _robots(parameters: ArrayLike, model: TorqueModel) -> Matrix:
     )
 
 
-def _cells(path: JointPath) -> int:
+def first_cells(path: JointPath) -> int:
     """Return into how many stretches time is divided at first."""
     fastest = path.derivative_bound(1).max()
     cells = np.ceil(path.duration * fastest / (2.0 * _TURN))

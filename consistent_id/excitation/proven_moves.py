@@ -1,0 +1,260 @@
+"""Moves along a proven path whose run-in and run-out are proven, too.
+
+The straight way comes first.  Where something is in it, a path that repeats itself may
+begin in another phase, or the way may lead by other poses.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from consistent_id._support.arrays import BoolArray, Matrix, Vector
+from consistent_id.errors import ConsistentIdError, InfeasibleError, ProblemError
+from consistent_id.excitation.verification import Demands, Proof, combined
+from consistent_id.motion.collisions.separation import nearest
+from consistent_id.motion.limits import MotionLimits
+from consistent_id.motion.move import Move
+from consistent_id.motion.move_along import move_along
+from consistent_id.motion.via_poses import Free, via_poses
+from consistent_id.recordings.trajectory import FourierTrajectory
+
+_PACES = (1.0, 0.5, 0.25)  # of ways between poses at rest: slower ones need less torque
+_PHASES = 16  # of a period, in which a path may begin
+_SWINGS = (
+    4  # phases from whose nearest poses at rest ways by other poses are looked for
+)
+_TRIES = 2  # at such a way: what is free at samples may be too near to prove
+_LOOKS = 40  # at a piece of a move, before the effort of a proof
+_ROOM = 0.005  # [m]; more than is wanted that such a way keeps, where its ends do
+_SAME = 1e-9  # share of a duration, or of a velocity, that is rounding
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ProvenMove:
+    """A move from rest to rest, and what is proven of all of it.
+
+    Parameters
+    ----------
+    move : Move
+    proof : Proof
+    note : str
+        How run-in and run-out lead around what is in their way; empty if nothing is.
+    """
+
+    move: Move
+    proof: Proof
+    note: str
+
+
+@dataclass(frozen=True, slots=True)
+class _Way:
+    """One way to play a path.
+
+    Parameters
+    ----------
+    note : str
+    later : float, [s]
+        After the start of the path at which it begins.
+    made : callable
+        Returns the move, or None if there is none.
+    """
+
+    note: str
+    later: float
+    made: Callable[[], Move | None]
+
+
+def proven_move(
+    path: FourierTrajectory,
+    proof: Proof,
+    demands: Demands,
+    pose: dict[str, float] | None,
+    *,
+    periods: int | None = None,
+    seed: int = 0,
+) -> ProvenMove:
+    """Return a move along a path that is proven already, from a pose and back to it.
+
+    The path is proven once: what holds over one period holds over all of them, and in
+    every phase.
+
+    Parameters
+    ----------
+    path : FourierTrajectory
+    proof : Proof
+        Of this path.
+    demands : Demands
+    pose : dict from joint to position, optional
+    periods : int, optional
+        How often the path is repeated.
+    seed : int
+        Of the ways by other poses.
+
+    Raises
+    ------
+    ProblemError, InfeasibleError
+        If no way is found; with what is in the straight one.
+    """
+    cause: ConsistentIdError | None = None
+    for number, way in enumerate(_ways(path, demands, pose, periods, seed)):
+        try:
+            move = way.made()
+            if move is None or (number and not _seems_clear(move, demands)):
+                continue
+            return ProvenMove(move, _whole(move, path, proof, demands, way), way.note)
+        except (InfeasibleError, ProblemError) as failed:
+            cause = cause or failed
+    tried = "the straight way" if pose is None else "straight ways and others"
+    raise InfeasibleError(f"{cause}; of {tried}, none was proven") from cause
+
+
+def _ways(
+    path: FourierTrajectory,
+    demands: Demands,
+    pose: dict[str, float] | None,
+    periods: int | None,
+    seed: int,
+) -> Iterator[_Way]:
+    """Yield ways to play a path, the simplest first."""
+    limits, rng = demands.limits, np.random.default_rng(seed)
+
+    def along(
+        some: FourierTrajectory,
+        within: MotionLimits,
+        via: tuple[Matrix | None, Matrix | None] = (None, None),
+    ) -> Move:
+        return move_along(
+            some, within, from_pose=pose, to_pose=pose, periods=periods,
+            from_via=via[0], to_via=via[1],
+        )  # fmt: skip
+
+    phases = _phases(path)
+    paces = (1.0,) if len(phases) > 1 else _PACES
+    for pace in paces:
+        yield _Way(_slower(pace), 0.0, partial(along, path, _paced(limits, pace)))
+    for later in phases[1:]:
+        some = path.begun_later(later)
+        yield _Way(_phased(later), later, partial(along, some, limits))
+    if pose is None or demands.scene is None:
+        return
+
+    def around(some: FourierTrajectory, within: MotionLimits) -> Move | None:
+        via = _detours(move_along(some, limits, periods=periods), demands, pose, rng)
+        return None if via is None else along(some, within, via)
+
+    for later in phases[:_SWINGS]:
+        for pace in paces * _TRIES:
+            words = ("run-in and run-out go by other poses", _phased(later))
+            note = ", ".join(word for word in (*words, _slower(pace)) if word)
+            made = partial(around, path.begun_later(later), _paced(limits, pace))
+            yield _Way(note, later, made)
+
+
+def _phases(path: FourierTrajectory) -> list[float]:
+    """Return the times of the path at which it may begin, 0 first [s]."""
+    period = path.period
+    velocity = path.evaluate([path.start], 1)[1, 0]
+    rests = (abs(velocity) <= _SAME * path.derivative_bound(1)).all()
+    if rests or period is None or abs(period - path.duration) > _SAME * period:
+        return [0.0]
+    # By bisection, so that the first few are far apart.
+    order = sorted(
+        range(_PHASES), key=lambda k: f"{k:0{_PHASES.bit_length() - 1}b}"[::-1]
+    )
+    return [period * k / _PHASES for k in order]
+
+
+def _phased(later: float) -> str:
+    return f"begun {later:.2f} s into the period" if later else ""
+
+
+def _slower(pace: float) -> str:
+    return "" if pace == 1.0 else f"run-in and run-out at {100.0 * pace:.0f} % of speed"
+
+
+def _paced(limits: MotionLimits, pace: float) -> MotionLimits:
+    return replace(
+        limits,
+        velocity=pace * limits.velocity,
+        acceleration=pace**2 * limits.acceleration,
+        jerk=pace**3 * limits.jerk,
+    )
+
+
+def _detours(
+    swings: Move, demands: Demands, pose: dict[str, float], rng: np.random.Generator
+) -> tuple[Matrix, Matrix] | None:
+    """Return poses by which to reach a move's first pose, and to come back."""
+    home = np.array([pose[joint] for joint in swings.joints])
+    ends = swings.evaluate([swings.start, swings.start + swings.duration], 0)[0]
+    free = _free(demands, np.vstack([home, ends]))
+    span = demands.limits.lower, demands.limits.upper
+    before = via_poses(home, ends[0], span, free, rng)
+    after = None if before is None else via_poses(ends[1], home, span, free, rng)
+    if before is None or after is None:
+        return None
+    # A path at rest begins where the way ends; a swing begins from a pose of its own.
+    first = ends[:1] if swings.run_in else ends[:0]
+    last = ends[1:] if swings.run_out else ends[:0]
+    return np.vstack([before, first]), np.vstack([last, after])
+
+
+def _free(demands: Demands, ends: Matrix) -> Free:
+    """Return what tells poses at which bodies have room, as much as the ends have."""
+    scene = demands.scene
+    if scene is None or not scene.pairs:
+        return lambda poses: np.ones(len(poses), dtype=bool)
+    within = max(pair.wanted for pair in scene.pairs) + _ROOM
+
+    def slack(poses: Matrix) -> Vector:
+        return np.asarray(nearest(scene, poses, within=within).slack.min(axis=1))
+
+    room = float(np.clip(slack(ends).min() / 2.0, 0.0, _ROOM))
+
+    def free(poses: Matrix) -> BoolArray:
+        return np.asarray(slack(poses) >= room)
+
+    return free
+
+
+def _seems_clear(move: Move, demands: Demands) -> bool:
+    """Return whether run-in and run-out are clear at samples."""
+    scene, pieces = demands.scene, (*move.run_in, *move.run_out)
+    if scene is None or not scene.pairs or not pieces:
+        return True
+    poses = [
+        p.evaluate(p.start + p.duration * np.linspace(0.0, 1.0, _LOOKS), 0)[0]
+        for p in pieces
+    ]
+    return bool((nearest(scene, np.vstack(poses)).slack >= 0.0).all())
+
+
+def _whole(
+    move: Move, path: FourierTrajectory, proof: Proof, demands: Demands, way: _Way
+) -> Proof:
+    """Return the proof of a move along a path that is proven already.
+
+    Raises
+    ------
+    InfeasibleError
+        If run-in or run-out does not keep what is demanded.
+    """
+    proofs: dict[str, list[Proof]] = {}
+    brief = demands.of_short_motion
+    for name, pieces in (("run-in", move.run_in), ("run-out", move.run_out)):
+        proofs[name] = [brief.proof(piece) for piece in pieces]
+        try:
+            if pieces:
+                combined(proofs[name]).require()
+        except InfeasibleError as cause:
+            raise InfeasibleError(f"{name}: {cause}") from None
+
+    def clock(time: float) -> float:
+        since = time - path.start
+        if way.later:
+            since = (since - way.later) % path.duration
+        return move.trajectory.start + since
+
+    return combined([*proofs["run-in"], proof.retimed(clock), *proofs["run-out"]])

@@ -1,0 +1,109 @@
+"""A robot's own shapes are kept apart where nothing is said of collisions."""
+
+import pytest
+
+from consistent_id.cli import main
+from consistent_id.excitation.default_scene import default_scene
+from consistent_id.excitation.request import design_request
+from consistent_id.excitation.sources import problem_to_excite
+from consistent_id.motion.collisions.separation import nearest
+
+LINKS = """
+<robot name="folding">
+  <link name="base">{base}</link>
+  <link name="upper">{upper}</link>
+  <link name="lower">{lower}</link>
+  <link name="hand">{hand}</link>
+  <joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/>
+    <axis xyz="0 0 1"/><limit lower="-3" upper="3" velocity="2" effort="40"/></joint>
+  <joint name="elbow" type="revolute"><parent link="upper"/><child link="lower"/>
+    <origin xyz="0.5 0 0"/><axis xyz="0 0 1"/>
+    <limit lower="-3" upper="3" velocity="2" effort="20"/></joint>
+  <joint name="wrist" type="revolute"><parent link="lower"/><child link="hand"/>
+    <origin xyz="0.5 0 0"/><axis xyz="0 0 1"/>
+    <limit lower="-3" upper="3" velocity="2" effort="5"/></joint>
+</robot>
+"""
+BOX = """<collision><origin xyz="{x} 0 0"/><geometry>
+    <box size="{length} 0.1 0.1"/></geometry></collision>"""
+MESH = """<collision><geometry><mesh filename="package://gone/hand.stl"/></geometry>
+    </collision>"""
+
+
+def _box(x, length):
+    return BOX.format(x=x, length=length)
+
+
+def _robot(folder, **shapes):
+    boxes = {
+        "base": _box(0.0, 0.1),
+        "upper": _box(0.25, 0.4),
+        "lower": _box(0.25, 0.4),
+        "hand": _box(0.1, 0.2),
+    }
+    file = folder / "folding.urdf"
+    file.write_text(LINKS.format(**boxes | shapes))
+    return file
+
+
+def _request(file, **changes):
+    return design_request(problem_to_excite(file, changes))
+
+
+def test_shapes_of_the_file_are_watched_by_default_and_adjacent_ones_are_not(tmp_path):
+    request = _request(_robot(tmp_path))
+    scene = request.scene
+    pairs = {frozenset(scene.names(pair)) for pair in scene.pairs}
+    apart = {("base", "lower"), ("base", "hand"), ("upper", "hand")}
+    assert pairs == {frozenset(two) for two in apart}
+    assert scene.adjacent == 3 and "3 pairs" in scene.remarks[0]
+    assert "--no-collisions" in request.notes[0]
+    # The hand folded on to the upper arm: 0.5 - 0.5 along it, by hand.
+    folded = nearest(scene, [[0.0, 3.0, 3.0]])
+    assert folded.distance.min() < 0.0
+
+
+@pytest.mark.parametrize(
+    ("shapes", "changes", "said"),
+    [
+        ({}, {"collisions": False}, "as requested"),
+        ({"hand": MESH}, {}, "hand.stl' is not there"),
+        (dict.fromkeys(("base", "upper", "lower", "hand"), ""), {}, "has no <coll"),
+    ],
+)
+def test_without_a_scene_the_note_says_why(tmp_path, shapes, changes, said):
+    request = _request(_robot(tmp_path, **shapes), **changes)
+    assert request.scene is None and said in request.notes[0]
+
+
+def test_no_collisions_leaves_out_a_scene_that_is_given(tmp_path):
+    file = _robot(tmp_path)
+    assert len(_request(file, ground=-0.5).scene.bodies) == 5
+    assert _request(file, ground=-0.5, collisions=False).scene is None
+
+
+def test_shapes_that_touch_where_the_robot_stands_are_left_out_and_named(tmp_path):
+    """A hand as long as the arm: it reaches back over the upper arm at the start."""
+    problem = problem_to_excite(_robot(tmp_path, hand=_box(0.1, 0.9)), {})
+    stretched = dict.fromkeys(("shoulder", "elbow", "wrist"), 0.0)
+    free, _ = default_scene(problem, None)
+    standing, _ = default_scene(problem, stretched)
+    # The hand covers x of 0.65 to 1.55 m, the upper arm 0.05 to 0.45 m.
+    bent = {"shoulder": 0.0, "elbow": 2.8, "wrist": 0.0}
+    left, _ = default_scene(problem, bent)
+    gone = {str(note) for note in left.notes} - {str(note) for note in free.notes}
+    assert len(standing.pairs) == len(free.pairs) > len(left.pairs)
+    assert gone and all("touch in the start pose" in note for note in gone)
+    kept = nearest(left, [list(bent.values())])
+    assert (kept.distance > 0.0).all()
+
+
+def test_the_shell_says_what_is_kept_apart(tmp_path, capsys):
+    file = _robot(tmp_path)
+    asked = ["excite", str(file), "--acceleration", "5", "--dry-run", "--verbose"]
+    assert main(asked) == 0
+    told = capsys.readouterr().out
+    assert "Bodies kept apart" in told and "keeps off itself" in told
+    assert main([*asked, "--no-collisions"]) == 0
+    told = capsys.readouterr().out
+    assert "Bodies kept apart" not in told and "as requested" in told
