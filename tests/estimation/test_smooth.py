@@ -179,7 +179,7 @@ def test_the_proof_admits_as_much_as_a_point_falls_short():
         step = np.random.default_rng(seed).normal(size=len(v))
         u = variables.parameters(np.maximum(v + 0.01 * step, variables.lower))
         excess = 0.5 * np.linalg.norm(unit.M @ u - unit.z) ** 2 - least
-        proof = _proof(model, unit, variables, u)
+        proof = _proof(unit, variables, u)
         assert proof.verdict == "uncertified"
         assert proof.gap * max(proof.objective, 0.5) >= excess > 0.0
 
