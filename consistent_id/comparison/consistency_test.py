@@ -48,7 +48,7 @@ SIGNIFICANT = 0.05
 
 _WORKERS = 2  # Clarabel frees the interpreter's lock
 _AT_ONCE = 10  # draws simulated before they are counted
-_TOLERANCE = 1e-8
+_TOLERANCE = 1e-6  # of a misfit that is only compared with another
 
 
 @dataclass(frozen=True, slots=True)
