@@ -1,6 +1,6 @@
 """The dry run of a problem: its design, and rivals, played by planted robots."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,7 +19,11 @@ from consistent_id.excitation.limit_rows import limit_rows
 from consistent_id.excitation.request import DesignRequest, design_request
 from consistent_id.excitation.search_problem import search_problem
 from consistent_id.excitation.validating import validation_trajectory
-from consistent_id.laboratory.rehearsal.planted import DRIVE, planted_robot
+from consistent_id.laboratory.rehearsal.planted import (
+    DRIVE,
+    PlantedRobot,
+    planted_robot,
+)
 from consistent_id.laboratory.rehearsal.rehearsal import (
     Rehearsal,
     rehearsal_table,
@@ -47,11 +51,23 @@ class DryRun:
         By motion; ``"design"`` is the design's, and ``"random paths"`` are several.
     conditions : mapping of str to float
         Condition number of each motion; the median of several.
+    peaks : ndarray, shape (robots and joints,)
+        True peaks of the design's torque over those that were proven, friction and
+        control being in the true ones; none where torque has no limit.
+    share : float
+        Of the limits, that the design was allowed to use.
     """
 
     design: ExcitationDesign
     rehearsals: Mapping[str, tuple[Rehearsal, ...]]
     conditions: Mapping[str, float]
+    peaks: Vector
+    share: float = 1.0
+
+    @property
+    def share_to_use(self) -> float:
+        """Share of all limits to design with, so that tracking keeps them, too."""
+        return min(self.share, self.share / max(self.beyond.values()))
 
     @property
     def beyond(self) -> dict[str, float]:
@@ -81,15 +97,28 @@ class DryRun:
                 (quantity, f"{100.0 * share:.1f} %", _kept(share))
                 for quantity, share in self.beyond.items()
             ),
-            ("proven is the wanted motion; a controller lags behind it",),
+            tuple(self._notes()),
         )
         return [table, limits]
+
+    def _notes(self) -> Iterator[str]:
+        yield "proven is the wanted motion; a controller lags behind it"
+        if self.share_to_use < self.share:
+            share = np.floor(100.0 * self.share_to_use) / 100.0
+            yield f"with --share {share:g} tracking like this keeps all limits"
+        if len(self.peaks):
+            yield (
+                f"peak torque over the proven one: median {np.median(self.peaks):.2f}, "
+                f"most {self.peaks.max():.2f}; friction and control are in it"
+            )
 
     def to_dict(self) -> dict[str, object]:
         """Return the same for JSON."""
         return {
             "came_true": self.came_true,
             "largest_shares": self.beyond,
+            "share_to_use": self.share_to_use,
+            "peak_torque_over_proven": self.peaks.tolist(),
             "motions": {
                 name: {
                     "condition": self.conditions[name],
@@ -120,6 +149,7 @@ def dry_run(
     *,
     robots: int = 3,
     rivals: bool = False,
+    currents: float | None = None,
     starts: int = 4,
     time_limit: float = 10.0,
     seed: int = 0,
@@ -139,6 +169,9 @@ def dry_run(
     rivals : bool
         Whether to play also a design for the least condition number, random paths and
         plain sinusoids.
+    currents : float, optional
+        If robots log motor currents, not torque: the share to which their torque
+        constants are known.
     starts, time_limit, seed, workers, progress
         See `design_trajectory`.
 
@@ -175,24 +208,28 @@ def dry_run(
             for name, stage in zip(names, rival.stages, strict=True)
         }
         paths |= _simple_motions(design, aim, seed)
-    return _played(design, request, paths, robots, seed)
+    planted = [
+        planted_robot(
+            model.robot, request.limits, np.random.default_rng((seed, k)), currents
+        )
+        for k in range(robots)
+    ]
+    share = problem.table.excitation.limits.share
+    return _played(design, request, paths, planted, seed, share)
 
 
 def _played(
     design: ExcitationDesign,
     request: DesignRequest,
     paths: Mapping[str, Sequence[FourierTrajectory]],
-    robots: int,
+    planted: Sequence[PlantedRobot],
     seed: int,
+    share: float,
 ) -> DryRun:
     """Let planted robots play motions; all identify from the same noise."""
     model, aim, limits = design.model, design.aim, request.limits
     noise = aim.noise_of(model.torque_joints)
     validation = validation_trajectory(design, seed=seed).trajectory
-    planted = [
-        planted_robot(model.robot, limits, np.random.default_rng((seed, k)))
-        for k in range(robots)
-    ]
     rehearsals, conditions = {}, {}
     for name, alike in paths.items():
         accuracies = [predicted_accuracy(model, design.base, p, aim) for p in alike]
@@ -206,7 +243,20 @@ def _played(
             for accuracy, path in zip(accuracies, alike, strict=True)
             for k, robot in enumerate(planted)
         )  # fmt: skip
-    return DryRun(design, rehearsals, conditions)
+    peaks = _peaks(design, limits, rehearsals[DESIGN])
+    return DryRun(design, rehearsals, conditions, peaks, share)
+
+
+def _peaks(
+    design: ExcitationDesign, limits: MotionLimits, played: Sequence[Rehearsal]
+) -> Vector:
+    """Return true peaks of torque over those proven, of all robots and joints."""
+    margins = design.proof.margins.margins
+    proven = {m.joint: m.bound for m in margins if m.quantity == "torque"}
+    places = [k for k, joint in enumerate(limits.joints) if joint in proven]
+    bounds = np.array([proven[limits.joints[k]] for k in places])
+    reached = [(one.reached["torque"] * limits.effort)[places] for one in played]
+    return np.asarray(np.array(reached) / bounds).ravel()
 
 
 def _with_noise(aim: Aim, model: TorqueModel, limits: MotionLimits) -> Aim:
