@@ -94,12 +94,14 @@ def _excite(options: argparse.Namespace) -> Answer:
     from consistent_id.excitation.sources import (
         estimated_parameters,
         problem_to_excite,
+        with_open_parameters,
     )
     from consistent_id.robot.chains import Selection
 
     formats = output.checked_formats(options.format)
     part = Selection(options.base, options.tip)
     problem = problem_to_excite(options.problem, motion_changes(options), part)
+    problem = with_open_parameters(problem, options.parameters)
     parameters = estimated_parameters(problem, options.parameters)
     folder = options.output or Path("results") / problem.name
     if options.replay:

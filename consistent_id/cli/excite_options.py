@@ -42,11 +42,14 @@ def add_motion_options(command: argparse.ArgumentParser) -> None:
         "--harmonics", type=int, help="number (default: several are tried)"
     )
     asked.add_argument(
+        "--for",
         "--interest",
+        dest="interest",
         type=_words,
         metavar="NAMES",
         help="parameters that matter, by commas: of links, joints, or one by one, such "
-        "as 'tool,*.viscous' (default: all)",
+        "as 'payload,*.viscous'; 'payload' or 'tool': the last link's ten; 'open': "
+        "what the estimate of --parameters left open (default: all)",
     )
     for name, unit, text in (
         ("duration", "SECONDS", "of the motion (default: 10)"),

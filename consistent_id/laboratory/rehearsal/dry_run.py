@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from consistent_id._support.arrays import Vector
+from consistent_id._support.arrays import Matrix, Vector
 from consistent_id._support.tables import Table
 from consistent_id.errors import ModelError
 from consistent_id.excitation.accuracy import predicted_accuracy
@@ -37,6 +37,7 @@ from consistent_id.regression.regressor import TorqueModel
 DESIGN = "design"
 _RANDOM = 3  # random paths among the rivals
 _USED = 0.9  # share of the limits that sinusoids use
+_LARGE = 0.25  # share of a torque limit from which ratios of peaks are of interest
 _KEPT = 0.01  # share of a limit by which one is exceeded that still counts as kept
 
 
@@ -51,9 +52,10 @@ class DryRun:
         By motion; ``"design"`` is the design's, and ``"random paths"`` are several.
     conditions : mapping of str to float
         Condition number of each motion; the median of several.
-    peaks : ndarray, shape (robots and joints,)
-        True peaks of the design's torque over those that were proven, friction and
-        control being in the true ones; none where torque has no limit.
+    peaks : ndarray, shape (2, robots and joints)
+        True peaks of the design's torque, and those that were proven, in shares of the
+        limits; friction and control are in the true ones.  None where there is no
+        limit.
     share : float
         Of the limits, that the design was allowed to use.
     """
@@ -61,7 +63,7 @@ class DryRun:
     design: ExcitationDesign
     rehearsals: Mapping[str, tuple[Rehearsal, ...]]
     conditions: Mapping[str, float]
-    peaks: Vector
+    peaks: Matrix
     share: float = 1.0
 
     @property
@@ -106,10 +108,19 @@ class DryRun:
         if self.share_to_use < self.share:
             share = np.floor(100.0 * self.share_to_use) / 100.0
             yield f"with --share {share:g} tracking like this keeps all limits"
-        if len(self.peaks):
+        true, proven = self.peaks
+        if len(true):
+            more = 100.0 * (true - proven)
             yield (
-                f"peak torque over the proven one: median {np.median(self.peaks):.2f}, "
-                f"most {self.peaks.max():.2f}; friction and control are in it"
+                "friction and control took peaks of torque above the proven ones by "
+                f"{np.median(more):.0f} % of the limit (median), {more.max():.0f} % "
+                "(most)"
+            )
+        if (large := proven >= _LARGE).any():
+            times = true[large] / proven[large]
+            yield (
+                f"to {np.median(times):.2f} times (median), {times.max():.2f} (most), "
+                f"of joints that were to use {100.0 * _LARGE:.0f} % of it or more"
             )
 
     def to_dict(self) -> dict[str, object]:
@@ -118,7 +129,8 @@ class DryRun:
             "came_true": self.came_true,
             "largest_shares": self.beyond,
             "share_to_use": self.share_to_use,
-            "peak_torque_over_proven": self.peaks.tolist(),
+            "peak_torque_shares": self.peaks[0].tolist(),
+            "proven_torque_shares": self.peaks[1].tolist(),
             "motions": {
                 name: {
                     "condition": self.conditions[name],
@@ -249,14 +261,14 @@ def _played(
 
 def _peaks(
     design: ExcitationDesign, limits: MotionLimits, played: Sequence[Rehearsal]
-) -> Vector:
-    """Return true peaks of torque over those proven, of all robots and joints."""
+) -> Matrix:
+    """Return true and proven peaks of torque, in shares of the limits."""
     margins = design.proof.margins.margins
     proven = {m.joint: m.bound for m in margins if m.quantity == "torque"}
     places = [k for k, joint in enumerate(limits.joints) if joint in proven]
-    bounds = np.array([proven[limits.joints[k]] for k in places])
-    reached = [(one.reached["torque"] * limits.effort)[places] for one in played]
-    return np.asarray(np.array(reached) / bounds).ravel()
+    shares = np.array([proven[limits.joints[k]] / limits.effort[k] for k in places])
+    reached = np.array([one.reached["torque"][places] for one in played])
+    return np.array([reached, np.broadcast_to(shares, reached.shape)]).reshape(2, -1)
 
 
 def _with_noise(aim: Aim, model: TorqueModel, limits: MotionLimits) -> Aim:
