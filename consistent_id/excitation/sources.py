@@ -36,7 +36,7 @@ _LIMITS = (
 OPEN = "open"
 """Word for the parameters that an earlier estimate left open."""
 _OPEN_ORIGINS = ("loose", "prior", "convention")
-_SCENE = ("ground", "clearance")
+_SCENE = ("ground", "clearance", "planning_scene")
 
 
 def is_robot(path: Path) -> bool:
