@@ -102,6 +102,7 @@ from consistent_id.motion.collisions.bodies import (
     plane,
 )
 from consistent_id.motion.collisions.clearance import ClearanceReport, prove_clearance
+from consistent_id.motion.collisions.planning_scene import planning_scene_bodies
 from consistent_id.motion.collisions.scene import Scene
 from consistent_id.motion.collisions.scene_building import build_scene
 from consistent_id.motion.collisions.scene_file import scene_from_urdf
@@ -452,6 +453,7 @@ __all__ = [
     "mujoco_spec",
     "nearest_inertia",
     "plane",
+    "planning_scene_bodies",
     "predicted_accuracy",
     "prove_clearance",
     "read_recording",

@@ -75,6 +75,13 @@ def add_excite(commands: Any) -> None:
         "Robots), rsi (KUKA), franka, by commas (default: csv,yaml)",
     )
     command.add_argument(
+        "--thin",
+        type=positive,
+        metavar="TOLERANCE",
+        help="of yaml: as few points as a controller needs that joins them by "
+        "quintics, to stay within so many rad or m, such as 1e-4",
+    )
+    command.add_argument(
         "--replay",
         action="store_true",
         help="also write replay.html, the motion in 3-D; needs consistent-id[viz]",
@@ -94,12 +101,14 @@ def _excite(options: argparse.Namespace) -> Answer:
     from consistent_id.excitation.sources import (
         estimated_parameters,
         problem_to_excite,
+        with_open_parameters,
     )
     from consistent_id.robot.chains import Selection
 
     formats = output.checked_formats(options.format)
     part = Selection(options.base, options.tip)
     problem = problem_to_excite(options.problem, motion_changes(options), part)
+    problem = with_open_parameters(problem, options.parameters)
     parameters = estimated_parameters(problem, options.parameters)
     folder = options.output or Path("results") / problem.name
     if options.replay:
@@ -120,7 +129,7 @@ def _excite(options: argparse.Namespace) -> Answer:
         progress=shows_progress(options),
     )
     written = [*_drafted(options, folder)]
-    written += output.write_design(playable, folder, formats)
+    written += output.write_design(playable, folder, formats, options.thin)
     if options.replay and TRAINING in playable.moves:
         written.append(output.replay_design(problem, playable, folder))
     text = "\n\n".join(table.text() for table in output.playable_tables(playable))

@@ -1,6 +1,7 @@
 """Options that say what motion to design, in place of keys of ``[excitation]``."""
 
 import argparse
+from pathlib import Path
 from typing import Any
 
 from consistent_id.cli.options import positive
@@ -22,6 +23,7 @@ _KEYS = (
     "share",
     "ground",
     "clearance",
+    "planning_scene",
     "collisions",
 )
 
@@ -42,11 +44,14 @@ def add_motion_options(command: argparse.ArgumentParser) -> None:
         "--harmonics", type=int, help="number (default: several are tried)"
     )
     asked.add_argument(
+        "--for",
         "--interest",
+        dest="interest",
         type=_words,
         metavar="NAMES",
         help="parameters that matter, by commas: of links, joints, or one by one, such "
-        "as 'tool,*.viscous' (default: all)",
+        "as 'payload,*.viscous'; 'payload' or 'tool': the last link's ten; 'open': "
+        "what the estimate of --parameters left open (default: all)",
     )
     for name, unit, text in (
         ("duration", "SECONDS", "of the motion (default: 10)"),
@@ -74,6 +79,13 @@ def add_motion_options(command: argparse.ArgumentParser) -> None:
         "(default: 0.3)",
     )
     asked.add_argument(
+        "--planning-scene",
+        type=_absolute,
+        metavar="FILE",
+        help="objects around the robot: MoveIt's .scene, or a PlanningScene message as "
+        ".yaml or .json",
+    )
+    asked.add_argument(
         "--no-collisions",
         dest="collisions",
         action="store_const",
@@ -83,6 +95,11 @@ def add_motion_options(command: argparse.ArgumentParser) -> None:
     asked.add_argument(
         "--ground", type=float, metavar="METRES", help="height of a floor to keep off"
     )
+
+
+def _absolute(text: str) -> str:
+    """Return a path that means the same in the folder of a problem file."""
+    return Path(text).resolve().as_posix().replace("$", "$$")
 
 
 def _words(text: str) -> list[str]:

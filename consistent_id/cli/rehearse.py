@@ -55,6 +55,13 @@ def add_rehearse(commands: Any) -> None:
         "--workers", type=int, help="processes (default: one per processor)"
     )
     command.add_argument(
+        "--currents",
+        type=positive,
+        metavar="SHARE",
+        help="robots log motor currents in 2048 steps to the largest, with torque "
+        "constants known to this share, such as 0.05 (default: they log torque)",
+    )
+    command.add_argument(
         "--rivals",
         action="store_true",
         help="also play the other objective's design, random paths and sinusoids",
@@ -78,6 +85,7 @@ def _rehearse(options: argparse.Namespace) -> Answer:
         problem_to_excite(options.problem, motion_changes(options), part),
         robots=options.robots,
         rivals=options.rivals,
+        currents=options.currents,
         starts=options.starts,
         time_limit=options.time_limit,
         seed=options.seed,

@@ -6,7 +6,11 @@ from fnmatch import fnmatchcase
 from consistent_id.errors import ProblemError
 from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.regressor import TorqueModel
+from consistent_id.robot.model import RobotModel
 from consistent_id.robot.parameters import ParameterLayout, did_you_mean
+
+PAYLOAD = ("payload", "tool")
+"""Words for the ten parameters of what the last link carries."""
 
 
 def parameters_named(layout: ParameterLayout, words: Sequence[str]) -> tuple[int, ...]:
@@ -45,6 +49,38 @@ def parameters_named(layout: ParameterLayout, words: Sequence[str]) -> tuple[int
             )
         found |= named
     return tuple(sorted(found))
+
+
+def interest_names(robot: RobotModel, words: Sequence[str]) -> tuple[str, ...]:
+    """Return names of parameters, links and joints in place of words for a load.
+
+    A load, such as a payload or a tool, adds to the ten parameters of the link that
+    carries it: ``"payload"`` and ``"tool"`` stand for those of each link that no other
+    hangs on, and a link that is fixed to a moving one, such as ``"tool0"``, for those
+    of that one.  A link or joint of such a name goes before.
+
+    Examples
+    --------
+    >>> from consistent_id import DHRow, from_modified_dh
+    >>> arm = from_modified_dh("arm", [DHRow(0, 0), DHRow(0, 0.5)])
+    >>> interest_names(arm, ["payload", "joint1"])
+    ('link2.*', 'joint1')
+    """
+    own = {*robot.link_names, *robot.joint_names}
+    parents = {joint.parent for joint in robot.joints}
+    last = [name for k, name in enumerate(robot.link_names) if k not in parents]
+    fixed = {frame.name: link.name for link in robot.links for frame in link.merged}
+    names: list[str] = []
+    for word in words:
+        if word in own:
+            names.append(word)
+        elif word in fixed:
+            names.append(f"{fixed[word]}.*")
+        elif word in PAYLOAD:
+            names += [f"{name}.*" for name in last]
+        else:
+            names.append(word)
+    return tuple(names)
 
 
 def base_for(model: TorqueModel, words: Sequence[str]) -> BaseParameters:

@@ -39,7 +39,10 @@ CLIENT = "follow.py"
 
 
 def write_design(
-    playable: PlayableDesign, folder: Path, formats: Sequence[str] = FORMATS
+    playable: PlayableDesign,
+    folder: Path,
+    formats: Sequence[str] = FORMATS,
+    tolerance: float | None = None,
 ) -> list[Path]:
     """Write motions, figure and record into a folder; return the files.
 
@@ -50,6 +53,8 @@ def write_design(
     formats : sequence of str
         Endings of files of samples, such as ``csv``, ``yaml`` or ``script``, that
         `write_trajectory` knows; the exact motion is always written, as ``json``.
+    tolerance : float, optional, [rad or m]
+        Of ROS messages with few points, see `write_trajectory`.
     """
     require_writable(folder)
     written = []
@@ -58,7 +63,8 @@ def write_design(
             for ending in dict.fromkeys(("json", *formats)):
                 file = folder / f"{name}.{ending}"
                 rate = _rate_of(ending, playable.design.aim.rate)
-                written.append(write_trajectory(move, file, rate=rate))
+                few = tolerance if FORMAT_OF_ENDING[f".{ending}"] == "ros" else None
+                written.append(write_trajectory(move, file, rate=rate, tolerance=few))
         if "yaml" in formats:
             script = Path(follow.__file__).read_text(encoding="utf-8")
             written.append(write_atomically(folder / CLIENT, script))

@@ -10,6 +10,7 @@ from consistent_id.excitation.aims import Aim, PathForm
 from consistent_id.excitation.criteria import Objective
 from consistent_id.excitation.default_scene import default_scene
 from consistent_id.excitation.forms import forms_to_try
+from consistent_id.excitation.interest import interest_names
 from consistent_id.excitation.request_currents import with_current_limits
 from consistent_id.excitation.request_scene import requested_scene
 from consistent_id.excitation.verification import FRICTION_SHARE
@@ -93,7 +94,7 @@ def design_request(problem: Problem) -> DesignRequest:
         noise=table.noise,
         rate=table.rate,
         correlation_time=table.correlation_time,
-        interest=table.interest,
+        interest=interest_names(problem.model.robot, table.interest),
     )
     pose = _pose(table.start_pose, limits) if table.start_pose else None
     scene = requested_scene(problem)

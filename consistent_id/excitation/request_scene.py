@@ -13,6 +13,7 @@ from consistent_id.motion.collisions.bodies import (
     Sphere,
     plane,
 )
+from consistent_id.motion.collisions.planning_scene import planning_scene_bodies
 from consistent_id.motion.collisions.scene import Scene
 from consistent_id.motion.collisions.scene_building import build_scene
 from consistent_id.motion.collisions.scene_file import scene_from_urdf
@@ -43,6 +44,9 @@ def requested_scene(problem: Problem) -> Scene | None:
         return None
     bodies = [_body(body, number) for number, body in enumerate(table.bodies, 1)]
     try:
+        if table.planning_scene is not None:
+            file = problem.file(table.planning_scene)
+            bodies += planning_scene_bodies(file, problem.model.robot)
         if table.robot == "urdf":
             return _of_urdf(problem, table, bodies)
         return _of_bodies(problem, table, bodies)

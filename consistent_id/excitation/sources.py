@@ -10,6 +10,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Matrix
 from consistent_id._support.run import require_trusted
+from consistent_id.errors import ProblemError
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.problems.excitation_tables import ExcitationTable, SceneTable
 from consistent_id.problems.file import ConstraintsTable, read_problem_table
@@ -32,7 +33,10 @@ _LIMITS = (
     "friction_share",
     "share",
 )
-_SCENE = ("ground", "clearance")
+OPEN = "open"
+"""Word for the parameters that an earlier estimate left open."""
+_OPEN_ORIGINS = ("loose", "prior", "convention")
+_SCENE = ("ground", "clearance", "planning_scene")
 
 
 def is_robot(path: Path) -> bool:
@@ -97,6 +101,42 @@ def estimated_parameters(problem: Problem, files: Sequence[Path]) -> Matrix | No
     model = problem.model
     base = base_parameters(model)
     return np.array([Estimate.load(f, model, base).parameters for f in files])
+
+
+def with_open_parameters(problem: Problem, files: Sequence[Path]) -> Problem:
+    """Return the problem with what estimates left open in place of the word "open".
+
+    Open is what the data bound only loosely, and what a prior or a convention chose.
+    A parameter is open if one of the estimates says so.
+
+    Raises
+    ------
+    ProblemError
+        If there is no estimate, or it left nothing open.
+    """
+    excitation = problem.table.excitation
+    if OPEN not in excitation.interest:
+        return problem
+    if not files:
+        raise ProblemError(
+            f"interest in what is {OPEN!r} needs an estimate that left it so: give "
+            "--parameters delivered.json"
+        )
+    base = base_parameters(problem.model)
+    left: dict[str, None] = {}
+    for file in files:
+        found = Estimate.load(file, problem.model, base)
+        names = zip(problem.model.layout.names, found.origins, strict=True)
+        left |= {name: None for name, origin in names if origin in _OPEN_ORIGINS}
+    if not left:
+        raise ProblemError(
+            f"{', '.join(map(str, files))}: the data determine all parameters; nothing "
+            "is open. Leave --for out"
+        )
+    words = [word for word in excitation.interest if word != OPEN]
+    excitation = msgspec.structs.replace(excitation, interest=[*words, *left])
+    table = msgspec.structs.replace(problem.table, excitation=excitation)
+    return replace(problem, table=table)
 
 
 def changed(table: ExcitationTable, changes: Mapping[str, Any]) -> ExcitationTable:

@@ -71,6 +71,7 @@ class SceneTable(Table, frozen=True, kw_only=True):
     pieces: Annotated[int, Meta(ge=1)] = 4
     ground: float | None = None
     bodies: list[BodyTable] = []
+    planning_scene: str | None = None
     clearance: NonNegative = 0.0
     extra: dict[str, NonNegative] = {}
     allowed: list[tuple[str, str]] = []

@@ -65,6 +65,8 @@ def _named(table: ProblemTable) -> Iterator[tuple[str, tuple[str, ...]]]:
     scene = table.excitation.scene
     for name in () if scene is None else scene.packages:
         yield "excitation.scene.packages", (name,)
+    if scene is not None and scene.planning_scene is not None:
+        yield "excitation.scene.planning_scene", (scene.planning_scene,)
 
 
 def _is_below(place: Path, roots: list[Path]) -> bool:

@@ -1,22 +1,32 @@
 """Designs for some parameters: what can be told of them, and how much better."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from estimates import estimate_of
 from excited import FRICTION, arm, arm_limits, arm_problem
 
-from consistent_id import ProblemError, TorqueModel, base_parameters
+from consistent_id import (
+    InertialParameters,
+    ProblemError,
+    TorqueModel,
+    base_parameters,
+    load_urdf,
+)
 from consistent_id.cli.tool import main
 from consistent_id.excitation.accuracy import predicted_accuracy
 from consistent_id.excitation.aims import Aim, PathForm
 from consistent_id.excitation.design import design_trajectory
 from consistent_id.excitation.interest import (
     base_for,
+    interest_names,
     parameters_named,
     places_of_interest,
 )
 from consistent_id.excitation.relative_accuracy import relative_accuracy
+from consistent_id.excitation.sources import problem_to_excite, with_open_parameters
 from consistent_id.regression.base import random_regressor
 
 INTERESTS = [("link3",), ("link2",), ("*.viscous",), ("joint1", "link3.h?")]
@@ -149,3 +159,56 @@ def test_the_shell_and_the_problem_file_name_parameters_of_interest(tmp_path, ca
     assert ["for", "*.viscous, link1"] in plan[0]["rows"]
     assert main([*call, "--interest", "joint9.viscous", "--dry-run"]) != 0
     assert "no parameter, link or joint 'joint9.viscous'" in capsys.readouterr().err
+
+
+TREE = """
+<robot name="tree"><link name="base"/>{links}{joints}
+  <link name="flange"/><link name="tool0"/>
+  <joint name="f" type="fixed"><parent link="b"/><child link="flange"/></joint>
+  <joint name="t" type="fixed"><parent link="flange"/><child link="tool0"/></joint>
+</robot>
+"""
+
+
+def _tree(folder):
+    body = """<inertial><mass value="1"/>
+        <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>"""
+    links = "".join(f'<link name="{name}">{body}</link>' for name in "abc")
+    joints = "".join(
+        f'<joint name="j{child}" type="revolute"><parent link="{parent}"/>'
+        f'<child link="{child}"/><axis xyz="0 0 1"/>'
+        '<limit lower="-1" upper="1" velocity="1" effort="9"/></joint>'
+        for parent, child in (("base", "a"), ("a", "b"), ("a", "c"))
+    )
+    file = folder / "tree.urdf"
+    file.write_text(TREE.format(links=links, joints=joints))
+    return file
+
+
+def test_a_payload_is_what_the_last_links_carry_and_a_tool_where_it_is_fixed(tmp_path):
+    robot = load_urdf(_tree(tmp_path))
+    assert interest_names(robot, ["payload"]) == ("b.*", "c.*")
+    assert interest_names(robot, ["tool0", "ja.viscous"]) == ("b.*", "ja.viscous")
+    # A link of that name goes before.
+    named = tmp_path / "named.urdf"
+    text = _tree(tmp_path).read_text().replace('"a"', '"tool"')
+    named.write_text(text)
+    assert interest_names(load_urdf(named), ["tool"]) == ("tool",)
+
+
+def test_what_an_estimate_left_open_is_designed_for(tmp_path):
+    problem = problem_to_excite(_tree(tmp_path), {"interest": ["open", "jb.viscous"]})
+    model = problem.model
+    bodies = [InertialParameters.from_central(1.0, np.zeros(3), np.eye(3))] * 3
+    every = estimate_of(model, bodies, 0.1)
+    origins = {"b.m": "prior", "jc.coulomb": "loose", "a.Izz": "combination"}
+    named = tuple(origins.get(name, "data") for name in model.layout.names)
+    file = replace(every, origins=named).save(tmp_path / "delivered.json")
+    found = with_open_parameters(problem, [file])
+    interest = ["jb.viscous", "b.m", "jc.coulomb"]
+    assert found.table.excitation.interest == interest
+    with pytest.raises(ProblemError, match="give --parameters"):
+        with_open_parameters(problem, [])
+    whole = every.save(tmp_path / "whole.json")
+    with pytest.raises(ProblemError, match="nothing is open"):
+        with_open_parameters(problem, [whole])

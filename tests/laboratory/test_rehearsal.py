@@ -174,8 +174,36 @@ def test_the_command_says_what_came_true(tmp_path, capsys):
     code = main([*call, "--rivals", "--json"])
     record = json.loads(capsys.readouterr().out)
     assert code == (0 if record["came_true"] else 1)
+    # Friction and control come on top of the proven torque, of each joint.
+    true, proven = record["peak_torque_shares"], record["proven_torque_shares"]
+    assert len(true) == len(proven) == 4
+    assert (np.array(true) > np.array(proven)).sum() >= 3
+    most = max(record["largest_shares"].values())
+    assert record["share_to_use"] == pytest.approx(min(1.0, 1.0 / most))
     motions = record["motions"]
     assert set(motions) >= {"design", "condition alone", "random paths", "sinusoids"}
     assert len(motions["design"]["robots"]) == 2
     # The design is for least errors: its rival's condition number is smaller.
     assert motions["condition alone"]["condition"] < motions["design"]["condition"]
+
+
+def test_currents_are_torque_by_constants_that_are_not_quite_known():
+    robot = planted_robot(arm(3), limits(), np.random.default_rng(0), currents=0.05)
+    same = planted()
+    # The robot is the same one; only what its log shows differs.
+    assert np.array_equal(robot.parameters, same.parameters)
+    gains, steps = robot.sensors.gains, robot.sensors.steps
+    assert (abs(np.log(gains)) < 0.25).all() and np.ptp(gains) > 0.01
+    np.testing.assert_allclose(steps, EFFORT / 2048.0)
+    torque = np.random.default_rng(1).normal(size=(50, 3))
+    read = robot.sensors.read(torque)
+    assert (abs(read - torque / gains) <= steps / 2.0 + 1e-12).all()
+    np.testing.assert_allclose(np.round(read / steps), read / steps, atol=1e-9)
+    assert np.array_equal(same.sensors.read(torque), torque)
+    noise = np.zeros(3)
+    plain, scaled = (
+        play(one, path(), noise, np.random.default_rng(2)) for one in (same, robot)
+    )
+    assert np.array_equal(plain.truth.torque, scaled.truth.torque)
+    off = scaled.log.torque * gains - plain.log.torque
+    assert (abs(off) <= gains * steps / 2.0 + 1e-9).all()

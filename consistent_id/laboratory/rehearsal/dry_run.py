@@ -1,11 +1,11 @@
 """The dry run of a problem: its design, and rivals, played by planted robots."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from consistent_id._support.arrays import Vector
+from consistent_id._support.arrays import Matrix, Vector
 from consistent_id._support.tables import Table
 from consistent_id.errors import ModelError
 from consistent_id.excitation.accuracy import predicted_accuracy
@@ -19,7 +19,11 @@ from consistent_id.excitation.limit_rows import limit_rows
 from consistent_id.excitation.request import DesignRequest, design_request
 from consistent_id.excitation.search_problem import search_problem
 from consistent_id.excitation.validating import validation_trajectory
-from consistent_id.laboratory.rehearsal.planted import DRIVE, planted_robot
+from consistent_id.laboratory.rehearsal.planted import (
+    DRIVE,
+    PlantedRobot,
+    planted_robot,
+)
 from consistent_id.laboratory.rehearsal.rehearsal import (
     Rehearsal,
     rehearsal_table,
@@ -33,6 +37,7 @@ from consistent_id.regression.regressor import TorqueModel
 DESIGN = "design"
 _RANDOM = 3  # random paths among the rivals
 _USED = 0.9  # share of the limits that sinusoids use
+_LARGE = 0.25  # share of a torque limit from which ratios of peaks are of interest
 _KEPT = 0.01  # share of a limit by which one is exceeded that still counts as kept
 
 
@@ -47,11 +52,24 @@ class DryRun:
         By motion; ``"design"`` is the design's, and ``"random paths"`` are several.
     conditions : mapping of str to float
         Condition number of each motion; the median of several.
+    peaks : ndarray, shape (2, robots and joints)
+        True peaks of the design's torque, and those that were proven, in shares of the
+        limits; friction and control are in the true ones.  None where there is no
+        limit.
+    share : float
+        Of the limits, that the design was allowed to use.
     """
 
     design: ExcitationDesign
     rehearsals: Mapping[str, tuple[Rehearsal, ...]]
     conditions: Mapping[str, float]
+    peaks: Matrix
+    share: float = 1.0
+
+    @property
+    def share_to_use(self) -> float:
+        """Share of all limits to design with, so that tracking keeps them, too."""
+        return min(self.share, self.share / max(self.beyond.values()))
 
     @property
     def beyond(self) -> dict[str, float]:
@@ -81,15 +99,38 @@ class DryRun:
                 (quantity, f"{100.0 * share:.1f} %", _kept(share))
                 for quantity, share in self.beyond.items()
             ),
-            ("proven is the wanted motion; a controller lags behind it",),
+            tuple(self._notes()),
         )
         return [table, limits]
+
+    def _notes(self) -> Iterator[str]:
+        yield "proven is the wanted motion; a controller lags behind it"
+        if self.share_to_use < self.share:
+            share = np.floor(100.0 * self.share_to_use) / 100.0
+            yield f"with --share {share:g} tracking like this keeps all limits"
+        true, proven = self.peaks
+        if len(true):
+            more = 100.0 * (true - proven)
+            yield (
+                "friction and control took peaks of torque above the proven ones by "
+                f"{np.median(more):.0f} % of the limit (median), {more.max():.0f} % "
+                "(most)"
+            )
+        if (large := proven >= _LARGE).any():
+            times = true[large] / proven[large]
+            yield (
+                f"to {np.median(times):.2f} times (median), {times.max():.2f} (most), "
+                f"of joints that were to use {100.0 * _LARGE:.0f} % of it or more"
+            )
 
     def to_dict(self) -> dict[str, object]:
         """Return the same for JSON."""
         return {
             "came_true": self.came_true,
             "largest_shares": self.beyond,
+            "share_to_use": self.share_to_use,
+            "peak_torque_shares": self.peaks[0].tolist(),
+            "proven_torque_shares": self.peaks[1].tolist(),
             "motions": {
                 name: {
                     "condition": self.conditions[name],
@@ -120,6 +161,7 @@ def dry_run(
     *,
     robots: int = 3,
     rivals: bool = False,
+    currents: float | None = None,
     starts: int = 4,
     time_limit: float = 10.0,
     seed: int = 0,
@@ -139,6 +181,9 @@ def dry_run(
     rivals : bool
         Whether to play also a design for the least condition number, random paths and
         plain sinusoids.
+    currents : float, optional
+        If robots log motor currents, not torque: the share to which their torque
+        constants are known.
     starts, time_limit, seed, workers, progress
         See `design_trajectory`.
 
@@ -175,24 +220,28 @@ def dry_run(
             for name, stage in zip(names, rival.stages, strict=True)
         }
         paths |= _simple_motions(design, aim, seed)
-    return _played(design, request, paths, robots, seed)
+    planted = [
+        planted_robot(
+            model.robot, request.limits, np.random.default_rng((seed, k)), currents
+        )
+        for k in range(robots)
+    ]
+    share = problem.table.excitation.limits.share
+    return _played(design, request, paths, planted, seed, share)
 
 
 def _played(
     design: ExcitationDesign,
     request: DesignRequest,
     paths: Mapping[str, Sequence[FourierTrajectory]],
-    robots: int,
+    planted: Sequence[PlantedRobot],
     seed: int,
+    share: float,
 ) -> DryRun:
     """Let planted robots play motions; all identify from the same noise."""
     model, aim, limits = design.model, design.aim, request.limits
     noise = aim.noise_of(model.torque_joints)
     validation = validation_trajectory(design, seed=seed).trajectory
-    planted = [
-        planted_robot(model.robot, limits, np.random.default_rng((seed, k)))
-        for k in range(robots)
-    ]
     rehearsals, conditions = {}, {}
     for name, alike in paths.items():
         accuracies = [predicted_accuracy(model, design.base, p, aim) for p in alike]
@@ -206,7 +255,20 @@ def _played(
             for accuracy, path in zip(accuracies, alike, strict=True)
             for k, robot in enumerate(planted)
         )  # fmt: skip
-    return DryRun(design, rehearsals, conditions)
+    peaks = _peaks(design, limits, rehearsals[DESIGN])
+    return DryRun(design, rehearsals, conditions, peaks, share)
+
+
+def _peaks(
+    design: ExcitationDesign, limits: MotionLimits, played: Sequence[Rehearsal]
+) -> Matrix:
+    """Return true and proven peaks of torque, in shares of the limits."""
+    margins = design.proof.margins.margins
+    proven = {m.joint: m.bound for m in margins if m.quantity == "torque"}
+    places = [k for k, joint in enumerate(limits.joints) if joint in proven]
+    shares = np.array([proven[limits.joints[k]] / limits.effort[k] for k in places])
+    reached = np.array([one.reached["torque"][places] for one in played])
+    return np.array([reached, np.broadcast_to(shares, reached.shape)]).reshape(2, -1)
 
 
 def _with_noise(aim: Aim, model: TorqueModel, limits: MotionLimits) -> Aim:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from consistent_id._support.arrays import Vector, freeze_arrays
+from consistent_id._support.arrays import Matrix, Vector, freeze_arrays
 from consistent_id.errors import ModelError
 from consistent_id.motion.limits import MotionLimits
 from consistent_id.regression.drive.drive_terms import DriveTerms
@@ -21,7 +21,36 @@ _ROTOR = 0.002  # kg m^2 of a geared rotor for each N m; 0.66 for 330 N m
 _DRIVES = 0.9  # share of the rotors' inertia that the controller believes in
 _SPREAD = 0.1  # of the stretch that makes a planted body of a nominal one
 _FRICTION = 0.04  # dry friction, in shares of the torque that a joint may have
+_COUNTS = 2048  # steps of a current's reading up to the largest, of 12 bits with a sign
 _POSES = 50  # at which torque is looked at where no effort limit is known
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TorqueSensors:
+    """What a log has for torque: torque itself, or motor currents in torque units.
+
+    Parameters
+    ----------
+    gains : ndarray, shape (joints,)
+        True torque over what a current is taken for: torque constants are known
+        roughly.
+    steps : ndarray, shape (joints,), [N m or N]
+        Of a reading; 0 for none.
+    """
+
+    gains: Vector
+    steps: Vector
+
+    def __post_init__(self) -> None:
+        shapes = dict.fromkeys(("gains", "steps"), (None,))
+        freeze_arrays(self, shapes, "torque sensors")
+
+    def read(self, torque: Matrix) -> Matrix:
+        """Return what is logged of a torque, shape (samples, joints)."""
+        readings = torque / self.gains
+        steps = np.where(self.steps > 0.0, self.steps, 1.0)
+        stepped = np.floor(readings / steps + 0.5) * steps
+        return np.asarray(np.where(self.steps > 0.0, stepped, readings))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,6 +70,8 @@ class PlantedRobot:
         rotors.
     effort : ndarray, shape (joints,), [N m or N]
         Torque that each joint has at most; infinite where that is not known.
+    sensors : TorqueSensors
+        What its log has for torque.
     """
 
     model: TorqueModel
@@ -48,6 +79,7 @@ class PlantedRobot:
     controlled: TorqueModel
     believed: Vector
     effort: Vector
+    sensors: TorqueSensors
 
     def __post_init__(self) -> None:
         shapes = {
@@ -64,12 +96,24 @@ class PlantedRobot:
 
 
 def planted_robot(
-    robot: RobotModel, limits: MotionLimits, rng: np.random.Generator
+    robot: RobotModel,
+    limits: MotionLimits,
+    rng: np.random.Generator,
+    currents: float | None = None,
 ) -> PlantedRobot:
     """Return a robot near the nominal one.
 
     The pseudo-inertia of each body becomes ``A J A^T`` with a random ``A`` near one,
     which is the density of the same body stretched: always consistent.
+
+    Parameters
+    ----------
+    robot : RobotModel
+    limits : MotionLimits
+    rng : numpy.random.Generator
+    currents : float, optional
+        If it logs motor currents: the share, one standard deviation, to which their
+        torque constants are known.
 
     Raises
     ------
@@ -102,7 +146,11 @@ def planted_robot(
             x[model.layout.index(f"{name}.{term}")] = values[j]
         rotor = _DRIVES * drives["rotor_inertia"][j]
         believed[controlled.layout.index(f"{name}.rotor_inertia")] = rotor
-    return PlantedRobot(model, x, controlled, believed, limits.effort)
+    sensors = TorqueSensors(np.ones(len(robot)), np.zeros(len(robot)))
+    if currents is not None:
+        gains = np.exp(currents * rng.normal(size=len(robot)))
+        sensors = TorqueSensors(gains, strength / _COUNTS)
+    return PlantedRobot(model, x, controlled, believed, limits.effort, sensors)
 
 
 def _strength(model: TorqueModel, nominal: Vector, limits: MotionLimits) -> Vector:

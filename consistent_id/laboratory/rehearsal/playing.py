@@ -56,7 +56,7 @@ def play(
     The robot begins in the path's first state.  Feedback is that of `Controller`; here
     it is written out, since MuJoCo moves the robot from tick to tick.  The log has the
     mean torque of the ticks around each of its samples, as drives average their
-    currents.
+    currents; `TorqueSensors` say what becomes of it.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def play(
         names,
         wanted.time[::every],
         readings[::every],
-        torque=_averaged(read, every),
+        torque=robot.sensors.read(_averaged(read, every)),
         name="log",
     )
     return PlayedMotion(wanted, truth, log)

@@ -115,10 +115,10 @@ def _decoded(content: bytes, where: Path) -> _JointTrajectory:
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as cause:
         if where.suffix.lower() == ".json":
             raise RecordingError(f"{where}: not JSON: {cause}") from None
-    return msgspec.convert(_yaml(content, where), type=_JointTrajectory)
+    return msgspec.convert(plain_yaml(content, where), type=_JointTrajectory)
 
 
-def _yaml(content: bytes, where: Path) -> Any:
+def plain_yaml(content: bytes, where: Path) -> Any:
     """Return the only document of a YAML file, built of plain values."""
     needed("ruamel.yaml", "ros", f"{where}: reading YAML", RecordingError)
     from ruamel.yaml import YAML

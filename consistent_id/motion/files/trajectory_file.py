@@ -28,6 +28,7 @@ from consistent_id.motion.files.sample_tables import (
     parquet_of,
     samples_of_table,
 )
+from consistent_id.motion.files.thinning import thinned
 from consistent_id.motion.files.urscript import urscript_of
 from consistent_id.recordings.paths import sampled
 from consistent_id.recordings.recording import Recording
@@ -62,6 +63,7 @@ def write_trajectory(
     file: str | Path,
     *,
     rate: float | None = None,
+    tolerance: float | None = None,
     format: Format | None = None,
 ) -> Path:
     """Write a trajectory, whole or not at all; return the file.
@@ -72,6 +74,8 @@ def write_trajectory(
     file : str or Path
     rate : float, [Hz]
         Of the samples; only ``json`` does without.
+    tolerance : float, [rad or m]
+        In place of the rate, of ``ros``: as few points as suffice, see `thinned`.
     format : str, optional
         By default as the file's ending says:
 
@@ -110,6 +114,13 @@ def write_trajectory(
     require_names(path.joints, file)
     if chosen == "json":
         return write_atomically(file, json_of(path))
+    if tolerance is not None:
+        if chosen != "ros":
+            raise ProblemError(
+                f"{file}: only ROS messages are thinned to a tolerance; give a rate"
+            )
+        require_rest(path, file)
+        return write_atomically(file, message_of(thinned(path, tolerance)))
     if rate is None:
         raise ProblemError(f"{file}: samples of a trajectory; give their rate [Hz]")
     return write_atomically(file, _content(path, file, rate, chosen))
