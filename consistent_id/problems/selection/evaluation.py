@@ -41,7 +41,7 @@ class Setting:
     base : BaseParameters
         Of the bodies.
     loaded : tuple of str
-        Torque joints whose load can be computed.
+        Torque joints on which the nominal robot puts a load.
     logs : tuple of Log
     band : float, [Hz]
         In which torque is predicted.
@@ -104,6 +104,10 @@ class Evaluator:
         """Return an evaluator of the same rows with other units of joints."""
         setting = replace(self.setting, sigma=sigma, size=size)
         return Evaluator(setting, self._samples, self._factors, self._supersets)
+
+    def with_loaded(self, joints: tuple[str, ...]) -> "Evaluator":
+        """Return an evaluator of the same rows that knows which joints carry a load."""
+        return Evaluator(replace(self.setting, loaded=joints), self._samples)
 
     def expected(self, evaluated: Evaluated) -> float:
         """Return the torque error on left-out blocks over the torque, all joints."""
@@ -179,6 +183,8 @@ class Evaluator:
                 self.samples(choice.motion_cutoff).delayed(choice.delay),
                 every.terms,
                 every.couplings,
+                width=scale,
+                band=s.band,
                 least_speed=least_speed,
                 load=s.bodies.robot.nominal,
             )

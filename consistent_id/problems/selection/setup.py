@@ -75,6 +75,7 @@ def beginning(
     cutoff = _cutoff(problem, fixed, band)
     evaluator = Evaluator(setting)
     samples = evaluator.samples(cutoff)
+    evaluator = evaluator.with_loaded(loaded_joints(setting.bodies, samples))
     _require_rows(samples, setting)
     speeds = _top_speeds(samples, setting.bodies)
     scales = velocity_scales(speeds)
@@ -109,7 +110,7 @@ def _setting(problem: Problem, raws: tuple[Recording, ...], band: float) -> Sett
         folder=problem.folder,
         bodies=bodies,
         base=base_parameters(bodies),
-        loaded=loaded_joints(bodies),
+        loaded=(),
         logs=tuple(Log(raw, motion_period(raw)) for raw in raws),
         band=band,
         thin=thin * max(-(-rows // _MOST_ROWS), 1),

@@ -4,13 +4,19 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import msgspec
+import numpy as np
 
 from consistent_id.problems.file import CouplingTable, DriveTable
 from consistent_id.problems.model import coupling_of
 from consistent_id.problems.selection.moves import stribeck_velocities
+from consistent_id.problems.selection.samples import Samples
 from consistent_id.regression.drive.gear_coupling import GearCoupling
 from consistent_id.regression.drive.term import DriveTerm
 from consistent_id.regression.regressor import TorqueModel, unloaded_joints
+
+LEAST_LOAD = 0.05
+"""Share of a joint's torque that its load has to be: gears lose 3 to 20 % of the load,
+and of less than this that is less than 1 % of the torque."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,10 +86,24 @@ def couplings_between(bodies: TorqueModel, scale: float) -> tuple[CouplingTable,
     )
 
 
-def loaded_joints(bodies: TorqueModel) -> tuple[str, ...]:
-    """Return the torque joints whose load can be computed from the nominal robot."""
+def loaded_joints(bodies: TorqueModel, samples: Samples) -> tuple[str, ...]:
+    """Return the torque joints whose nominal load is a part of their torque.
+
+    Parameters
+    ----------
+    bodies : TorqueModel
+        Without drive terms.
+    samples : Samples
+        Rows of the log.
+    """
     nominal = bodies.robot.nominal
     if nominal is None:
         return ()
     idle = unloaded_joints(bodies.robot, nominal)
-    return tuple(name for name in bodies.torque_joints if name not in idle)
+    found = []
+    for row, name in enumerate(bodies.torque_joints):
+        load = np.linalg.norm(nominal @ samples.inertial[row])
+        torque = np.linalg.norm(samples.torque[:, row])
+        if name not in idle and load >= LEAST_LOAD * torque:
+            found.append(name)
+    return tuple(found)
