@@ -27,7 +27,9 @@ class Superset:
     couplings: tuple[GearCoupling, ...]
 
 
-def superset(bodies: TorqueModel, scale: float, loaded: tuple[str, ...]) -> Superset:
+def superset(
+    bodies: TorqueModel, scale: float, loaded: tuple[str, ...], sloped: tuple[str, ...]
+) -> Superset:
     """Return all terms that joints with torque may have.
 
     Parameters
@@ -36,20 +38,21 @@ def superset(bodies: TorqueModel, scale: float, loaded: tuple[str, ...]) -> Supe
         Without drive terms.
     scale : float, [rad/s or m/s]
         Width of friction's change of sign.
-    loaded : tuple of str
-        See `loaded_joints`.
+    loaded, sloped : tuple of str
+        See `loaded_joints` and `sloped_joints`.
     """
     terms: list[tuple[DriveTerm, ...]] = []
     for name in bodies.robot.joint_names:
         measured = name in bodies.torque_joints
-        tables = _drive_tables(scale, name in loaded) if measured else ()
+        own = (name in loaded, name in sloped)
+        tables = _drive_tables(scale, *own) if measured else ()
         every = (term for table in tables for term in table.terms.terms)
         terms.append(tuple(dict.fromkeys(every)))
     pairs = couplings_between(bodies, scale)
     return Superset(tuple(terms), tuple(coupling_of(pair) for pair in pairs))
 
 
-def _drive_tables(scale: float, loaded: bool) -> tuple[DriveTable, ...]:
+def _drive_tables(scale: float, loaded: bool, sloped: bool) -> tuple[DriveTable, ...]:
     """Return drive tables that together have every term that a joint may have."""
     whole = DriveTable(
         viscous=True,
@@ -60,13 +63,24 @@ def _drive_tables(scale: float, loaded: bool) -> tuple[DriveTable, ...]:
         spring=True,
         drag=True,
         load_friction=loaded,
+        friction_slope=sloped,
     )
     change = msgspec.structs.replace
     return (
         whole,
-        change(whole, asymmetric=True, offset=False),
+        change(whole, asymmetric=True, offset=False, friction_slope=False),
         *(change(whole, stribeck_velocity=v) for v in stribeck_velocities(scale)),
     )
+
+
+def sloped_joints(bodies: TorqueModel) -> tuple[str, ...]:
+    """Return the torque joints with limits, between which friction can be a slope."""
+    limited = {
+        joint.name: joint.kind != "continuous"
+        and bool(np.isfinite([joint.limits.lower, joint.limits.upper]).all())
+        for joint in bodies.robot.driven
+    }
+    return tuple(name for name in bodies.torque_joints if limited[name])
 
 
 def couplings_between(bodies: TorqueModel, scale: float) -> tuple[CouplingTable, ...]:
