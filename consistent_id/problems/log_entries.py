@@ -36,7 +36,7 @@ def span_of(raw: Recording, entry: RecordingTable) -> tuple[float, float]:
 def gains_table(
     gains: PDGains, delay: float | Literal["estimated"] = 0.0
 ) -> GainsTable:
-    """Return gains, and by how much commands are late [s], as a problem file has them."""
+    """Return gains, and by how much commands are late [s], as a file has them."""
     limit = gains.torque_limit
     return GainsTable(
         kp=gains.kp.tolist(),
