@@ -18,13 +18,14 @@ from consistent_id.constraints import (
     PhysicalConsistency,
 )
 from consistent_id.constraints.priors import Prior
-from consistent_id.errors import RecordingError
+from consistent_id.errors import ProblemError, RecordingError
 from consistent_id.estimation.constrained import (
     DEFAULT_CONSTRAINTS,
     constrained_least_squares,
 )
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.least_squares import least_squares
+from consistent_id.estimation.load.gain_slopes import gain_slopes
 from consistent_id.estimation.load.loaded_robot import (
     LoadedRobot,
     OfBareRobot,
@@ -54,8 +55,8 @@ class Payload:
     free : InertialParameters
         Least squares' estimate, which need not be one.
     standard_errors : array_like, shape (10,)
-        Of `free`, for noise as correlated as the residuals are; infinite where the
-        motion does not tell.
+        Of `free`, for noise as correlated as the residuals are, and for gains as
+        uncertain as was stated; infinite where the motion does not tell.
     correlation : float
         Samples that carry the information of one independent sample.
     robot : LoadedRobot
@@ -105,6 +106,7 @@ def identify_payload(
     load_constraints: Sequence[Constraint] = (),
     prior: Prior | None = None,
     weighted: bool = True,
+    gain_errors: float | Sequence[float] = 0.0,
 ) -> Payload:
     """Estimate a load and the robot that carries it, from runs with it and without.
 
@@ -132,9 +134,15 @@ def identify_payload(
         nominal is what least squares says, made consistent.
     weighted : bool
         Whether joints are weighted by their noise.
+    gain_errors : float or sequence of float
+        Relative standard errors of the gains that made torque of currents, one for each
+        torque joint or the same for all: noise does not show them, and the load is in
+        error with them.
 
     Raises
     ------
+    ProblemError
+        If there are neither one gain error nor as many as torque joints.
     RecordingError
         If the load would weigh less than nothing: the runs are exchanged.
     InfeasibleError, NotExcitedError, SolverError
@@ -153,7 +161,9 @@ def identify_payload(
     correlation = correlation_length(
         list(robot.residuals(free.parameters, *runs)), regression.sigma
     )
-    errors = _standard_errors(robot, free) * np.sqrt(correlation)
+    slopes = gain_slopes(regression, robot.base)
+    of_gains = np.linalg.norm(slopes * _of_joints(gain_errors, model), axis=1)
+    errors = _standard_errors(robot, free, correlation, of_gains)
     _require_weight(InertialParameters(free.parameters[robot.load_slice]), errors)
     estimate = constrained_least_squares(
         robot.model,
@@ -222,7 +232,21 @@ def _require_weight(free: InertialParameters, errors: Vector) -> None:
         )
 
 
-def _standard_errors(robot: LoadedRobot, free: Estimate) -> Vector:
+def _of_joints(gain_errors: float | Sequence[float], model: TorqueModel) -> Vector:
+    """Return the relative error of each torque joint's gain."""
+    count = len(model.torque_joints)
+    errors = np.atleast_1d(np.asarray(gain_errors, dtype=float))
+    if len(errors) not in (1, count) or not (errors >= 0.0).all():
+        raise ProblemError(
+            f"gain_errors are {gain_errors}, expected one share or {count}, zero or "
+            "more, such as 0.05 for 5 %"
+        )
+    return np.broadcast_to(errors, (count,))
+
+
+def _standard_errors(
+    robot: LoadedRobot, free: Estimate, correlation: float, of_gains: Vector
+) -> Vector:
     """Return those of the load's parameters, infinite where not identifiable."""
     errors = np.full(10, np.inf)
     found = free.standard_errors
@@ -231,5 +255,6 @@ def _standard_errors(robot: LoadedRobot, free: Estimate) -> Vector:
         if found is not None and column in independent:
             place = independent.index(column)
             alone = not robot.base.regrouping[place].any()
-            errors[i] = found[place] if alone else np.inf
+            noise = np.sqrt(correlation) * found[place]
+            errors[i] = np.hypot(noise, of_gains[place]) if alone else np.inf
     return errors

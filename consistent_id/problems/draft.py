@@ -84,6 +84,8 @@ class Draft:
         The model that the training rows ask for.
     gains : PDGains, optional
         Of PD-controlled joints.
+    delay : float or "estimated", [s]
+        By which their commands are late.
     bodies : {"identified", "model"}
         Whether bodies are identified, or those of the model are the robot's.
     """
@@ -107,6 +109,7 @@ class Draft:
     drive: DriveTable = DEFAULT_DRIVE
     selection: ModelSelection | None = None
     gains: PDGains | None = None
+    delay: float | Literal["estimated"] = 0.0
     bodies: Literal["identified", "model"] = "identified"
 
     @property
@@ -175,7 +178,9 @@ class Draft:
                 },
                 torque_gain=gain if len(gain) > 1 else gain[0],
                 torque_joints=list(self.columns.torque_joints),
-                gains=None if self.gains is None else gains_table(self.gains),
+                gains=None
+                if self.gains is None
+                else gains_table(self.gains, self.delay),
                 preparation=PreparationTable(
                     max_gap=self.max_gap,
                     resample=self.resample,
@@ -256,6 +261,9 @@ class Draft:
             "data.columns.position": "",
             "data.preparation": f"The log has {self.rate:.6g} samples a second.\n"
             f"GUESS: {self.cutoff_reason}.",
+            "data.gains": "GUESS: the delay [s] with which the torque fits best, one\n"
+            "sample at the most; consistent-id rollout --choose finds a better one.",
+            "data.gains.delay": "",
             "data.preparation.max_gap": "s; longest step between samples",
             "data.preparation.resample": "Hz; the time stamps jitter",
             "data.preparation.motion_cutoff": "Hz",

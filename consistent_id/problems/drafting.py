@@ -155,6 +155,8 @@ def draft_problem(
         gains=gains,
         bodies=bodies,
     )
+    if gains is not None:
+        draft = _with_delay(draft)
     if select:
         draft = _with_model(draft, _fixed(masses, cutoff, drive), band, progress)
     return _with_validation(draft, held_out, logs, clock)
@@ -228,6 +230,20 @@ def _with_validation(
         rows = moving_rows(with_torque(raws[file], logs.gains), clock)
         entries.append(DraftRecording(file, "validation", rows))
     return replace(draft, raw=raws, recordings=tuple(entries))
+
+
+def _with_delay(draft: Draft) -> Draft:
+    """Return a draft with the delay of commands that its training rows ask for.
+
+    The delay with which torque fits best also takes up what the model lacks; but a
+    command reaches its drive before the next is sent.
+    """
+    try:
+        found = replace(draft, delay="estimated").problem().delay_of_commands
+    except ConsistentIdError as cause:
+        note = f"commands are taken to be on time, as no delay was found ({cause})"
+        return replace(draft, notes=(*draft.notes, note))
+    return replace(draft, delay=float(f"{min(found, 1.0 / draft.rate):.2g}"))
 
 
 def _with_model(

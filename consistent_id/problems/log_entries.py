@@ -1,6 +1,7 @@
 """What a problem file says of its logs: rows that count, gains that make torque."""
 
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 
@@ -32,13 +33,16 @@ def span_of(raw: Recording, entry: RecordingTable) -> tuple[float, float]:
     return float(raw.time[start]), float(raw.time[stop])
 
 
-def gains_table(gains: PDGains) -> GainsTable:
-    """Return gains as a problem file has them."""
+def gains_table(
+    gains: PDGains, delay: float | Literal["estimated"] = 0.0
+) -> GainsTable:
+    """Return gains, and by how much commands are late [s], as a file has them."""
     limit = gains.torque_limit
     return GainsTable(
         kp=gains.kp.tolist(),
         kd=gains.kd.tolist(),
         torque_limit=limit.tolist() if np.isfinite(limit).all() else None,
+        delay=delay,
     )
 
 

@@ -23,7 +23,11 @@ def identify_log(
     tip: str | None = None,
     locked: Mapping[str, float] | None = None,
     torque_gain: float | Sequence[float] = (),
-    masses: Literal["datasheet", "free"] = "datasheet",
+    masses: Literal["datasheet", "free"] | None = None,
+    drive: Sequence[str] | None = None,
+    cutoff: float | None = None,
+    band: float | None = None,
+    select: bool = True,
     gains: PDGains | None = None,
     bodies: Literal["identified", "model"] = "identified",
     accepted: Sequence[str] = (),
@@ -40,8 +44,10 @@ def identify_log(
         To learn from.
     validation : str or Path, or a sequence of them
         To judge by; by default the last 30 % of each log's motion.
-    columns, units, torque_joints, masses, gains, bodies
+    columns, units, torque_joints, gains, bodies
         See `draft_problem`.
+    masses, drive, cutoff, band, select
+        What of the model is given and not chosen; see `draft_problem`.
     base, tip : str, optional
         Links between which the robot moves.
     locked : mapping of str to float, optional
@@ -76,6 +82,11 @@ def identify_log(
         selection=Selection(base, tip, locked=locked),
         torque_gain=gain,
         masses=masses,
+        drive=drive,
+        cutoff=cutoff,
+        band=band,
+        select=select,
+        progress=progress,
         gains=gains,
         bodies=bodies,
     )

@@ -98,6 +98,7 @@ def robot_logs(
         units=units,
         currents=len(torque_gain) > 0,
         commands=gains is not None,
+        held=_every_joint(model, selection),
     )
     require_torque(guess.columns.torque, torque_gain)
     absent = [name for name in robot.joint_names if name not in guess.joints]
@@ -106,6 +107,13 @@ def robot_logs(
         robot = load_robot(model, **asdict(replace(selection, locked=locked)))
     gain = gains_of(torque_gain, len(robot.joint_names))
     return RobotLogs(robot, guess.columns, locked, gain, guess.notes, gains)
+
+
+def _every_joint(model: Path, selection: Selection) -> tuple[str, ...]:
+    """Return the names of all joints, if some of them are locked."""
+    if not selection.locked:
+        return ()
+    return load_robot(model, **asdict(replace(selection, locked=None))).joint_names
 
 
 def gains_of(given: Sequence[float], joints: int) -> list[float] | float:

@@ -74,6 +74,7 @@ def guess_columns(
     units: Units | None = None,
     currents: bool = False,
     commands: bool = False,
+    held: Sequence[str] = (),
 ) -> ColumnGuess:
     """Find a log's columns and their units.
 
@@ -92,6 +93,9 @@ def guess_columns(
         Whether motor currents stand for torque where there is none: if there is a gain.
     commands : bool
         Whether commands of position are wanted in place of torque.
+    held : sequence of str
+        All joints in their order, where some are held and are not among `joints`:
+        numbered columns may count these as well.
 
     Raises
     ------
@@ -119,9 +123,9 @@ def guess_columns(
     for channel in ("position", "velocity", effort):
         if channel in known:
             continue
-        patterns = _patterns(channel, names, moved)
+        patterns = _patterns(channel, names, moved, held)
         if channel == "torque" and not patterns and currents:
-            patterns = _patterns("current", names, moved)
+            patterns = _patterns("current", names, moved, held)
         if channel in ("velocity", "position_command"):
             patterns = [p for p in patterns if p.joints == moved]
         if channel == "velocity" and not patterns:
@@ -209,7 +213,7 @@ def _time(log: Path, names: Sequence[str]) -> str:
 
 
 def _patterns(
-    channel: str, names: Sequence[str], joints: Sequence[str]
+    channel: str, names: Sequence[str], joints: Sequence[str], held: Sequence[str] = ()
 ) -> list[_Pattern]:
     """Return all patterns of a channel's columns, the most fitting first."""
 
@@ -223,8 +227,10 @@ def _patterns(
         for pattern in _by_name(name, names, joints):
             found.setdefault(pattern.text, pattern)
     for run in numbered_columns(names):
-        if len(run) == len(joints):
-            found.setdefault(_by_number(run, joints).text, _by_number(run, joints))
+        for every in (joints, held):
+            if len(run) == len(every):
+                pattern = _by_number(run, joints, every)
+                found.setdefault(pattern.text, pattern)
     fitting = [p for p in found.values() if fits(p.text)]
     if not fitting:
         fitting = [
@@ -255,11 +261,13 @@ def _by_name(name: str, names: Sequence[str], joints: Sequence[str]) -> list[_Pa
     return [_Pattern(text, present)] if present else []
 
 
-def _by_number(run: NumberedColumns, joints: Sequence[str]) -> _Pattern:
-    if run.first == 1:
+def _by_number(
+    run: NumberedColumns, joints: Sequence[str], every: Sequence[str]
+) -> _Pattern:
+    """Return a pattern of columns that count every joint, for some of them."""
+    if run.first == 1 and tuple(every[: len(joints)]) == tuple(joints):
         return _Pattern(f"{run.before}{{number}}{run.after}", tuple(joints))
-    numbers = (str(run.first + place) for place in range(len(joints)))
-    pairs = tuple(zip(numbers, joints, strict=True))
+    pairs = tuple((str(run.first + every.index(joint)), joint) for joint in joints)
     return _Pattern(f"{run.before}{{joint}}{run.after}", tuple(joints), pairs)
 
 

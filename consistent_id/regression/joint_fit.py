@@ -7,6 +7,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.regression.linear import DATA_RANK_TOLERANCE
+from consistent_id.regression.triangles import triangle
 
 _ROUNDS = 3  # of weights and solution; joints' levels settle to a few per cent
 _EXACT = 1e-6  # residual, relative to the torque, that counts as none
@@ -48,11 +49,14 @@ def joint_fit(factors: Sequence[Matrix], counts: Sequence[int]) -> JointFit:
         weights = noise
         rows = np.vstack([F / s for F, s in zip(factors, weights, strict=True)])
         norms = np.linalg.norm(rows[:, :-1], axis=0)
-        unit = np.where(norms > DATA_RANK_TOLERANCE * norms.max(), norms, np.inf)
-        U, s, Vt = np.linalg.svd(rows[:, :-1] / unit, full_matrices=False)
-        rank = int((s > DATA_RANK_TOLERANCE * max(float(s[0]), 1e-300)).sum())
-        steps = (Vt[:rank].T / s[:rank]) / unit[:, None]
-        x = steps @ (U[:, :rank].T @ rows[:, -1])
+        # LAPACK's fast SVD may not converge where columns are zero: they are left out.
+        kept = np.flatnonzero(norms > DATA_RANK_TOLERANCE * norms.max())
+        R = triangle(np.asfortranarray(rows[:, [*kept, -1]]))
+        U, s, Vt = np.linalg.svd(R[:, :-1] / norms[kept], full_matrices=False)
+        rank = int((s > DATA_RANK_TOLERANCE * s.max(initial=1e-300)).sum())
+        steps = np.zeros((width - 1, rank))
+        steps[kept] = (Vt[:rank].T / s[:rank]) / norms[kept, None]
+        x = steps @ (U[:, :rank].T @ R[:, -1])
         z = np.append(x, -1.0).reshape(width)
         rest = np.array([np.linalg.norm(F @ z) for F in factors]) / size
         noise = np.maximum(rest, floor)

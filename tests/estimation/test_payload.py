@@ -23,7 +23,9 @@ from consistent_id import (
     TotalMass,
     build_regression,
     identify_payload,
+    least_squares,
 )
+from consistent_id.estimation.load.gain_slopes import gain_slopes
 from consistent_id.estimation.load.loaded_robot import loaded_robot
 from consistent_id.robot.inertia import INERTIAL_NAMES
 from consistent_id.robot.loaders.urdf import from_pinocchio
@@ -190,5 +192,42 @@ def test_the_ur10es_load_weighs_as_much_as_its_gains_are_right():
         assert found.standard_errors[0] < 0.125
         assert abs(found.body.mass - 2.805) > 2.0 * found.standard_errors[0]
         masses.append(found.body.mass)
+    # Gains that are said to be uncertain by what the sets differ by: that covers it.
+    found = identify_payload(
+        problem.model,
+        loaded,
+        unloaded,
+        constraints=problem.constraints,
+        gain_errors=[0.4, 0.21, 0.27, 0.17, 0.15, 0.13],
+    )
+    assert abs(found.body.mass - 2.805) < 2.0 * found.standard_errors[0]
     assert masses[0] == pytest.approx(2.44, abs=0.03)
     assert masses[1] == pytest.approx(3.08, abs=0.03)
+
+
+def test_the_load_moves_with_each_gain_as_its_slope_says():
+    model, unloaded, loaded = runs(0.02)
+    plain = identify_payload(model, loaded, unloaded, weighted=False)
+    step, squares = 1e-3, 0.0
+    for joint in range(4):
+        factor = np.ones(4)
+        factor[joint] += step
+        logs = [replace(log, torque=log.torque * factor) for log in (loaded, unloaded)]
+        moved = identify_payload(model, *logs, weighted=False)
+        squares += ((moved.free.mass - plain.free.mass) / step) ** 2
+    found = identify_payload(model, loaded, unloaded, weighted=False, gain_errors=0.05)
+    noise = plain.standard_errors[0]
+    expected = np.hypot(noise, 0.05 * np.sqrt(squares))
+    assert found.standard_errors[0] == pytest.approx(expected, rel=1e-3)
+    assert found.body.mass == plain.body.mass
+
+
+def test_gains_that_are_all_larger_make_the_load_heavier_by_the_same_factor():
+    model, unloaded, loaded = runs(0.02)
+    robot = loaded_robot(model, Link("load"))
+    regression = robot.regression([unloaded], [loaded])
+    free = least_squares(robot.model, regression, base=robot.base)
+    slopes = gain_slopes(regression, robot.base)
+    np.testing.assert_allclose(slopes.sum(axis=1), free.base_values, rtol=1e-6)
+    with pytest.raises(ProblemError, match="expected one share or 4"):
+        identify_payload(model, loaded, unloaded, gain_errors=[0.1, 0.1])

@@ -16,18 +16,18 @@ from tests.helpers.logged import DRIVE, URDF, moved
 GAINS = PDGains([60.0, 40.0], [2.0, 1.0])
 
 
-def commanded_logs(folder, *tempos):
+def commanded_logs(folder, *tempos, late=0.0):
     """Write a robot, and logs of the commands that make its motions.
 
     A drive holds a command, so that the torque at a sample is half that of the command
-    before: commands are made half a step early.
+    before: commands are made half a step early, and earlier by what they are late [s].
     """
     urdf = folder / "arm.urdf"
     urdf.write_text(URDF)
     logs = []
     for tempo in tempos:
         motion = moved(TorqueModel(load_urdf(urdf), DRIVE), tempo=tempo)
-        early = motion.time + 0.5 * (motion.time[1] - motion.time[0])
+        early = motion.time + 0.5 * (motion.time[1] - motion.time[0]) + late
         dq = np.gradient(motion.position, motion.time, axis=0)
         told = motion.position + (motion.torque + GAINS.kd * dq) / GAINS.kp
         told = np.column_stack([np.interp(early, motion.time, q) for q in told.T])
@@ -85,3 +85,18 @@ def test_free_masses_of_known_bodies_are_refused(arm):
     urdf, logs = arm
     with pytest.raises(ProblemError, match="leave one"):
         draft_problem(urdf, logs, gains=GAINS, bodies="model", masses="free")
+
+
+@pytest.mark.parametrize(("late", "drafted"), [(0.0, 0.0), (0.006, 0.006)])
+def test_the_delay_of_commands_is_drafted(tmp_path, late, drafted):
+    urdf, logs = commanded_logs(tmp_path, 1.0, late=late)
+    draft = draft_problem(urdf, logs, gains=GAINS, select=False)
+    found = draft.table(tmp_path).data.gains.delay
+    assert found == pytest.approx(drafted, abs=1e-3)
+    assert draft.problem().delay_of_commands == found
+
+
+def test_a_command_reaches_its_drive_before_the_next_is_sent(tmp_path):
+    urdf, logs = commanded_logs(tmp_path, 1.0, late=0.017)
+    draft = draft_problem(urdf, logs, gains=GAINS, select=False)
+    assert draft.delay == 0.01

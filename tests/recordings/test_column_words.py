@@ -217,3 +217,15 @@ def test_commands_in_degrees_are_read_in_radians(tmp_path):
     columns = guess_columns(file, ["hip"], commands=True).columns
     command = read_recording(file, ["hip"], columns).position_command
     np.testing.assert_allclose(command[:, 0], [np.pi, np.pi / 2, -np.pi])
+
+
+def test_numbered_columns_may_count_joints_that_are_held(tmp_path):
+    file = tmp_path / "log.csv"
+    names = ["time", *numbered("q{}", "tau{}")]
+    rows = [[t, *(10.0 * n + t for n in range(12))] for t in (0.0, 1.0)]
+    file.write_text("\n".join(",".join(map(str, row)) for row in (names, *rows)))
+    moving = [name for name in SIX if name != SIX[1]]
+    columns = guess_columns(file, moving, held=SIX).columns
+    log = read_recording(file, moving, columns)
+    np.testing.assert_array_equal(log.position[0], [0.0, 20.0, 30.0, 40.0, 50.0])
+    np.testing.assert_array_equal(log.torque[0], [60.0, 80.0, 90.0, 100.0, 110.0])

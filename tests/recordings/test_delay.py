@@ -95,6 +95,14 @@ def test_a_joint_at_rest_says_nothing_and_the_reverse_delay_is_the_negative():
     assert back.seconds == -found.seconds
 
 
+def test_a_joint_whose_rate_alone_is_all_zero_says_nothing():
+    a, b, truth = pair(1, "position", "velocity", (200, 200), (1e-4, 0.01))
+    held = signals.Track(b.channel, NAMES, b.time, b.values * np.array([1.0, 0.0, 1.0]))
+    found = signals.estimate_delay(a, held)
+    assert found.seconds == pytest.approx(truth, abs=0.5e-3)
+    assert found.gains[1] == 0.0 == found.correlations[1]
+
+
 def test_signals_that_have_no_delay_to_find_are_refused():
     a, b, _ = pair(0, "position", "velocity", (200, 200), (1e-4, 0.01))
     other = pair(9, "position", "velocity", (200, 200), (1e-4, 0.01))[1]

@@ -15,7 +15,11 @@ jumps of friction reach so far, with a twentieth of their size left."""
 
 _SHARE = 0.25  # of the sampling rate, above which nothing is predicted
 _NOISE = 30.0  # times the median power of the upper half of the spectrum is no noise
-_RATIOS = (0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)  # cut-offs of motion over the band
+_MOTION = 0.45  # of half the sampling rate: what is faster is noise by definition
+_RATIOS = (0.1, 0.14, 0.2, 0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)
+"""Cut-offs of the motion over the band; the highest eight that the rate allows."""
+
+_TRIED = 8
 _HIGHEST = 0.4  # of the sampling rate, for a cut-off of the motion
 _DENSE = 5.0  # samples in a period of the highest frequency that is kept
 
@@ -24,7 +28,8 @@ def velocity_edge(raw: Recording) -> float:
     """Return the frequency [Hz] below which the velocities have their power.
 
     Joints count alike.  From the spectrum of the position, less what its upper half
-    shows to be noise.
+    shows to be noise; and less lines there, which stamps that jitter in step with the
+    sampling leave.
     """
     n = len(raw)
     time = np.linspace(raw.time[0], raw.time[-1], n)
@@ -35,7 +40,8 @@ def velocity_edge(raw: Recording) -> float:
     power = abs(np.fft.rfft(q, axis=0)) ** 2
     frequency = np.fft.rfftfreq(n, float(time[1] - time[0]))
     noise = _NOISE * np.median(power[len(power) // 2 :], axis=0)
-    velocity = np.where(power > noise, power, 0.0) * frequency[:, None] ** 2
+    moved = (power > noise) & (frequency < _MOTION * frequency[-1])[:, None]
+    velocity = np.where(moved, power, 0.0) * frequency[:, None] ** 2
     total = velocity.sum(axis=0)
     moving = total > 0.0
     if not moving.any():
@@ -54,7 +60,7 @@ def prediction_band(recordings: Sequence[Recording]) -> float:
 def motion_cutoffs(band: float, rate: float) -> tuple[float, ...]:
     """Return cut-offs of the motion to try [Hz], ascending."""
     tried = sorted({float(f"{ratio * band:.2g}") for ratio in _RATIOS})
-    return tuple(f for f in tried if f <= _HIGHEST * rate)
+    return tuple(f for f in tried if f <= _HIGHEST * rate)[-_TRIED:]
 
 
 def thinning(band: float, rate: float) -> int:

@@ -40,8 +40,8 @@ class Setting:
         The robot without drive terms.
     base : BaseParameters
         Of the bodies.
-    loaded : tuple of str
-        Torque joints whose load can be computed.
+    loaded, sloped : tuple of str
+        Torque joints whose friction may depend on the nominal load, or on position.
     logs : tuple of Log
     band : float, [Hz]
         In which torque is predicted.
@@ -59,6 +59,7 @@ class Setting:
     bodies: TorqueModel
     base: BaseParameters
     loaded: tuple[str, ...]
+    sloped: tuple[str, ...]
     logs: tuple[Log, ...]
     band: float
     thin: int
@@ -106,6 +107,13 @@ class Evaluator:
         setting = replace(self.setting, sigma=sigma, size=size)
         rows = self._samples, self._factors, self._supersets
         return Evaluator(setting, *rows, self._candidates)
+
+    def with_friction(
+        self, loaded: tuple[str, ...], sloped: tuple[str, ...]
+    ) -> "Evaluator":
+        """Return an evaluator of the same rows with other joints' laws of friction."""
+        setting = replace(self.setting, loaded=loaded, sloped=sloped)
+        return Evaluator(setting, self._samples)
 
     def expected(self, evaluated: Evaluated) -> float:
         """Return the torque error on left-out blocks over the torque, all joints."""
@@ -188,6 +196,8 @@ class Evaluator:
                 self.samples(choice.motion_cutoff).delayed(choice.delay),
                 every.terms,
                 every.couplings,
+                width=scale,
+                band=s.band,
                 least_speed=least_speed,
                 load=s.bodies.robot.nominal,
             )
@@ -196,5 +206,5 @@ class Evaluator:
     def _superset(self, scale: float) -> Superset:
         if scale not in self._supersets:
             s = self.setting
-            self._supersets[scale] = superset(s.bodies, scale, s.loaded)
+            self._supersets[scale] = superset(s.bodies, scale, s.loaded, s.sloped)
         return self._supersets[scale]

@@ -13,6 +13,7 @@ import numpy as np
 from consistent_id._support.arrays import Array, IntArray, Matrix, Vector
 from consistent_id.problems.selection.blocks import EDGES, folds
 from consistent_id.problems.selection.samples import Samples
+from consistent_id.regression.drive.coulomb import direction
 from consistent_id.regression.drive.gear_coupling import GearCoupling
 from consistent_id.regression.drive.term import DriveTerm, JointSamples, term_columns
 from consistent_id.regression.drive_entries import coupled_joints
@@ -31,7 +32,9 @@ class Key(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointFactors:
-    """The rows of one joint: bodies' and drive columns, the torque's rate, torque.
+    """The rows of one joint: bodies' and drive columns, rates, torque.
+
+    Rates are those of Coulomb friction and of the torque, [1/s] and [N m/s or N/s].
 
     Parameters
     ----------
@@ -65,6 +68,8 @@ def factors_of(
     terms: Sequence[Sequence[DriveTerm]],
     couplings: Sequence[GearCoupling],
     *,
+    width: float,
+    band: float,
     least_speed: float | None = None,
     load: Vector | None = None,
 ) -> Factors:
@@ -78,6 +83,10 @@ def factors_of(
     terms : sequence of sequence of DriveTerm
         Of each of the robot's joints.
     couplings : sequence of GearCoupling
+    width : float, [rad/s or m/s]
+        Of friction's change of sign.
+    band : float, [Hz]
+        In which torque is predicted.
     least_speed : float, optional
         Share of top speed below which rows are left out.
     load : ndarray, shape (10 links,), optional
@@ -95,7 +104,8 @@ def factors_of(
         inertial = samples.inertial[row]
         columns = dict(coupled.get(name, {}))
         columns |= _drive_columns(bodies, samples, name, terms, load, inertial)
-        ends = [rates[:, row], samples.torque[:, row]]
+        ends = [_friction_rate(bodies, samples, name, width, band)]
+        ends += [rates[:, row], samples.torque[:, row]]
         rows = np.column_stack([inertial[places].T, *columns.values(), *ends])[kept]
         joints.append(_joint_factors(rows, cell, number, expand, tuple(columns)))
     return Factors(tuple(joints), np.bincount(cell, minlength=number))
@@ -142,6 +152,16 @@ def _drive_columns(
             full = np.broadcast_to(column, (len(samples.q),))
             found[Key(name, coefficient, term)] = full
     return found
+
+
+def _friction_rate(
+    bodies: TorqueModel, samples: Samples, name: str, width: float, band: float
+) -> Vector:
+    """Return how fast a joint's Coulomb friction changes within the band, [1/s]."""
+    j, half = bodies.robot.joint_names.index(name), 0.25 / band
+    dq, ddq = samples.dq[:, j], samples.ddq[:, j]
+    ahead, behind = (direction(dq + step * ddq, width) for step in (half, -half))
+    return np.asarray((ahead - behind) / (2.0 * half))
 
 
 def _coupling_columns(

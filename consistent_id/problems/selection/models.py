@@ -26,6 +26,9 @@ _WEIGHT = 1e-4
 about one unit of chi squared with some ten thousand rows, or a tenth with a thousand.
 It settles what data leave open and moves nothing else."""
 
+RATES = (-3, -2)
+"""Columns of `candidate_columns`: the rates of Coulomb friction and of the torque."""
+
 _TOLERANCE = 1e-6  # of the solver: a thousandth of the gains that are looked for
 
 
@@ -158,7 +161,7 @@ def _stacked(
     """Return one factor of base columns, drive columns and torque."""
     rows = [
         np.delete(
-            candidate_columns(candidate, joint, joint.training[fold], base), -2, 1
+            candidate_columns(candidate, joint, joint.training[fold], base), RATES, 1
         )
         for joint in factors.joints
     ]
@@ -169,7 +172,7 @@ def _stacked(
 def candidate_columns(
     candidate: Candidate, joint: JointFactors, R: Matrix, base: BaseParameters
 ) -> Matrix:
-    """Return base columns, drive columns, the torque's rate and torque of rows.
+    """Return base columns, drive columns, rates and torque of rows.
 
     Parameters
     ----------
@@ -182,12 +185,12 @@ def candidate_columns(
     """
     independent, kept = list(base.independent), len(joint.expand)
     first = len(independent)
-    own = np.zeros((len(R), first + len(candidate.keys) + 2))
+    own = np.zeros((len(R), first + len(candidate.keys) + 3))
     own[:, :first] = R[:, :kept] @ joint.expand[:, independent]
     for i, key in enumerate(candidate.keys, start=first):
         if key in joint.places:
             own[:, i] = R[:, joint.places[key]]
-    own[:, -2:] = R[:, -2:]
+    own[:, -3:] = R[:, -3:]
     return own
 
 

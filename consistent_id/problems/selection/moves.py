@@ -11,7 +11,7 @@ from consistent_id.problems.file import CouplingTable, DriveTable
 from consistent_id.problems.model import DEFAULT_DRIVE
 from consistent_id.problems.selection.choice import Choice, Masses
 
-TERMS = ("rotor_inertia", "load_friction", "drag", "spring")
+TERMS = ("rotor_inertia", "load_friction", "drag", "spring", "friction_slope")
 """Drive terms that are there or not."""
 
 STRIBECK = (3.0, 10.0)
@@ -81,18 +81,23 @@ class TermMove:
 
 
 def term_moves(
-    choice: Choice, measured: Sequence[int], loaded: Sequence[int]
+    choice: Choice,
+    measured: Sequence[int],
+    loaded: Sequence[int],
+    sloped: Sequence[int],
 ) -> Iterator[TermMove]:
     """Yield drive terms that some joints lack.
 
     Parameters
     ----------
     choice : Choice
-    measured, loaded : sequence of int
-        Places of joints with torque, and of those whose load is known.
+    measured, loaded, sloped : sequence of int
+        Places of joints with torque, of those whose load is known, and of those whose
+        friction may vary with position.
     """
+    special = {"load_friction": loaded, "friction_slope": sloped}
     for name in TERMS:
-        able = loaded if name == "load_friction" else measured
+        able = special.get(name, measured)
         lacking = tuple(j for j in able if not getattr(choice.drive[j], name))
         if lacking:
             yield TermMove(name, name, lacking, setter(**{name: True}))

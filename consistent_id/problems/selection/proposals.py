@@ -109,9 +109,10 @@ def _of_terms(
     names = bodies.robot.joint_names
     measured = [names.index(name) for name in bodies.torque_joints]
     loaded = [names.index(name) for name in evaluator.setting.loaded]
+    sloped = [names.index(name) for name in evaluator.setting.sloped]
     before = baseline.squares.sum(axis=0)
     total = max(float(before.sum()), 1e-300)
-    for term in term_moves(choice, measured, loaded):
+    for term in term_moves(choice, measured, loaded, sloped):
         if term.kind in scope.fixed:
             continue
         everywhere = with_drive(choice, term.lacking, term.change)

@@ -16,6 +16,7 @@ from consistent_id.problems.selection.held_out import (
     held_out,
 )
 from consistent_id.problems.selection.models import (
+    RATES,
     Candidate,
     FoldFits,
     candidate_columns,
@@ -124,7 +125,9 @@ def torque_delay(
     """Return by how much the torque seems to be late [s]: to first order.
 
     A torque that is late by ``d`` is ``tau - d dtau/dt``; ``d`` is one more unknown of
-    least squares, without constraints.
+    least squares, without constraints.  So is, joint by joint, a delay of Coulomb
+    friction alone: bristles and teeth bend first where a joint turns back, and a delay
+    of all torque has to show in the rest of it.
 
     Parameters
     ----------
@@ -134,10 +137,14 @@ def torque_delay(
         Of the bodies.
     sigma : ndarray, shape (torque joints,), [N m or N]
     """
-    rows = [
-        candidate_columns(candidate, joint, np.concatenate(joint.cells), base) / s
-        for joint, s in zip(factors.joints, sigma, strict=True)
-    ]
+    rows, late = [], RATES[0]
+    for place, (joint, s) in enumerate(zip(factors.joints, sigma, strict=True)):
+        columns = (
+            candidate_columns(candidate, joint, np.concatenate(joint.cells), base) / s
+        )
+        own = np.zeros((len(columns), len(factors.joints)))
+        own[:, place] = columns[:, late]
+        rows.append(np.column_stack([own, np.delete(columns, late, 1)]))
     R = triangle(np.asfortranarray(np.vstack(rows)))
     norms = np.linalg.norm(R[:, :-1], axis=0)
     unit = np.where(norms > 0.0, norms, 1.0)

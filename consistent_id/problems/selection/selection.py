@@ -168,6 +168,7 @@ _TABLES = {
             "load_friction",
             "drag",
             "spring",
+            "friction_slope",
             "asymmetric",
             "stribeck_velocity",
             "velocity_scale",

@@ -22,7 +22,7 @@ from consistent_id.problems.selection.evaluation import Evaluated, Evaluator, Se
 from consistent_id.problems.selection.moves import TERMS
 from consistent_id.problems.selection.proposals import Scope
 from consistent_id.problems.selection.samples import Log, Samples
-from consistent_id.problems.selection.superset import loaded_joints
+from consistent_id.problems.selection.superset import loaded_joints, sloped_joints
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.clocks import own_rate
 from consistent_id.regression.base import base_parameters
@@ -82,6 +82,7 @@ def beginning(
     start = replace(
         _plain(problem, fixed, width), motion_cutoff=cutoff, torque_cutoff=band
     )
+    evaluator = evaluator.with_friction(*_frictions(problem, start, samples, setting))
     torque = np.sqrt(np.mean(samples.torque**2, axis=0))
     rough = evaluator.rescaled(torque, _ROUGH * np.sqrt(samples.torque.size))
     errors = rough.evaluated(start).errors.squares.sum(axis=0) / len(NUMBERS)
@@ -109,13 +110,39 @@ def _setting(problem: Problem, raws: tuple[Recording, ...], band: float) -> Sett
         folder=problem.folder,
         bodies=bodies,
         base=base_parameters(bodies),
-        loaded=loaded_joints(bodies),
+        loaded=(),
+        sloped=(),
         logs=tuple(Log(raw, motion_period(raw)) for raw in raws),
         band=band,
         thin=thin * max(-(-rows // _MOST_ROWS), 1),
         sigma=np.ones(len(bodies.torque_joints)),
         size=1.0,
     )
+
+
+def _frictions(
+    problem: Problem, start: Choice, samples: Samples, setting: Setting
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the joints whose friction may depend on load, and on position.
+
+    What torque is made of commands is for simulators of them, which know friction that
+    varies with position and none that depends on the load.  Where torque is measured,
+    springs, loads and zero offsets vary with position, too, and stand in for it.
+    """
+    if data_of(problem.table).gains is None:
+        able = {"load_friction": loaded_joints(setting.bodies, samples)}
+    else:
+        able = {"friction_slope": sloped_joints(setting.bodies)}
+    drives = dict(zip(setting.bodies.robot.joint_names, start.drive, strict=True))
+    loaded, sloped = (
+        tuple(
+            name
+            for name in setting.bodies.torque_joints
+            if name in able.get(term, ()) or getattr(drives[name], term)
+        )
+        for term in ("load_friction", "friction_slope")
+    )
+    return loaded, sloped
 
 
 def _cutoff(problem: Problem, fixed: Collection[str], band: float) -> float | None:

@@ -4,14 +4,20 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import msgspec
+import numpy as np
 
 from consistent_id.problems.file import CouplingTable, DriveTable
 from consistent_id.problems.model import coupling_of
 from consistent_id.problems.selection.moves import stribeck_velocities
+from consistent_id.problems.selection.samples import Samples
 from consistent_id.regression.drive.gear_coupling import GearCoupling
 from consistent_id.regression.drive.term import DriveTerm
 from consistent_id.regression.loads import unloaded_joints
 from consistent_id.regression.regressor import TorqueModel
+
+LEAST_LOAD = 0.05
+"""Share of a joint's torque that its load has to be: gears lose 3 to 20 % of the load,
+and of less than this that is less than 1 % of the torque."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -22,7 +28,9 @@ class Superset:
     couplings: tuple[GearCoupling, ...]
 
 
-def superset(bodies: TorqueModel, scale: float, loaded: tuple[str, ...]) -> Superset:
+def superset(
+    bodies: TorqueModel, scale: float, loaded: tuple[str, ...], sloped: tuple[str, ...]
+) -> Superset:
     """Return all terms that joints with torque may have.
 
     Parameters
@@ -31,20 +39,21 @@ def superset(bodies: TorqueModel, scale: float, loaded: tuple[str, ...]) -> Supe
         Without drive terms.
     scale : float, [rad/s or m/s]
         Width of friction's change of sign.
-    loaded : tuple of str
-        See `loaded_joints`.
+    loaded, sloped : tuple of str
+        See `loaded_joints` and `sloped_joints`.
     """
     terms: list[tuple[DriveTerm, ...]] = []
     for name in bodies.robot.joint_names:
         measured = name in bodies.torque_joints
-        tables = _drive_tables(scale, name in loaded) if measured else ()
+        own = (name in loaded, name in sloped)
+        tables = _drive_tables(scale, *own) if measured else ()
         every = (term for table in tables for term in table.terms.terms)
         terms.append(tuple(dict.fromkeys(every)))
     pairs = couplings_between(bodies, scale)
     return Superset(tuple(terms), tuple(coupling_of(pair) for pair in pairs))
 
 
-def _drive_tables(scale: float, loaded: bool) -> tuple[DriveTable, ...]:
+def _drive_tables(scale: float, loaded: bool, sloped: bool) -> tuple[DriveTable, ...]:
     """Return drive tables that together have every term that a joint may have."""
     whole = DriveTable(
         viscous=True,
@@ -55,13 +64,24 @@ def _drive_tables(scale: float, loaded: bool) -> tuple[DriveTable, ...]:
         spring=True,
         drag=True,
         load_friction=loaded,
+        friction_slope=sloped,
     )
     change = msgspec.structs.replace
     return (
         whole,
-        change(whole, asymmetric=True, offset=False),
+        change(whole, asymmetric=True, offset=False, friction_slope=False),
         *(change(whole, stribeck_velocity=v) for v in stribeck_velocities(scale)),
     )
+
+
+def sloped_joints(bodies: TorqueModel) -> tuple[str, ...]:
+    """Return the torque joints with limits, between which friction can be a slope."""
+    limited = {
+        joint.name: joint.kind != "continuous"
+        and bool(np.isfinite([joint.limits.lower, joint.limits.upper]).all())
+        for joint in bodies.robot.driven
+    }
+    return tuple(name for name in bodies.torque_joints if limited[name])
 
 
 def couplings_between(bodies: TorqueModel, scale: float) -> tuple[CouplingTable, ...]:
@@ -81,10 +101,24 @@ def couplings_between(bodies: TorqueModel, scale: float) -> tuple[CouplingTable,
     )
 
 
-def loaded_joints(bodies: TorqueModel) -> tuple[str, ...]:
-    """Return the torque joints whose load can be computed from the nominal robot."""
+def loaded_joints(bodies: TorqueModel, samples: Samples) -> tuple[str, ...]:
+    """Return the torque joints whose nominal load is a part of their torque.
+
+    Parameters
+    ----------
+    bodies : TorqueModel
+        Without drive terms.
+    samples : Samples
+        Rows of the log.
+    """
     nominal = bodies.robot.nominal
     if nominal is None:
         return ()
     idle = unloaded_joints(bodies.robot, nominal)
-    return tuple(name for name in bodies.torque_joints if name not in idle)
+    found = []
+    for row, name in enumerate(bodies.torque_joints):
+        load = np.linalg.norm(nominal @ samples.inertial[row])
+        torque = np.linalg.norm(samples.torque[:, row])
+        if name not in idle and load >= LEAST_LOAD * torque:
+            found.append(name)
+    return tuple(found)

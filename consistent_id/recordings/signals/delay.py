@@ -249,9 +249,8 @@ def _with_error(
     """Return the delay with its sandwich standard error over blocks."""
     tiny = np.finfo(np.float64).tiny
     r = _centred(pair.reference(pair.time - shift))
-    power = np.maximum((r**2).sum(axis=0), tiny)
-    gain = (r * y).sum(axis=0) / power
-    size = (y**2).sum(axis=0)  # zero of a channel that is constant
+    power, along = np.maximum((r**2).sum(axis=0), tiny), (r * y).sum(axis=0)
+    gain = along / power
     error = y - gain * r
     J = -gain * _centred(pair.slope(pair.time - shift))
     J -= r * ((r * J).sum(axis=0) / power)
@@ -262,6 +261,7 @@ def _with_error(
     curvature = (bend * y / variance).sum()
     span = pair.time[-1] - pair.time[0]
     number = int(np.clip(span * cutoff / 4.0, *_BLOCKS))
+    sizes = np.sqrt(power) * np.sqrt(np.maximum((y**2).sum(axis=0), tiny))
     sums = np.array([part.sum() for part in np.array_split(scores, number)])
     spread = np.sqrt(number / (number - 1) * (sums**2).sum())
     return Delay(
@@ -269,7 +269,7 @@ def _with_error(
         standard_error=float(spread / curvature) if curvature > 0.0 else np.inf,
         cutoff=cutoff,
         joints=joints,
-        correlations=gain * np.sqrt(power / np.where(size > 0.0, size, np.inf)),
+        correlations=along / sizes,
         gains=gain,
     )
 

@@ -1,5 +1,6 @@
 """The parts of a selection: blocks, band, factors, screening, gains."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +12,7 @@ from consistent_id.problems.selection.band import prediction_band, velocity_edge
 from consistent_id.problems.selection.blocks import EDGES, NUMBERS, cells, folds
 from consistent_id.problems.selection.held_out import Gain, HeldOut, gain
 from consistent_id.problems.selection.moves import Move, scale_moves
-from consistent_id.problems.selection.screening import _drive
+from consistent_id.problems.selection.screening import _drive, torque_delay
 from consistent_id.problems.selection.search import _enough
 from consistent_id.problems.selection.setup import beginning
 from tests.helpers.logged import write_arm
@@ -62,6 +63,41 @@ def test_the_velocity_of_sinusoids_ends_at_the_fastest_of_weight():
     assert prediction_band([log]) == pytest.approx(25.0)  # a quarter of the rate
     slow = Recording(("a",), time, np.sin(2 * np.pi * 0.25 * time)[:, None], name="s")
     assert prediction_band([slow]) == pytest.approx(20 * 0.25, rel=0.3)
+
+
+def test_stamps_that_jitter_in_step_with_the_sampling_are_no_motion():
+    time = np.arange(4000) / 100.0
+    late = time + 2e-3 * (np.arange(4000) % 2)  # every other sample is read late
+    q = np.sin(2 * np.pi * 0.25 * late) + 0.2 * np.sin(2 * np.pi * 1.5 * late)
+    q += 1e-4 * np.random.default_rng(0).normal(size=len(q))
+    log = Recording(("a",), time, q[:, None], name="log")
+    assert velocity_edge(log) == pytest.approx(1.5, abs=0.08)
+
+
+def test_a_joint_that_carries_next_to_nothing_has_no_load_friction(tmp_path):
+    urdf, log = write_arm(tmp_path)
+    text = urdf.read_text().replace('<mass value="2"/>', '<mass value="0.002"/>')
+    urdf.write_text(re.sub('(i[xyz]{2})="0.0[13]"', r'\1="1e-5"', text))
+    problem = draft_problem(urdf, log, select=False).problem()
+    begun = beginning(problem, problem.logs("training"), (), 10.0)
+    assert begun.evaluator.setting.loaded == ("shoulder",)
+
+
+def test_friction_that_comes_late_is_no_delay_of_all_torque(tmp_path):
+    urdf, log = write_arm(tmp_path)
+    names = log.read_text().splitlines()[0]
+    table = np.loadtxt(log, delimiter=",", skiprows=1)
+    q, rate = table[:, 1:3], 100.0
+    levels, late = np.array([3.0, 1.5]), 1  # Coulomb friction and samples
+    sign = np.tanh(rate * np.gradient(q, axis=0) / 0.02)
+    table[:, 3:] += levels * (np.roll(sign, late, axis=0) - sign)
+    np.savetxt(log, table, "%.9g", ",", header=names, comments="")
+    problem = draft_problem(urdf, log, select=False).problem()
+    begun = beginning(problem, problem.logs("training"), (), 10.0)
+    plain, setting = begun.plain, begun.evaluator.setting
+    factors = begun.evaluator.factors(plain.choice)
+    found = torque_delay(plain.fits.candidate, factors, setting.base, setting.sigma)
+    assert abs(found) < 0.25 * late / rate  # two thirds, were it taken for one
 
 
 def test_errors_from_factors_are_those_of_the_predicted_torque(begun):
