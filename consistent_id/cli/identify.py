@@ -91,6 +91,7 @@ def _identify(options: argparse.Namespace) -> Answer:
     )
     tables = [
         *headline_tables(study),
+        *study.problem.drives.tables(),
         excitation_table(study.excitation, study.training),
         *(report.judged.table() for report in study.comparison.reports),
     ]

@@ -218,3 +218,29 @@ def test_real_robots_are_followed_better_than_by_their_files(
     own, as_shipped, fresh = (found.rmse(n) for n in found.replays)
     assert as_shipped > shipped  # as published with the recordings
     assert fresh == pytest.approx(own, rel=1e-3)
+
+
+@pytest.mark.slow
+def test_drives_stronger_than_stated_are_found_and_replayed_as_they_are(
+    folder, tmp_path, capsys
+):
+    for name in ("leg.xml", "log.csv"):
+        (tmp_path / name).write_bytes((folder / name).read_bytes())
+    # The robot has kp 25 and kd 1; a twelfth less is stated.
+    stated = PROBLEM.replace("kp = 25.0", "kp = 22.917").replace(
+        "kd = 1.0", "kd = 0.9167"
+    )
+    asked = stated.replace("kd = 0.9167", 'kd = 0.9167\nscale = "estimated"')
+    (tmp_path / "problem.toml").write_text(stated)
+    wrong = rollout_of(load_problem(tmp_path)).rollout
+    (tmp_path / "problem.toml").write_text(asked)
+    problem = load_problem(tmp_path)
+    fit = problem.drives.fit
+    # MuJoCo's dry friction is not the model's tanh: up to 4 % of these torques.
+    assert fit.values[1:3] == pytest.approx([25.0 / 22.917] * 2, abs=0.045)
+    assert problem.gains.kp == pytest.approx(22.917 * fit.values[1:3], rel=1e-12)
+    found = rollout_of(problem).rollout
+    (own,) = found.replays
+    assert found.rmse(own) < 0.6 * wrong.rmse(own)
+    assert main(["identify", str(tmp_path), "--verbose"]) == 0
+    assert "torque scale" in capsys.readouterr().out

@@ -67,8 +67,7 @@ class ProblemRollout:
                     ),
                 )
             )
-        found = self.problem.command_delay
-        return tables if found is None else [*tables, found.table()]
+        return [*tables, *self.problem.drives.tables()]
 
     def to_dict(self) -> dict[str, Any]:
         """Return what was found by name, for JSON."""
