@@ -25,12 +25,12 @@ from consistent_id.laboratory.rollout import rollout
 from consistent_id.laboratory.rollout.refine import RIDGE, refined
 from consistent_id.laboratory.rollout.ridge import chosen_ridge
 from consistent_id.laboratory.rollout.settings import (
-    chosen_settings,
     gains_of,
     rollout_error,
     torque_fit,
     with_settings,
 )
+from consistent_id.laboratory.rollout.settings_choice import chosen_settings
 from consistent_id.problems.problem import problem_of
 
 PROBLEMS = ("problems/unitree_go2", "problems/unitree_z1")

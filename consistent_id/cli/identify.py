@@ -182,6 +182,7 @@ def _answer(
         record = {**record, "uncertainty": uncertainty.to_dict()}
 
     def write_all() -> list[Path]:
+        from consistent_id.laboratory.rollout.study_section import rollout_section
         from consistent_id.report import write_report
 
         paths = write()
@@ -190,6 +191,7 @@ def _answer(
                 study,
                 options.report,
                 uncertainty=uncertainty,
+                further=rollout_section(study),
                 seed=options.seed,
             )
             paths.append(report)

@@ -19,11 +19,14 @@ from consistent_id.laboratory.rollout.from_problem import rollout_of  # noqa: E4
 from consistent_id.laboratory.rollout.ridge import RIDGES, chosen_ridge  # noqa: E402
 from consistent_id.laboratory.rollout.settings import (  # noqa: E402
     Settings,
-    _between,
-    chosen_settings,
     rollout_error,
     torque_fit,
     with_settings,
+)
+from consistent_id.laboratory.rollout.settings_choice import (  # noqa: E402
+    _between,
+    _with_slopes,
+    chosen_settings,
 )
 
 ROBOT = """
@@ -244,3 +247,28 @@ def test_drives_stronger_than_stated_are_found_and_replayed_as_they_are(
     assert found.rmse(own) < 0.6 * wrong.rmse(own)
     assert main(["identify", str(tmp_path), "--verbose"]) == 0
     assert "torque scale" in capsys.readouterr().out
+
+
+def test_slopes_are_given_to_the_motors_that_are_worth_it():
+    groups = (("a", "b"), ("c",), ("d",))
+    gains = {"a": 0.5, "c": 0.01, "d": -0.2}
+
+    def error(settings):
+        return 2.0 - sum(gains.get(joint, 0.0) for joint in settings.friction_slope)
+
+    for begin in ((), ("c",), ("a", "b", "c", "d")):
+        found = _with_slopes(Settings(friction_slope=begin), groups, error)
+        # A slope of c brings less than its worth, one of d does harm.
+        assert found.friction_slope == ("a", "b")
+
+
+@pytest.mark.slow
+def test_the_report_of_commands_has_a_section_of_their_rollouts(folder, tmp_path):
+    out = tmp_path / "report.html"
+    assert main(["report", str(folder), "--output", str(out)]) == 0
+    page = out.read_text()
+    section = page[page.index('id="rollouts"') :]
+    assert "Closed-loop replay of log" in section
+    assert "leg.xml" in section
+    assert section.count("<svg") >= 6  # errors, gain and phase of two joints
+    assert '"#rollouts"' in page

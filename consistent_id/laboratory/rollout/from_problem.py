@@ -12,11 +12,13 @@ from consistent_id.laboratory.rollout.refine import RIDGE, Refined, refined
 from consistent_id.laboratory.rollout.ridge import chosen_ridge
 from consistent_id.laboratory.rollout.rollout import Rollout, rollout
 from consistent_id.laboratory.rollout.settings import (
-    SettingsChoice,
-    chosen_settings,
     gains_of,
     torque_fit,
     with_settings,
+)
+from consistent_id.laboratory.rollout.settings_choice import (
+    SettingsChoice,
+    chosen_settings,
 )
 from consistent_id.problems.problem import Problem
 
@@ -52,12 +54,17 @@ class ProblemRollout:
             tables.append(
                 Table(
                     "Settings chosen on parts of the training motion",
-                    ("cut-off [Hz]", "velocity scale", "friction slope", "delay [ms]"),
+                    (
+                        "cut-off [Hz]",
+                        "velocity scale",
+                        "friction slope of",
+                        "delay [ms]",
+                    ),
                     (
                         (
                             f"{s.cutoff:g}",
                             f"{s.velocity_scale:g}",
-                            "yes" if s.friction_slope else "no",
+                            ", ".join(s.friction_slope) or "none",
                             f"{1e3 * s.delay:g}",
                         ),
                     ),
@@ -82,7 +89,7 @@ class ProblemRollout:
             record["settings"] = {
                 "cutoff": s.cutoff,
                 "velocity_scale": s.velocity_scale,
-                "friction_slope": s.friction_slope,
+                "friction_slope": list(s.friction_slope),
                 "delay": s.delay,
                 "error": self.settings.error,
             }
