@@ -187,7 +187,8 @@ def test_the_shell_replays_and_writes_what_it_found(folder, tmp_path, capsys):
 @pytest.mark.parametrize(("true", "found"), [(0.0041, 0.0041), (0.009, 0.0075)])
 def test_the_delay_is_where_a_parabola_is_lowest(true, found):
     best = Settings(delay=0.005)
-    delay = _between(best, lambda s: 1.0 + (s.delay - true) ** 2)
+    grid = [0.0, 0.0025, 0.005, 0.0075, 0.01, 0.015]
+    delay = _between(best, grid, lambda s: 1.0 + (s.delay - true) ** 2)
     assert delay == pytest.approx(found, abs=1e-5)  # no further than the grid's next
 
 
@@ -272,3 +273,12 @@ def test_the_report_of_commands_has_a_section_of_their_rollouts(folder, tmp_path
     assert "leg.xml" in section
     assert section.count("<svg") >= 6  # errors, gain and phase of two joints
     assert '"#rollouts"' in page
+
+
+@pytest.mark.slow
+def test_the_chosen_problem_is_written_so_that_it_can_be_run(folder, tmp_path):
+    out = folder / "chosen"
+    assert main(["rollout", str(folder), "--choose", "--output", str(out)]) == 0
+    with_trust = load_problem(out, trust=True)
+    assert with_trust.files["leg.xml"].samefile(folder / "leg.xml")
+    assert len(with_trust.training) == 1

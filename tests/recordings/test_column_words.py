@@ -7,6 +7,7 @@ import pytest
 
 from consistent_id import RecordingError, read_recording
 from consistent_id.recordings.column_guess import guess_columns
+from consistent_id.recordings.column_words import channel_of
 
 SIX = tuple(f"axis_{letter}" for letter in "abcdef")
 
@@ -217,3 +218,11 @@ def test_commands_in_degrees_are_read_in_radians(tmp_path):
     columns = guess_columns(file, ["hip"], commands=True).columns
     command = read_recording(file, ["hip"], columns).position_command
     np.testing.assert_allclose(command[:, 0], [np.pi, np.pi / 2, -np.pi])
+
+
+def test_what_a_lerobot_follower_is_told_is_a_command_of_position():
+    assert channel_of("action.{joint}.pos") == "position_command"
+    assert channel_of("action.{joint}.vel") == ""
+    # Policies of legged robots log scaled steps, which no name says to be positions.
+    assert channel_of("actions_{index}") == ""
+    assert channel_of("observation.state.{joint}.pos") == "position"

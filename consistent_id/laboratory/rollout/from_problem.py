@@ -5,8 +5,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from consistent_id._support.arrays import Vector
 from consistent_id._support.tables import Table
+from consistent_id.comparison.block_scatter import (
+    BLOCKS,
+    BlockScatter,
+    block_scatter,
+)
 from consistent_id.comparison.comparison import compare
+from consistent_id.errors import NotExcitedError
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.laboratory.rollout.refine import RIDGE, Refined, refined
 from consistent_id.laboratory.rollout.ridge import chosen_ridge
@@ -21,6 +28,7 @@ from consistent_id.laboratory.rollout.settings_choice import (
     chosen_settings,
 )
 from consistent_id.problems.problem import Problem
+from consistent_id.regression.segments import segment_regressions
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,6 +44,9 @@ class ProblemRollout:
         Of the validation logs, or of the training logs if there are no others.
     settings : SettingsChoice, optional
     refinement : Refined, optional
+    scatter : BlockScatter, optional
+        How sure the torque fit's parameters are; None where blocks of the training
+        motion do not determine them by themselves.
     """
 
     problem: Problem
@@ -43,6 +54,7 @@ class ProblemRollout:
     rollout: Rollout
     settings: SettingsChoice | None = None
     refinement: Refined | None = None
+    scatter: BlockScatter | None = None
 
     def tables(self) -> list[Table]:
         """Return what was found, for people."""
@@ -74,7 +86,8 @@ class ProblemRollout:
                     ),
                 )
             )
-        return [*tables, *self.problem.drives.tables()]
+        tables += self.problem.drives.tables()
+        return tables if self.scatter is None else [*tables, self.scatter.table()]
 
     def to_dict(self) -> dict[str, Any]:
         """Return what was found by name, for JSON."""
@@ -84,6 +97,8 @@ class ProblemRollout:
                 "training_error_before": self.refinement.before,
                 "training_error_after": self.refinement.after,
             }
+        if self.scatter is not None:
+            record["parameters"] = self.scatter.to_dict()
         if self.settings is not None:
             s = self.settings.settings
             record["settings"] = {
@@ -159,7 +174,18 @@ def rollout_of(
         delay=delay,
         locked=problem.table.model.locked,
     )
-    return ProblemRollout(problem, judged, replays, choice, done)
+    scatter = _scatter(problem, regression.sigma)
+    return ProblemRollout(problem, judged, replays, choice, done, scatter)
+
+
+def _scatter(problem: Problem, sigma: Vector) -> BlockScatter | None:
+    """Return how sure parameters are, from blocks of the training motion."""
+    model = problem.model
+    blocks = segment_regressions(model, problem.training, count=BLOCKS, sigma=sigma)
+    try:
+        return block_scatter(model, blocks, constraints=problem.constraints)
+    except NotExcitedError:
+        return None
 
 
 def _ridge(problem: Problem, refine: bool, choose: bool) -> float | None:

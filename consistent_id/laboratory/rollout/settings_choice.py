@@ -22,7 +22,7 @@ from consistent_id.problems.problem import Problem
 
 CUTOFFS = (5.0, 7.5, 10.0, 15.0, 20.0, 30.0)  # Hz, of motion and torque
 SCALES = (0.01, 0.02, 0.05, 0.1)  # rad/s or m/s, of the change of sign of friction
-DELAYS = (0.0, 0.0025, 0.005, 0.0075, 0.01, 0.015)  # s, of commands
+DELAYS = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0)  # of commands, in periods of the slowest log
 
 WORTH = 0.025
 """Relative gain that friction which varies with position must bring: the floor that was
@@ -73,11 +73,12 @@ def chosen_settings(problem: Problem, start: Settings | None = None) -> Settings
             tried[settings] = _crossed(with_settings(problem, settings), parts)
         return tried[settings]
 
+    delays = _delays(problem)
     best = Settings() if start is None else start
     for _ in range(_PASSES):
         before = best
         for name, values in (
-            ("delay", DELAYS),
+            ("delay", delays),
             ("cutoff", _cutoffs(problem)),
             ("velocity_scale", SCALES),
         ):
@@ -86,7 +87,7 @@ def chosen_settings(problem: Problem, start: Settings | None = None) -> Settings
         best = _with_slopes(best, motor_groups(problem), error)
         if best == before:
             break
-    best = min((best, replace(best, delay=_between(best, error))), key=error)
+    best = min((best, replace(best, delay=_between(best, delays, error))), key=error)
     if not np.isfinite(error(best)):
         raise RecordingError(
             f"problem {problem.name!r}: with no settings the rollouts stay near the "
@@ -131,18 +132,26 @@ def _with_slopes(
     return sloped(now)
 
 
-def _between(best: Settings, error: Callable[[Settings], float]) -> float:
+def _between(
+    best: Settings, delays: Sequence[float], error: Callable[[Settings], float]
+) -> float:
     """Return the delay at which a parabola through the best three is lowest [s]."""
-    place = DELAYS.index(best.delay) if best.delay in DELAYS else 0
-    if not 0 < place < len(DELAYS) - 1:
+    place = delays.index(best.delay) if best.delay in delays else 0
+    if not 0 < place < len(delays) - 1:
         return best.delay
-    at = np.array(DELAYS[place - 1 : place + 2])
+    at = np.array(delays[place - 1 : place + 2])
     values = [error(replace(best, delay=float(delay))) for delay in at]
     if not np.isfinite(values).all():
         return best.delay
     bend, slope, _ = np.polyfit(at - best.delay, values, 2)
     lowest = best.delay - slope / (2.0 * bend) if bend > 0.0 else best.delay
     return round(float(np.clip(lowest, at[0], at[-1])), 5)
+
+
+def _delays(problem: Problem) -> list[float]:
+    """Return the delays that are tried, [s]."""
+    period = max(1.0 / log.rate for log in problem.logs("training"))
+    return [round(share * period, 6) for share in DELAYS]
 
 
 def _cutoffs(problem: Problem) -> list[float]:
