@@ -1,6 +1,6 @@
 """Closed-loop replay of motion that was not learnt from, on real PD-controlled robots.
 
-``python benchmarks/rollout.py [PROBLEM ...] [--backwards] [--ridges] [--keep]``
+``python benchmarks/rollout.py [PROBLEM ...] [OPTION ...]``
 
 By default ``problems/unitree_go2`` and ``problems/unitree_z1``; recordings are found
 through ``CONSISTENT_ID_DATASETS``.  Settings are chosen on the training logs
@@ -9,29 +9,36 @@ refinement; then come the torque fit, its refinement, and rollouts of the valida
 logs by both and by the robot's file as it is shipped.  ``--backwards`` learns from the
 validation logs and judges on the training logs.  ``--ridges`` prints what the weight of
 the torque fit does to rollouts of the part of the training logs that was not learnt
-from.  Seconds are those of the processor.
+from.  ``--blocks`` prints the share of parameters of which 95 % intervals from the
+other blocks of the training log hold the value from one of them, and those from all of
+it the value from blocks of the validation log.  Seconds are those of
+the processor.
 """
 
 import argparse
 import os
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from time import process_time
 
 import msgspec
+import numpy as np
 
 import consistent_id as ci
+from consistent_id.comparison.block_scatter import BLOCKS, BlockScatter, block_scatter
 from consistent_id.laboratory.rollout import rollout
 from consistent_id.laboratory.rollout.refine import RIDGE, refined
 from consistent_id.laboratory.rollout.ridge import chosen_ridge
 from consistent_id.laboratory.rollout.settings import (
-    chosen_settings,
     gains_of,
     rollout_error,
     torque_fit,
     with_settings,
 )
+from consistent_id.laboratory.rollout.settings_choice import chosen_settings
 from consistent_id.problems.problem import problem_of
+from consistent_id.regression.segments import merged
 
 PROBLEMS = ("problems/unitree_go2", "problems/unitree_z1")
 
@@ -42,6 +49,7 @@ def main() -> None:
     parser.add_argument("--backwards", action="store_true")
     parser.add_argument("--ridges", action="store_true")
     parser.add_argument("--keep", action="store_true")
+    parser.add_argument("--blocks", action="store_true")
     options = parser.parse_args()
     if "CONSISTENT_ID_DATASETS" not in os.environ:
         raise SystemExit("CONSISTENT_ID_DATASETS is not set: no recordings")
@@ -50,6 +58,9 @@ def main() -> None:
         if options.backwards:
             problem = backwards(problem)
         print(f"== {problem.name}" + (", backwards" if options.backwards else ""))
+        if options.blocks:
+            blocks(problem)
+            continue
         if not options.keep:
             started = process_time()
             found = chosen_settings(problem)
@@ -114,6 +125,43 @@ def judged(problem: ci.Problem, ridge: float | None) -> None:
     for what, error, seconds in rows:
         clock = f"{seconds:6.2f} s" if seconds else ""
         print(f"{what:28} {1e3 * error:6.2f} mrad {clock}", flush=True)
+
+
+def blocks(problem: ci.Problem) -> None:
+    """Print how many values from blocks are within intervals from other motion."""
+    model = problem.model
+    logs = {"training": problem.training, "validation": problem.validation}
+    lengths = {role: sum(r.duration for r in log) for role, log in logs.items()}
+    seconds = lengths["training"] / BLOCKS
+    plain = {
+        role: ci.segment_regressions(
+            model, log, count=max(round(lengths[role] / seconds), 2)
+        )
+        for role, log in logs.items()
+    }
+    sigma = ci.joint_noise(model, merged(plain["training"]))
+    parts = {role: [r.weighted(sigma) for r in found] for role, found in plain.items()}
+
+    def scatter(regressions: Sequence[ci.Regression]) -> BlockScatter:
+        return block_scatter(model, regressions, constraints=problem.constraints)
+
+    learnt = parts["training"]
+    folds = [(learnt[:i] + learnt[i + 1 :], one) for i, one in enumerate(learnt)]
+    for what, pairs in (
+        ("training blocks left out", folds),
+        ("validation blocks", [(learnt, one) for one in parts["validation"]]),
+    ):
+        found = [(scatter(rest), scatter([one])) for rest, one in pairs]
+        by_noise, with_scatter = (
+            np.mean([own.holds(other, between=between) for own, other in found])
+            for between in (False, True)
+        )
+        print(
+            f"{len(pairs)} {what}, {seconds:.1f} s each: inside 95 % intervals "
+            f"by noise {by_noise:.0%}, "
+            f"with the scatter between blocks {with_scatter:.0%}",
+            flush=True,
+        )
 
 
 def ridges(problem: ci.Problem) -> None:

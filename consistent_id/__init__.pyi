@@ -56,6 +56,10 @@ from consistent_id.estimation.cross_validation import (
 )
 from consistent_id.estimation.cutoff import CutoffChoice, best_cutoff
 from consistent_id.estimation.cvxpy_problem import CvxpyProblem, to_cvxpy
+from consistent_id.estimation.drive_calibration import (
+    CalibrationFit,
+    fit_calibration,
+)
 from consistent_id.estimation.endogeneity import EndogeneityTest, endogeneity_test
 from consistent_id.estimation.estimate import Certificate, Estimate
 from consistent_id.estimation.evidence import Evidence
@@ -137,6 +141,7 @@ from consistent_id.recordings.readers import (
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import (
     Delay,
+    DriveCalibration,
     Fold,
     FourierFit,
     MotionNoise,
@@ -144,6 +149,7 @@ from consistent_id.recordings.signals import (
     Track,
     aligned,
     blocked_folds,
+    calibrated,
     commanded,
     decimated,
     differentiated,
@@ -259,6 +265,7 @@ __all__ = [
     "Body",
     "Bootstrap",
     "Box",
+    "CalibrationFit",
     "Capsule",
     "CentreOfMassBoxes",
     "CentreOfMassIn",
@@ -281,6 +288,7 @@ __all__ = [
     "DensityOn",
     "Diagnosis",
     "Draft",
+    "DriveCalibration",
     "DriveGains",
     "DriveTerm",
     "DriveTerms",
@@ -380,6 +388,7 @@ __all__ = [
     "bootstrap",
     "build_regression",
     "build_scene",
+    "calibrated",
     "casadi_regressor",
     "chain",
     "command_delay",
@@ -408,6 +417,7 @@ __all__ = [
     "estimate_delay",
     "estimated_period",
     "faster",
+    "fit_calibration",
     "fit_shapes",
     "fit_trajectory",
     "follow",

@@ -91,6 +91,7 @@ def _identify(options: argparse.Namespace) -> Answer:
     )
     tables = [
         *headline_tables(study),
+        *study.problem.drives.tables(),
         excitation_table(study.excitation, study.training),
         *(report.judged.table() for report in study.comparison.reports),
     ]
@@ -182,6 +183,7 @@ def _answer(
         record = {**record, "uncertainty": uncertainty.to_dict()}
 
     def write_all() -> list[Path]:
+        from consistent_id.laboratory.rollout.study_section import rollout_section
         from consistent_id.report import write_report
 
         paths = write()
@@ -190,6 +192,7 @@ def _answer(
                 study,
                 options.report,
                 uncertainty=uncertainty,
+                further=rollout_section(study),
                 seed=options.seed,
             )
             paths.append(report)

@@ -75,8 +75,10 @@ def run_init(options: argparse.Namespace) -> int:
         shown += f"\nwritten: {write_atomically(file, text)}"
         if chosen is not None:
             shown = chosen.table().text() + "\n\n" + shown
-        command = "compare" if options.log else "excite"
-        shown += f"\nnext: consistent-id {command} {file}{' --trust' * outside}"
+        command, more = "compare" if options.log else "excite", " --trust" * outside
+        if options.gains:  # of commands, whose delay nobody has stated yet
+            command, more = "rollout", f" --choose{more}"
+        shown += f"\nnext: consistent-id {command} {file}{more}"
     record = {
         "problem": draft.name,
         "text": text,

@@ -52,6 +52,7 @@ def add_report(commands: Any) -> None:
 def run_report(options: argparse.Namespace) -> int:
     """Write a report; return the exit code."""
     from consistent_id._support.files import require_writable_file
+    from consistent_id.laboratory.rollout.study_section import rollout_section
     from consistent_id.problems.problem import load_problem
     from consistent_id.problems.study import run_study
     from consistent_id.report import write_report
@@ -71,6 +72,7 @@ def run_report(options: argparse.Namespace) -> int:
         study,
         file,
         uncertainty=study.uncertainty,
+        further=rollout_section(study),
         seed=options.seed,
         command=f"consistent-id report {shlex.quote(str(options.problem))} "
         f"--seed {options.seed}{accepted}",

@@ -99,6 +99,7 @@ def _written(done: "ProblemRollout", folder: Path) -> list[Path]:
 
     from consistent_id._support.files import write_atomically
     from consistent_id.laboratory.rollout.rollout_page import rollout_html
+    from consistent_id.problems.paths import moved
     from consistent_id.problems.toml_text import toml_text
 
     name = done.problem.name
@@ -110,6 +111,8 @@ def _written(done: "ProblemRollout", folder: Path) -> list[Path]:
         write_atomically(folder / "rollout.html", rollout_html(done.rollout, name)),
     ]
     if done.settings is not None:
-        text = head + toml_text(done.problem.table, {})
+        text = head + toml_text(
+            moved(done.problem.table, done.problem.folder, folder), {}
+        )
         paths.append(write_atomically(folder / "problem.toml", text))
     return paths

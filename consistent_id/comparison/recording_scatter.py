@@ -87,13 +87,13 @@ def recording_scatter(
     if len(values) < 2:
         return None
     x, w = np.array(values), 1.0 / np.array(variances)
-    spread = _excess(x, w)
+    spread = excess(x, w)
     tau2 = np.maximum(spread.ratio - 1.0, 0.0) * spread.unit
     return RecordingScatter(len(x), np.sqrt(tau2), spread.freedom)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Spread:
+class Spread:
     """Observed variance over that of noise, and what one more of it is worth."""
 
     ratio: Vector
@@ -101,7 +101,15 @@ class _Spread:
     freedom: float
 
 
-def _excess(x: Array, w: Array) -> _Spread:
+def excess(x: Array, w: Array) -> Spread:
+    """Return how far values scatter beyond their noise.
+
+    Parameters
+    ----------
+    x : ndarray, shape (groups, parameters)
+    w : ndarray, shape (groups, parameters)
+        One over the variance of each by noise.
+    """
     count = len(x) - 1
     total = w.sum(axis=0)
     mean = (w * x).sum(axis=0) / total
@@ -109,10 +117,10 @@ def _excess(x: Array, w: Array) -> _Spread:
     unit = count / (total - (w**2).sum(axis=0) / total)
     common = _common(ratio, count)
     if np.isinf(common.freedom):
-        return _Spread(np.full(len(ratio), common.ratio), unit, _ALIKE)
+        return Spread(np.full(len(ratio), common.ratio), unit, _ALIKE)
     freedom = common.freedom + count
     drawn = (common.freedom * common.ratio + count * ratio) / freedom
-    return _Spread(drawn, unit, freedom)
+    return Spread(drawn, unit, freedom)
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,12 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from consistent_id._support.arrays import Matrix, Vector, freeze_arrays
+from consistent_id._support.arrays import Vector, freeze_arrays
 from consistent_id._support.tables import Table
-from consistent_id.constraints import Constraint, lowered
+from consistent_id.constraints import Constraint
+from consistent_id.estimation.equalities import FreeParameters
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.noise import joint_noise
-from consistent_id.regression.regression import Regression, build_regression
+from consistent_id.regression.regression import build_regression
 from consistent_id.regression.regressor import TorqueModel
 
 LONGEST = 0.03
@@ -92,7 +93,7 @@ def command_delay(
     first = build_regression(model, recordings(0.0))
     sigma = joint_noise(model, first)
     effective = float(first.effective.sum())
-    free = _Free.of(constraints, model)
+    free = FreeParameters.of(constraints, model)
     found = {0.0: free.misfit(first.weighted(sigma))}
 
     def misfit(delay: float) -> float:
@@ -134,33 +135,3 @@ def _parabola(
     bend = (low - 2.0 * centre + high) / step**2
     slope = (high - low) / (2.0 * step)
     return (middle - slope / bend, bend) if bend > 0.0 else (best, bend)
-
-
-@dataclass(frozen=True, slots=True)
-class _Free:
-    """Parameters ``x = start + directions y`` that meet all equalities."""
-
-    start: Vector
-    directions: Matrix
-
-    @staticmethod
-    def of(constraints: Sequence[Constraint], model: TorqueModel) -> "_Free":
-        known = lowered(constraints, model)
-        width = len(model.layout)
-        if not len(known.A_eq):
-            return _Free(np.zeros(width), np.eye(width))
-        scale = np.linalg.norm(known.A_eq, axis=1, keepdims=True)
-        A, b = known.A_eq / scale, known.b_eq / scale[:, 0]
-        _, s, Vt = np.linalg.svd(A)
-        rank = int((s > 1e-12 * s[0]).sum())
-        return _Free(np.linalg.lstsq(A, b, rcond=None)[0], Vt[rank:].T)
-
-    def misfit(self, regression: Regression) -> float:
-        """Return the least weighted squared misfit over all free parameters."""
-        stacked = regression.stacked()
-        Y, z = stacked[:, :-1], stacked[:, -1]
-        A, rest = Y @ self.directions, z - Y @ self.start
-        scale = np.linalg.norm(A, axis=0)
-        A = A[:, scale > 0.0] / scale[scale > 0.0]
-        y = np.linalg.lstsq(A, rest, rcond=1e-12)[0]
-        return float(((rest - A @ y) ** 2).sum())

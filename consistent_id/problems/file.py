@@ -213,13 +213,16 @@ class GainsTable(Table, frozen=True, kw_only=True):
     """Gains of PD-controlled joints: one for all, or one each in the robot's order.
 
     With them torque is computed from what the joints were told, commands being late by
-    a delay [s].
+    a delay [s].  The drives make `scale` times that torque, and encoders read the
+    position plus `encoder_bias` [rad or m]: numbers, or what the training data say.
     """
 
     kp: NonNegative | list[NonNegative]
     kd: NonNegative | list[NonNegative] = 0.0
     torque_limit: Positive | list[Positive] | None = None
     delay: NonNegative | Literal["estimated"] = 0.0
+    scale: Positive | list[Positive] | Literal["estimated"] = 1.0
+    encoder_bias: float | list[float] | Literal["estimated"] = 0.0
 
 
 class DataTable(Table, frozen=True, kw_only=True):

@@ -8,7 +8,11 @@ import numpy as np
 from consistent_id.errors import ProblemError
 from consistent_id.problems.file import DataTable, GainsTable, RecordingTable
 from consistent_id.recordings.recording import Recording
-from consistent_id.recordings.signals import PDGains, commanded
+from consistent_id.recordings.signals import (
+    DriveCalibration,
+    PDGains,
+    calibrated,
+)
 
 
 def span_of(raw: Recording, entry: RecordingTable) -> tuple[float, float]:
@@ -76,7 +80,9 @@ def gains_of_drives(data: DataTable) -> PDGains | None:
 
 
 def with_torque(
-    raw: Recording, gains: PDGains | None, *, delay: float = 0.0
+    raw: Recording,
+    gains: PDGains | None,
+    calibration: DriveCalibration | None = None,
 ) -> Recording:
     """Return a log with the torque of its commands, if there are gains.
 
@@ -87,9 +93,10 @@ def with_torque(
     ----------
     raw : Recording
     gains : PDGains, optional
-    delay : float, [s]
-        See `commanded`.
+        As they are stated.
+    calibration : DriveCalibration, optional
     """
     if gains is None:
         return raw
-    return replace(commanded(raw, gains, delay=delay), velocity=None)
+    known = DriveCalibration() if calibration is None else calibration
+    return replace(calibrated(raw, gains, known), velocity=None)

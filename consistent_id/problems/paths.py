@@ -10,6 +10,8 @@ import string
 from collections.abc import Iterator
 from pathlib import Path
 
+import msgspec
+
 from consistent_id.problems.file import ProblemTable
 
 DATA_FOLDER = "CONSISTENT_ID_DATASETS"
@@ -44,6 +46,36 @@ def names_outside(table: ProblemTable, file: Path) -> Iterator[str]:
                 f"{key} leads to {str(place)!r}, outside of the file's folder and of "
                 f"{DATA_FOLDER}"
             )
+
+
+def moved(table: ProblemTable, old: Path, new: Path) -> ProblemTable:
+    """Return a problem file's content for another folder: it names the same files.
+
+    Parameters
+    ----------
+    table : ProblemTable
+    old, new : Path
+        Folders of the file, before and after.
+    """
+
+    def named(path: str) -> str:
+        place = Path(string.Template(path).safe_substitute(os.environ))
+        if "$" in path or place.is_absolute():
+            return path
+        return Path(os.path.relpath((old / path).resolve(), new.resolve())).as_posix()
+
+    model = msgspec.structs.replace(
+        table.model,
+        **{
+            form: named(name)
+            for form in ("urdf", "mjcf")
+            if (name := getattr(table.model, form)) is not None
+        },
+    )
+    data = table.data
+    if data is not None:
+        data = msgspec.structs.replace(data, folder=named(data.folder))
+    return msgspec.structs.replace(table, model=model, data=data)
 
 
 def _named(table: ProblemTable) -> Iterator[tuple[str, tuple[str, ...]]]:

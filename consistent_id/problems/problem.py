@@ -10,9 +10,10 @@ from consistent_id._support.tables import Table
 from consistent_id.constraints import Constraint, lowered
 from consistent_id.constraints.priors import Prior
 from consistent_id.errors import ProblemError
-from consistent_id.estimation.command_delay import CommandDelay, command_delay
+from consistent_id.estimation.command_delay import CommandDelay
 from consistent_id.problems.constraints import constraints_of, prior_of
 from consistent_id.problems.data_columns import columns_of
+from consistent_id.problems.drives import FoundDrives, found_drives
 from consistent_id.problems.file import (
     ColumnsTable,
     DataTable,
@@ -39,7 +40,7 @@ from consistent_id.problems.preparation import (
 )
 from consistent_id.recordings.readers import read_recording, read_track
 from consistent_id.recordings.recording import Recording
-from consistent_id.recordings.signals import PDGains, Track
+from consistent_id.recordings.signals import DriveCalibration, PDGains, Track
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.parameters import did_you_mean
 
@@ -189,37 +190,25 @@ class Problem:
         return self._read[path, *omit]
 
     @cached_property
-    def gains(self) -> PDGains | None:
-        """Gains of PD-controlled joints, if the file states them."""
+    def drives(self) -> FoundDrives:
+        """Gains and calibration of PD-controlled joints, as stated or found."""
         data = self.table.data
-        return None if data is None else gains_of_drives(data)
+        return found_drives(data, self.model, self.constraints, self._calibrated)
 
-    @cached_property
+    @property
+    def gains(self) -> PDGains | None:
+        """What gains of PD-controlled joints really are, if the file states them."""
+        return self.drives.gains
+
+    @property
     def command_delay(self) -> CommandDelay | None:
         """How late commands are, from the training data, if the file asks for it."""
-        gains = self._data().gains
-        if gains is None or gains.delay != "estimated":
-            return None
-
-        def late(delay: float) -> list[Recording]:
-            return [
-                part
-                for entry in self._data().recordings
-                if entry.role == "training"
-                for raw in [self._raw(entry, delay)]
-                for part in self._log(entry, raw).prepared(*span_of(raw, entry))
-            ]
-
-        return command_delay(self.model, late, constraints=self.constraints)
+        return self.drives.delay
 
     @property
     def delay_of_commands(self) -> float:
         """By which commands are taken to be late [s]: stated, or found in the data."""
-        table = None if self.table.data is None else self.table.data.gains
-        if table is None:
-            return 0.0
-        found = self.command_delay
-        return found.seconds if found is not None else float(table.delay)
+        return self.drives.calibration.delay
 
     def prepare(self, recording: Recording) -> Recording:
         """Prepare a recording as the file asks; the longest part if it has gaps."""
@@ -272,11 +261,27 @@ class Problem:
             self._logs[key] = self._log(entry)
         return self._logs[key]
 
-    def _raw(self, entry: RecordingTable, delay: float | None = None) -> Recording:
-        """Return an entry's log; of commands that are late by the problem's delay."""
+    def _raw(
+        self, entry: RecordingTable, calibration: DriveCalibration | None = None
+    ) -> Recording:
+        """Return an entry's log; with the problem's calibration or another."""
         raw = self.read(entry.file, omit=entry.omit)
-        late = self.delay_of_commands if delay is None else delay
-        return with_torque(raw, self.gains, delay=late)
+        data = self.table.data
+        stated = None if data is None else gains_of_drives(data)
+        if stated is None:
+            return raw
+        known = self.drives.calibration if calibration is None else calibration
+        return with_torque(raw, stated, known)
+
+    def _calibrated(self, calibration: DriveCalibration) -> list[Recording]:
+        """Return the prepared training recordings of another calibration."""
+        return [
+            part
+            for entry in self._data().recordings
+            if entry.role == "training"
+            for raw in [self._raw(entry, calibration)]
+            for part in self._log(entry, raw).prepared(*span_of(raw, entry))
+        ]
 
     @cached_property
     def _read(self) -> dict[tuple[Path | int, ...], Recording]:

@@ -60,6 +60,7 @@ _COMMANDS = {f"{short}{word}" for short in ("q", "pos", "p") for word in _COMMAN
 _COMMANDS |= {"aspos"}  # KUKA
 _COMMANDED |= {"d"}
 _OTHER = {"error", "limit", "action", "ext", "external", "computed"}
+_MEASURED = {"observation", "state", "actual"}
 _DEGREES = ({"ai", "pos"}, {"axis", "act"}, {"feedback", "joints"})  # KUKA, ABB
 _TIMES: tuple[str, ...] = (
     "time",
@@ -101,6 +102,9 @@ def channel_of(pattern: str) -> str:
     ('', '')
     """
     said = words(pattern)
+    if "action" in said and not said & _MEASURED:  # LeRobot, of its followers
+        fits = [c for c in CHANNELS if any(phrase <= said for phrase in _WORDS[c])]
+        return "position_command" if fits == ["position"] else ""
     if said & _OTHER:
         return ""
     fits = [c for c in CHANNELS if any(phrase <= said for phrase in _WORDS[c])]

@@ -11,7 +11,7 @@ from consistent_id.problems.study import Study
 from consistent_id.recordings.recording import Recording
 from consistent_id.report.advice import advise
 from consistent_id.report.page import page
-from consistent_id.report.report_content import ReportContent
+from consistent_id.report.report_content import ReportContent, Section
 
 
 def report_html(
@@ -19,6 +19,7 @@ def report_html(
     *,
     diagnosis: Diagnosis | None = None,
     uncertainty: Uncertainty | None = None,
+    further: Sequence[Section] = (),
     seed: int | None = None,
     command: str = "",
 ) -> str:
@@ -31,6 +32,8 @@ def report_html(
         Of the problem's recordings; by default the study's own.
     uncertainty : Uncertainty, optional
         Of its constrained estimate.
+    further : sequence of Section
+        Sections that were made elsewhere, such as that of rollouts.
     seed : int, optional
         Of the uncertainty's bootstrap.
     command : str
@@ -61,6 +64,7 @@ def report_html(
             path=study.path,
             published=study.published,
             delivered=study.delivered,
+            further=tuple(further),
             seed=seed,
             command=command,
         )
@@ -73,6 +77,7 @@ def write_report(
     *,
     diagnosis: Diagnosis | None = None,
     uncertainty: Uncertainty | None = None,
+    further: Sequence[Section] = (),
     seed: int | None = None,
     command: str = "",
 ) -> Path:
@@ -82,7 +87,7 @@ def write_report(
     ----------
     study : Study
     path : str or Path
-    diagnosis, uncertainty, seed, command
+    diagnosis, uncertainty, further, seed, command
         See `report_html`.
 
     Raises
@@ -91,7 +96,12 @@ def write_report(
         If the file cannot be written.
     """
     html = report_html(
-        study, diagnosis=diagnosis, uncertainty=uncertainty, seed=seed, command=command
+        study,
+        diagnosis=diagnosis,
+        uncertainty=uncertainty,
+        further=further,
+        seed=seed,
+        command=command,
     )
     return write_atomically(path, html)
 

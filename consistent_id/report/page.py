@@ -38,7 +38,8 @@ SECTIONS: tuple[Callable[[ReportContent], Section | None], ...] = (
 
 def page(content: ReportContent) -> str:
     """Return the report as one HTML file that needs nothing else."""
-    found = [section for make in SECTIONS if (section := make(content)) is not None]
+    made = [section for make in SECTIONS if (section := make(content)) is not None]
+    found = [*made[:-1], *content.further, *made[-1:]]
     robot = content.model.robot
     about = f"Robot {robot.name}, {len(robot)} joints. Identified parameters."
     return document(

@@ -41,6 +41,8 @@ class ReportContent:
     published : PublishedReport, optional
     delivered : Estimate, optional
         The recommended estimate, fitted again to all data.
+    further : tuple of Section
+        Sections that were made elsewhere, such as that of rollouts.
     seed : int, optional
         Of the bootstrap.
     command : str
@@ -61,6 +63,7 @@ class ReportContent:
     path: RegularisationPath | None = None
     published: PublishedReport | None = None
     delivered: Estimate | None = None
+    further: tuple["Section", ...] = ()
     seed: int | None = None
     command: str = ""
 

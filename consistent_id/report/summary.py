@@ -43,7 +43,12 @@ def headline_tables(study: Study) -> list[Table]:
             advice.headline,
             (),
             (),
-            (*advice.verdict.brief, *costly, *delivery_line(study)),
+            (
+                *advice.verdict.brief,
+                *costly,
+                *(table.title for table in study.problem.drives.tables()),
+                *delivery_line(study),
+            ),
         ),
         replace(table, notes=(*table.notes, *advice.reasons, *advice.also)),
     ]
@@ -64,6 +69,7 @@ def study_tables(study: Study) -> list[Table]:
     tables = headline_tables(study)
     if study.published is not None:
         tables += published_tables(study.published, study.problem.table.published)
+    tables += study.problem.drives.tables()
     tables.append(excitation_table(study.excitation, study.training))
     tables += comparison_tables(study.comparison)
     tables.append(link_table(study.comparison))

@@ -19,11 +19,14 @@ from consistent_id.laboratory.rollout.from_problem import rollout_of  # noqa: E4
 from consistent_id.laboratory.rollout.ridge import RIDGES, chosen_ridge  # noqa: E402
 from consistent_id.laboratory.rollout.settings import (  # noqa: E402
     Settings,
-    _between,
-    chosen_settings,
     rollout_error,
     torque_fit,
     with_settings,
+)
+from consistent_id.laboratory.rollout.settings_choice import (  # noqa: E402
+    _between,
+    _with_slopes,
+    chosen_settings,
 )
 
 ROBOT = """
@@ -184,7 +187,8 @@ def test_the_shell_replays_and_writes_what_it_found(folder, tmp_path, capsys):
 @pytest.mark.parametrize(("true", "found"), [(0.0041, 0.0041), (0.009, 0.0075)])
 def test_the_delay_is_where_a_parabola_is_lowest(true, found):
     best = Settings(delay=0.005)
-    delay = _between(best, lambda s: 1.0 + (s.delay - true) ** 2)
+    grid = [0.0, 0.0025, 0.005, 0.0075, 0.01, 0.015]
+    delay = _between(best, grid, lambda s: 1.0 + (s.delay - true) ** 2)
     assert delay == pytest.approx(found, abs=1e-5)  # no further than the grid's next
 
 
@@ -218,3 +222,63 @@ def test_real_robots_are_followed_better_than_by_their_files(
     own, as_shipped, fresh = (found.rmse(n) for n in found.replays)
     assert as_shipped > shipped  # as published with the recordings
     assert fresh == pytest.approx(own, rel=1e-3)
+
+
+@pytest.mark.slow
+def test_drives_stronger_than_stated_are_found_and_replayed_as_they_are(
+    folder, tmp_path, capsys
+):
+    for name in ("leg.xml", "log.csv"):
+        (tmp_path / name).write_bytes((folder / name).read_bytes())
+    # The robot has kp 25 and kd 1; a twelfth less is stated.
+    stated = PROBLEM.replace("kp = 25.0", "kp = 22.917").replace(
+        "kd = 1.0", "kd = 0.9167"
+    )
+    asked = stated.replace("kd = 0.9167", 'kd = 0.9167\nscale = "estimated"')
+    (tmp_path / "problem.toml").write_text(stated)
+    wrong = rollout_of(load_problem(tmp_path)).rollout
+    (tmp_path / "problem.toml").write_text(asked)
+    problem = load_problem(tmp_path)
+    fit = problem.drives.fit
+    # MuJoCo's dry friction is not the model's tanh: up to 4 % of these torques.
+    assert fit.values[1:3] == pytest.approx([25.0 / 22.917] * 2, abs=0.045)
+    assert problem.gains.kp == pytest.approx(22.917 * fit.values[1:3], rel=1e-12)
+    found = rollout_of(problem).rollout
+    (own,) = found.replays
+    assert found.rmse(own) < 0.6 * wrong.rmse(own)
+    assert main(["identify", str(tmp_path), "--verbose"]) == 0
+    assert "torque scale" in capsys.readouterr().out
+
+
+def test_slopes_are_given_to_the_motors_that_are_worth_it():
+    groups = (("a", "b"), ("c",), ("d",))
+    gains = {"a": 0.5, "c": 0.01, "d": -0.2}
+
+    def error(settings):
+        return 2.0 - sum(gains.get(joint, 0.0) for joint in settings.friction_slope)
+
+    for begin in ((), ("c",), ("a", "b", "c", "d")):
+        found = _with_slopes(Settings(friction_slope=begin), groups, error)
+        # A slope of c brings less than its worth, one of d does harm.
+        assert found.friction_slope == ("a", "b")
+
+
+@pytest.mark.slow
+def test_the_report_of_commands_has_a_section_of_their_rollouts(folder, tmp_path):
+    out = tmp_path / "report.html"
+    assert main(["report", str(folder), "--output", str(out)]) == 0
+    page = out.read_text()
+    section = page[page.index('id="rollouts"') :]
+    assert "Closed-loop replay of log" in section
+    assert "leg.xml" in section
+    assert section.count("<svg") >= 6  # errors, gain and phase of two joints
+    assert '"#rollouts"' in page
+
+
+@pytest.mark.slow
+def test_the_chosen_problem_is_written_so_that_it_can_be_run(folder, tmp_path):
+    out = folder / "chosen"
+    assert main(["rollout", str(folder), "--choose", "--output", str(out)]) == 0
+    with_trust = load_problem(out, trust=True)
+    assert with_trust.files["leg.xml"].samefile(folder / "leg.xml")
+    assert len(with_trust.training) == 1

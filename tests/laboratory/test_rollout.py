@@ -35,6 +35,10 @@ from consistent_id.laboratory.rollout.frequency_response import (  # noqa: E402
     frequency_response,
 )
 from consistent_id.laboratory.rollout.held_commands import drive_commands  # noqa: E402
+from consistent_id.laboratory.rollout.open_loop import (  # noqa: E402
+    free_gains,
+    open_loop,
+)
 from consistent_id.laboratory.rollout.refine import refined  # noqa: E402
 
 GAINS = PDGains(40.0, 2.0)
@@ -214,3 +218,33 @@ def test_a_log_without_commands_is_refused():
     log = replace(blank(model.robot.joint_names, time, told), position_command=None)
     with pytest.raises(RecordingError, match="no position_command"):
         rollout(estimate(model, TRUTH), log, GAINS)
+
+
+def test_in_open_loop_a_heavier_rotor_falls_behind_as_the_closed_form_says():
+    model = arm(DriveTerms(rotor_inertia=True), joints=1)
+    time = np.arange(600) / 200.0
+    q = 0.5 * np.sin(3.0 * time)[:, None]
+    dq, ddq = np.gradient(q, time, axis=0), -9.0 * q
+    inertia, heavier = 0.03 + 0.05, 0.03 + 0.11
+    # Commands that make the torque at half a sample later, as they are held.
+    later = time + 0.5 / 200.0
+    torque = inertia * -9.0 * 0.5 * np.sin(3.0 * later)[:, None]
+    ahead = 0.5 * np.sin(3.0 * later)[:, None]
+    slope = 1.5 * np.cos(3.0 * later)[:, None]
+    told = ahead + (torque + GAINS.kd * slope) / GAINS.kp
+    log = Recording(model.robot.joint_names, time, q, dq, ddq, position_command=told)
+    window = 40
+    for total in (inertia, heavier):
+        made = replay_model(
+            estimate(model, [total - 0.03]), log.joints, free_gains(GAINS), period=0.005
+        )
+        found = open_loop(made, log, GAINS, window=window / 200.0).errors[:, 0]
+        begin = np.arange(len(found)) // window * window
+        since = time[1 : len(found) + 1] - time[begin]
+        # Both begin alike, and accelerate by what the inertias share of the torque.
+        moved = q[1 : len(found) + 1, 0] - q[begin, 0]
+        coasted = 1.5 * np.cos(3.0 * time[begin]) * since
+        truth = (inertia / total - 1.0) * (moved - coasted)
+        # First-order steps of 1 ms: a half of one at the speed gained, 1 mrad.
+        np.testing.assert_allclose(found, truth, atol=1.5e-3)
+    assert abs(truth).max() > 0.02

@@ -7,6 +7,7 @@ import pytest
 
 from consistent_id import RecordingError, read_recording
 from consistent_id.recordings.column_guess import guess_columns
+from consistent_id.recordings.column_words import channel_of
 
 SIX = tuple(f"axis_{letter}" for letter in "abcdef")
 
@@ -229,3 +230,11 @@ def test_numbered_columns_may_count_joints_that_are_held(tmp_path):
     log = read_recording(file, moving, columns)
     np.testing.assert_array_equal(log.position[0], [0.0, 20.0, 30.0, 40.0, 50.0])
     np.testing.assert_array_equal(log.torque[0], [60.0, 80.0, 90.0, 100.0, 110.0])
+
+
+def test_what_a_lerobot_follower_is_told_is_a_command_of_position():
+    assert channel_of("action.{joint}.pos") == "position_command"
+    assert channel_of("action.{joint}.vel") == ""
+    # Policies of legged robots log scaled steps, which no name says to be positions.
+    assert channel_of("actions_{index}") == ""
+    assert channel_of("observation.state.{joint}.pos") == "position"

@@ -5,20 +5,30 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from consistent_id._support.arrays import Vector
 from consistent_id._support.tables import Table
+from consistent_id.comparison.block_scatter import (
+    BLOCKS,
+    BlockScatter,
+    block_scatter,
+)
 from consistent_id.comparison.comparison import compare
+from consistent_id.errors import NotExcitedError
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.laboratory.rollout.refine import RIDGE, Refined, refined
 from consistent_id.laboratory.rollout.ridge import chosen_ridge
 from consistent_id.laboratory.rollout.rollout import Rollout, rollout
 from consistent_id.laboratory.rollout.settings import (
-    SettingsChoice,
-    chosen_settings,
     gains_of,
     torque_fit,
     with_settings,
 )
+from consistent_id.laboratory.rollout.settings_choice import (
+    SettingsChoice,
+    chosen_settings,
+)
 from consistent_id.problems.problem import Problem
+from consistent_id.regression.segments import segment_regressions
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,6 +44,9 @@ class ProblemRollout:
         Of the validation logs, or of the training logs if there are no others.
     settings : SettingsChoice, optional
     refinement : Refined, optional
+    scatter : BlockScatter, optional
+        How sure the torque fit's parameters are; None where blocks of the training
+        motion do not determine them by themselves.
     """
 
     problem: Problem
@@ -41,6 +54,7 @@ class ProblemRollout:
     rollout: Rollout
     settings: SettingsChoice | None = None
     refinement: Refined | None = None
+    scatter: BlockScatter | None = None
 
     def tables(self) -> list[Table]:
         """Return what was found, for people."""
@@ -52,12 +66,17 @@ class ProblemRollout:
             tables.append(
                 Table(
                     "Settings chosen on parts of the training motion",
-                    ("cut-off [Hz]", "velocity scale", "friction slope", "delay [ms]"),
+                    (
+                        "cut-off [Hz]",
+                        "velocity scale",
+                        "friction slope of",
+                        "delay [ms]",
+                    ),
                     (
                         (
                             f"{s.cutoff:g}",
                             f"{s.velocity_scale:g}",
-                            "yes" if s.friction_slope else "no",
+                            ", ".join(s.friction_slope) or "none",
                             f"{1e3 * s.delay:g}",
                         ),
                     ),
@@ -67,8 +86,8 @@ class ProblemRollout:
                     ),
                 )
             )
-        found = self.problem.command_delay
-        return tables if found is None else [*tables, found.table()]
+        tables += self.problem.drives.tables()
+        return tables if self.scatter is None else [*tables, self.scatter.table()]
 
     def to_dict(self) -> dict[str, Any]:
         """Return what was found by name, for JSON."""
@@ -78,12 +97,14 @@ class ProblemRollout:
                 "training_error_before": self.refinement.before,
                 "training_error_after": self.refinement.after,
             }
+        if self.scatter is not None:
+            record["parameters"] = self.scatter.to_dict()
         if self.settings is not None:
             s = self.settings.settings
             record["settings"] = {
                 "cutoff": s.cutoff,
                 "velocity_scale": s.velocity_scale,
-                "friction_slope": s.friction_slope,
+                "friction_slope": list(s.friction_slope),
                 "delay": s.delay,
                 "error": self.settings.error,
             }
@@ -153,7 +174,18 @@ def rollout_of(
         delay=delay,
         locked=problem.table.model.locked,
     )
-    return ProblemRollout(problem, judged, replays, choice, done)
+    scatter = _scatter(problem, regression.sigma)
+    return ProblemRollout(problem, judged, replays, choice, done, scatter)
+
+
+def _scatter(problem: Problem, sigma: Vector) -> BlockScatter | None:
+    """Return how sure parameters are, from blocks of the training motion."""
+    model = problem.model
+    blocks = segment_regressions(model, problem.training, count=BLOCKS, sigma=sigma)
+    try:
+        return block_scatter(model, blocks, constraints=problem.constraints)
+    except NotExcitedError:
+        return None
 
 
 def _ridge(problem: Problem, refine: bool, choose: bool) -> float | None:

@@ -3,8 +3,9 @@
 Torque fits trust accelerations, which nobody measured; a rollout compares positions,
 which were.  A few Gauss-Newton steps begin at the certified torque fit.  Each step is a
 cone programme of its own: the same constraints, so every step's bodies are consistent;
-the linearised errors; and the torque fit itself as the ridge, so that what rollouts do
-not show stays where torques put it.
+the linearised errors, each joint's over its level in the torque fit's rollouts; and the
+torque fit itself as the ridge, so that what rollouts do not show stays where torques
+put it.  Joints count alike: one that no parameters make follow does not bend others.
 """
 
 from collections.abc import Sequence
@@ -37,6 +38,7 @@ STEPS = 3
 RIDGE = 0.1
 """Weight of the torque fit beside the rollouts; see `benchmarks/rollout.py`."""
 
+_LEAST = 0.05  # of the largest joint's error: no joint's weight runs away
 _HALVINGS = 3  # of a step that makes the error larger
 _ENOUGH = 0.002  # relative gain of a step, below which there is no other
 
@@ -104,17 +106,21 @@ def refined(
     changes = finite_changes(regression)
     free = free[np.isfinite(changes[free])]
     x = np.array(estimate.parameters)
-    before = size = _size(replays.errors(x, delay))
+    errors = replays.errors(x, delay)
+    level = np.sqrt((errors**2).mean(axis=1))
+    level = np.maximum(level, _LEAST * level.max())
+    before, size = _size(errors), _size(errors, level)
     for _ in range(steps):
         linear = replays.linearised(x, delay, free, changes)
-        goal = _goal(estimate, regression, constraints, linear, x, ridge)
-        x, now = _descended(replays, delay, (x, size), goal)
+        goal = _goal(estimate, regression, constraints, linear, level, x, ridge)
+        x, now = _descended(replays, delay, (x, size), goal, level)
         gained, size = size - now, now
         if gained < _ENOUGH * size:
             break
+    after = _size(replays.errors(x, delay))
     seconds = perf_counter() - started
-    done = _estimate(estimate, regression, x, delay, seconds, before, size)
-    return Refined(done, before, size)
+    done = _estimate(estimate, regression, x, delay, seconds, before, after)
+    return Refined(done, before, after)
 
 
 def _goal(
@@ -122,13 +128,14 @@ def _goal(
     regression: Regression,
     constraints: Sequence[Constraint],
     linear: RolloutErrors,
+    level: Vector,
     x: Vector,
     ridge: float,
 ) -> Vector:
     """Return the parameters that the linearised errors and the torque fit ask for."""
-    J = linear.by_parameter.reshape(-1, len(x))
-    r = linear.errors.ravel()
-    rows = np.column_stack([J, J @ x - r]) / np.sqrt((r**2).mean())
+    J = (linear.by_parameter / level[:, None, None]).reshape(-1, len(x))
+    r = (linear.errors / level[:, None]).ravel()
+    rows = np.column_stack([J, J @ x - r])
     combined = _with_rows(regression, triangle(np.asfortranarray(rows)), ridge)
     fit = best_fit(estimate.model, combined, constraints, base=estimate.base)
     return fit.parameters
@@ -146,22 +153,27 @@ def _with_rows(regression: Regression, rows: Matrix, ridge: float) -> Regression
 
 
 def _descended(
-    replays: Replays, delay: float, here: tuple[Vector, float], goal: Vector
+    replays: Replays,
+    delay: float,
+    here: tuple[Vector, float],
+    goal: Vector,
+    level: Vector,
 ) -> tuple[Vector, float]:
     """Go towards the goal, as far as the error falls; all between is feasible."""
     x, size = here
     share = 1.0
     for _ in range(_HALVINGS):
         tried = x + share * (goal - x)
-        now = _size(replays.errors(tried, delay))
+        now = _size(replays.errors(tried, delay), level)
         if now < size:
             return tried, now
         share /= 2.0
     return here
 
 
-def _size(errors: Matrix) -> float:
-    return float(np.sqrt((errors**2).mean()))
+def _size(errors: Matrix, level: Vector | None = None) -> float:
+    over = errors if level is None else errors / level[:, None]
+    return float(np.sqrt((over**2).mean()))
 
 
 def _estimate(
@@ -186,6 +198,10 @@ def _estimate(
         "rollout error after": after,
         "delay of commands": delay,
     }
+    fit = fit_of(estimate.model, regression, x, estimate.base)
+    if estimate.fit is not None:
+        # Whether constraints contradict the torque, its own optimum says.
+        fit = replace(fit, excess=estimate.fit.excess)
     return replace(
         estimate,
         method=Method.REFINED_BY_ROLLOUT,
@@ -194,6 +210,6 @@ def _estimate(
         certificate=Certificate("uncertified", reason, figures),
         notes=(note, *estimate.notes),
         seconds=seconds,
-        fit=fit_of(estimate.model, regression, x, estimate.base),
+        fit=fit,
         judged=None,
     )

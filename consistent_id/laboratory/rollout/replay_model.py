@@ -76,6 +76,20 @@ def replay_model(
     ModelError
         If MuJoCo is not installed or refuses the robot, or a joint is not in it.
     """
+    name = robot.method if isinstance(robot, Estimate) else Path(robot).name
+    spec = replay_spec(robot, joints, gains, locked=locked, period=period)
+    return compiled_model(spec, name, joints, gains)
+
+
+def replay_spec(
+    robot: Estimate | str | Path,
+    joints: Sequence[str],
+    gains: PDGains,
+    *,
+    locked: Mapping[str, float] | None = None,
+    period: float = STEP,
+) -> Any:
+    """Return the specification (``mujoco.MjSpec``) that `replay_model` compiles."""
     mujoco = require_mujoco()
     if isinstance(robot, Estimate):
         name = robot.method
@@ -83,13 +97,26 @@ def replay_model(
     else:
         name = Path(robot).name
         spec = mjcf_assets.read_spec(Path(robot), mujoco)
-    gains = gains.of(len(joints))
     _strip(spec)
     _hold(spec, joints, {} if locked is None else locked, name, mujoco)
-    _drive(spec, joints, gains, mujoco)
+    _drive(spec, joints, gains.of(len(joints)), mujoco)
     spec.option.timestep = period / np.ceil(period / STEP * (1.0 - 1e-9))
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+    return spec
+
+
+def compiled_model(
+    spec: Any, name: str, joints: Sequence[str], gains: PDGains
+) -> ReplayModel:
+    """Compile a specification of `replay_spec`, perhaps changed since.
+
+    Raises
+    ------
+    ModelError
+        If MuJoCo refuses it.
+    """
+    mujoco = require_mujoco()
     try:
         compiled = spec.compile()
     except (ValueError, mujoco.FatalError) as cause:
@@ -99,7 +126,7 @@ def replay_model(
         name,
         tuple(joints),
         compiled,
-        gains,
+        gains.of(len(joints)),
         compiled.jnt_qposadr[found].astype(np.intp),
         compiled.jnt_dofadr[found].astype(np.intp),
     )

@@ -4,14 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from consistent_id.laboratory.rollout.inner_split import Spans, slow_and_fast, within
 from consistent_id.laboratory.rollout.refine import refined
 from consistent_id.laboratory.rollout.settings import (
-    Spans,
     gains_of,
     rollout_error,
-    slow_and_fast,
     torque_fit,
-    within,
 )
 from consistent_id.problems.problem import Problem
 

@@ -1,7 +1,8 @@
 """Models side by side: how far each moves from the robot, under the same commands."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from consistent_id._support.tables import Table
 from consistent_id._support.threads import worker_threads
 from consistent_id.errors import RecordingError
 from consistent_id.estimation.estimate import Estimate
+from consistent_id.laboratory.rollout.open_loop import WINDOW, free_gains, open_loop
 from consistent_id.laboratory.rollout.replay import Replay, replay, replayable
 from consistent_id.laboratory.rollout.replay_model import (
     ReplayModel,
@@ -37,16 +39,25 @@ class Rollout:
         what a file cannot say counts for none.  The estimate's are its own.
     delay : float, [s]
         Of the commands, for the estimate and for all.
+    open_loop : mapping of str to tuple of Replay
+        Windows under the torque of the robot's drives, with offsets; see `open_loop`.
+        None of a model that gets out of hand in a window.
     """
 
     replays: Mapping[str, tuple[Replay, ...]]
     offsets: Mapping[str, tuple[Replay, ...]]
     delay: float = 0.0
+    open_loop: Mapping[str, tuple[Replay, ...]] = field(default_factory=dict)
 
     def rmse(self, model: str, *, offsets: bool = False) -> float:
         """Return a model's root-mean-square error of position over all [rad or m]."""
         found = (self.offsets if offsets else self.replays)[model]
         return _over_all([r.errors for r in found])
+
+    def _open_cell(self, model: str) -> str:
+        if model not in self.open_loop:
+            return "diverges"
+        return f"{1e3 * _over_all([r.errors for r in self.open_loop[model]]):.2f}"
 
     def tables(self) -> list[Table]:
         """Return the errors of all models, and those of their joints, for people."""
@@ -60,18 +71,21 @@ class Rollout:
                     f"{1e3 * self.rmse(model):.2f}",
                     "" if given is None else f"{1e3 * given:.2f}",
                     f"{1e3 * velocity:.0f}",
+                    self._open_cell(model),
                 )
             )
         logs = ", ".join(r.log.name for r in next(iter(self.replays.values())))
         whole = Table(
             f"Closed-loop replay of {logs}: root-mean-square errors",
-            ("model", "position", "with offsets", "velocity"),
+            ("model", "position", "with offsets", "velocity", "open loop"),
             tuple(rows),
             (
                 "in mrad (mm) and mrad/s (mm/s)",
                 f"commands late by {1e3 * self.delay:.2f} ms for the first model; the "
                 "others as their files say, with offsets also with that delay, "
                 "if it makes them better on the training motion",
+                f"open loop: position, {WINDOW:g} s at a stretch under the torque of "
+                "the robot's drives, with offsets",
             ),
         )
         return [whole, self._of_joints()]
@@ -105,6 +119,11 @@ class Rollout:
                         if model in self.offsets
                         else None
                     ),
+                    "position_rmse_open_loop": (
+                        _over_all([r.errors for r in self.open_loop[model]])
+                        if model in self.open_loop
+                        else None
+                    ),
                     "logs": {
                         r.log.name: {
                             joint: {"position": float(q), "velocity": float(dq)}
@@ -130,7 +149,7 @@ def rollout(
     delay: float = 0.0,
     locked: Mapping[str, float] | None = None,
 ) -> Rollout:
-    """Replay logs by an estimate and by files of the robot, closed loop.
+    """Replay logs by an estimate and by files of the robot, in closed and open loop.
 
     Parameters
     ----------
@@ -163,22 +182,35 @@ def rollout(
     learnt = [replayable(log.of(joints)) for log in training]
     period = min(1.0 / log.rate for log in known)
 
-    def made(robot: Estimate | str | Path) -> ReplayModel:
+    def made(robot: Estimate | str | Path, given: PDGains) -> ReplayModel:
         held = None if isinstance(robot, Estimate) else locked
-        return replay_model(robot, joints, gains, locked=held, period=min(period, 1.0))
+        return replay_model(robot, joints, given, locked=held, period=min(period, 1.0))
 
-    own = made(estimate)
+    own = made(estimate, gains)
     name = f"identified ({estimate.method})"
     replays = {name: replayed(own, known, delay)}
     offsets = {name: replays[name]} if learnt else {}
+    told: dict[str, tuple[float, Vector | None]] = {name: (delay, None)}
     for file in against:
-        model = made(file)
+        model = made(file, gains)
         replays[str(file)] = replayed(model, known, 0.0)
+        told[str(file)] = (0.0, None)
         if learnt:
             choices = (found_offsets(model, learnt, late) for late in {0.0, delay})
-            best = min(choices, key=lambda found: found[0])
-            offsets[str(file)] = replayed(model, known, best[1], best[2])
-    return Rollout(replays, offsets, delay)
+            _, late, found = min(choices, key=lambda choice: choice[0])
+            offsets[str(file)] = replayed(model, known, late, found)
+            told[str(file)] = (late, found)
+    free = {}
+    for robot, (key, (late, torque)) in zip(
+        (estimate, *against), told.items(), strict=True
+    ):
+        model = made(robot, free_gains(gains))
+        with suppress(RecordingError):  # a model that gets out of hand has no windows
+            free[key] = tuple(
+                open_loop(model, log, gains, delay=late, offsets=torque)
+                for log in known
+            )
+    return Rollout(replays, offsets, delay, free)
 
 
 def replayed(

@@ -16,30 +16,55 @@ _STYLES = ("main", "plain", "measured")  # of the page's style sheet, first on t
 _POINTS = 400  # of a curve
 
 
+ABOUT = (
+    "Each model was given the robot's commands in MuJoCo, from the robot's state at "
+    "the start; its own motion closes the loop."
+)
+
+
 def rollout_html(rollout: Rollout, title: str) -> str:
     """Return a rollout as one HTML file that needs nothing else."""
-    shown = rollout.offsets or rollout.replays
-    about = (
-        "Each model was given the robot's commands in MuJoCo, from the robot's state "
-        "at the start; its own motion closes the loop."
-    )
     sections = [
-        Section(
-            "errors",
-            "Errors",
-            joined((paragraphs(about), *map(table_html, rollout.tables()))),
-        ),
+        Section("errors", "Errors", _errors(rollout)),
         *(
-            _over_time(i, [replays[i] for replays in shown.values()])
-            for i in range(len(next(iter(shown.values()))))
+            Section(
+                f"time {i + 1}",
+                f"Errors over time: {replays[0].log.name}",
+                _over_time(replays),
+            )
+            for i, replays in enumerate(_by_log(rollout))
         ),
-        _responses([replays[0] for replays in shown.values()]),
+        Section("response", "Frequency response", _responses(_by_log(rollout)[0])),
     ]
     header = joined((tag("h1", title), tag("p", "Commands replayed by models.")))
     return document(f"{title}: rollout", header, sections)
 
 
-def _over_time(place: int, replays: list[Replay]) -> Section:
+def rollout_body(rollout: Rollout) -> Html:
+    """Return a rollout as the body of one section; over time the first log alone."""
+    first = _by_log(rollout)[0]
+    return joined(
+        (
+            _errors(rollout),
+            tag("h3", f"Errors over time: {first[0].log.name}"),
+            _over_time(first),
+            tag("h3", "Frequency response"),
+            _responses(first),
+        )
+    )
+
+
+def _by_log(rollout: Rollout) -> list[list[Replay]]:
+    """Return the replays of all models, log by log."""
+    shown = (rollout.offsets or rollout.replays).values()
+    return [list(replays) for replays in zip(*shown, strict=True)]
+
+
+def _errors(rollout: Rollout) -> Html:
+    return joined((paragraphs(ABOUT), *map(table_html, rollout.tables())))
+
+
+def _over_time(replays: list[Replay]) -> Html:
     """Return the errors of all models over one log."""
     time = replays[0].log.time
     coarse = buckets(len(time), _POINTS)
@@ -56,11 +81,10 @@ def _over_time(place: int, replays: list[Replay]) -> Section:
         panels.append(
             plot(frame, *curves, across="time [s]", down="[mrad]", title=joint)
         )
-    title = f"Errors over time: {replays[0].log.name}"
-    return Section(f"time {place + 1}", title, joined((_legend(replays), *panels)))
+    return joined((_legend(replays), *panels))
 
 
-def _responses(replays: list[Replay]) -> Section:
+def _responses(replays: list[Replay]) -> Html:
     """Return gain and lag of the robot and of all models."""
     log = replays[0].log
     robot = frequency_response(log, log.position)
@@ -85,7 +109,7 @@ def _responses(replays: list[Replay]) -> Section:
                 )
             )
     text = "Position over its command; the robot is drawn as measured."
-    return Section("response", "Frequency response", joined((tag("p", text), *panels)))
+    return joined((tag("p", text), *panels))
 
 
 def _degrees(response: Vector) -> Vector:

@@ -15,6 +15,10 @@ from consistent_id.recordings.signals.cuts import (
 )
 from consistent_id.recordings.signals.delay import Delay, estimate_delay
 from consistent_id.recordings.signals.differences import differentiated
+from consistent_id.recordings.signals.drive_calibration import (
+    DriveCalibration,
+    calibrated,
+)
 from consistent_id.recordings.signals.filters import decimated, low_passed
 from consistent_id.recordings.signals.folds import Fold, blocked_folds
 from consistent_id.recordings.signals.fourier import (
@@ -44,6 +48,7 @@ from consistent_id.recordings.signals.track import Track, track
 
 __all__ = [
     "Delay",
+    "DriveCalibration",
     "Fold",
     "FourierFit",
     "MotionNoise",
@@ -51,6 +56,7 @@ __all__ = [
     "Track",
     "aligned",
     "blocked_folds",
+    "calibrated",
     "commanded",
     "decimated",
     "differentiated",

@@ -1,0 +1,326 @@
+"""Delay, scale and encoder bias of PD drives, found beside the parameters of the fit.
+
+The torque is linear in the model's parameters, but not in what drives and encoders get
+wrong.  So this is found by Gauss-Newton steps, in each of which the parameters are
+solved for (variable projection): ``tau = Y x + C e``, where the columns ``C`` say what
+a small change ``e`` of the calibration does to both sides.  What is known of drives
+before data are seen stands beside it, so that a calibration stays what it can be.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from consistent_id._support.arrays import BoolArray, Matrix, Vector, freeze_arrays
+from consistent_id._support.tables import Table
+from consistent_id._support.threads import single_threaded
+from consistent_id.constraints import Constraint
+from consistent_id.errors import ProblemError
+from consistent_id.estimation.equalities import FreeParameters, least_squares
+from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.signals.drive_calibration import DriveCalibration
+from consistent_id.regression.motion_arrays import motion_of
+from consistent_id.regression.noise import joint_noise
+from consistent_id.regression.regression import Regression, build_regression
+from consistent_id.regression.regressor import CHUNK, TorqueModel
+from consistent_id.regression.triangles import extended
+
+UNKNOWNS = ("delay", "scale", "encoder_bias")
+"""What a calibration has and a fit may find."""
+
+_STEPS = 8  # of Gauss-Newton; the first leaves a few per cent
+_SETTLED = 0.05  # of a standard error: a smaller step is the last
+_LATER = 1e-4  # s, by which commands are made later to see what a delay does
+_TURNED = 1e-5  # rad or m, by which joints are turned to see what a bias does
+
+DELAY_SPREAD = 0.03
+"""Standard deviation of the delay before data are seen [s]: six periods of 200 Hz."""
+
+SCALE_SPREAD = 0.1
+"""The same of torque scales: motor constants and gears are within ten per cent."""
+
+BIAS_SPREAD = 0.05, 0.005
+"""The same of encoder biases [rad], [m]: joints are zeroed to a few degrees."""
+
+_LITTLE = 0.5
+"""Singular value of the data's rows, over the spread before data, below which a change
+is not seen: the data have brought less than a quarter of what was known already."""
+
+_PART = 0.3  # of a direction's largest entry, from which on another is part of it
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CalibrationFit:
+    """A calibration, and how sure it is.
+
+    Parameters
+    ----------
+    joints : tuple of str
+    found : tuple of str
+        What was asked for, of `UNKNOWNS`.
+    values : array_like, shape (1 + 2 joints,)
+        Delay [s], each joint's scale, each joint's encoder bias [rad or m].
+    standard_errors : array_like, shape (1 + 2 joints,)
+        For noise as correlated as the residuals are, with what is known of drives
+        before data are seen; zero for what was not asked for.
+    unknown : array_like, shape (directions, 1 + 2 joints)
+        Changes of the calibration that the data do not see; they stay near where they
+        were stated.
+    """
+
+    joints: tuple[str, ...]
+    found: tuple[str, ...]
+    values: Vector
+    standard_errors: Vector
+    unknown: Matrix
+
+    def __post_init__(self) -> None:
+        shape = (1 + 2 * len(self.joints),)
+        shapes = {"values": shape, "standard_errors": shape, "unknown": (None, *shape)}
+        freeze_arrays(self, shapes, "drive calibration")
+
+    @property
+    def calibration(self) -> DriveCalibration:
+        """The calibration as a value."""
+        return _calibration(self.values)
+
+    @property
+    def known(self) -> BoolArray:
+        """Whether the data know each value by itself."""
+        part = _PART * abs(self.unknown).max(axis=1, initial=0.0, keepdims=True)
+        return np.asarray(~(abs(self.unknown) > part).any(axis=0))
+
+    def table(self) -> Table:
+        """Return the calibration with its standard errors, for people."""
+        n = len(self.joints)
+        titles = {"scale": "torque scale", "encoder_bias": "encoder bias [mrad, mm]"}
+        shown = [(name, i) for i, name in enumerate(UNKNOWNS[1:]) if name in self.found]
+        units = {"scale": 1.0, "encoder_bias": 1e3}
+        rows = [
+            (joint, *(self._cell(1 + i * n + j, units[name]) for name, i in shown))
+            for j, joint in enumerate(self.joints)
+        ]
+        title = "Drives and encoders"
+        if "delay" in self.found:
+            title += f"; commands are late by {self._cell(0, 1e3)} ms"
+        notes = [
+            "+- 1 standard error, of this model of bodies and friction: what these "
+            "lack, a calibration may take up. Rollouts show whether it does"
+        ]
+        if not self.known.all():
+            notes.append(
+                "not known: the parameters of the fit explain it as well, or it "
+                "together with another; such are near where they were stated. Known "
+                'bodies (bodies = "model") tell more'
+            )
+        if "encoder_bias" in self.found:
+            notes.append(
+                "the bias is what gravity shows. A bias between command and reading is "
+                "part of the torque offset, as kp times it; one set of gains cannot "
+                "tell them apart"
+            )
+        return Table(
+            title,
+            ("joint", *(titles[name] for name, _ in shown)) if shown else (),
+            tuple(rows) if shown else (),
+            tuple(notes),
+        )
+
+    def _cell(self, place: int, unit: float) -> str:
+        value, error = unit * self.values[place], unit * self.standard_errors[place]
+        return f"{value:.3f} +- {error:.3f}" if self.known[place] else "not known"
+
+
+@single_threaded
+def fit_calibration(
+    model: TorqueModel,
+    recordings: Callable[[DriveCalibration], Sequence[Recording]],
+    found: Sequence[str] = UNKNOWNS,
+    *,
+    start: DriveCalibration | None = None,
+    constraints: Sequence[Constraint] = (),
+) -> CalibrationFit:
+    """Find what drives and encoders get wrong.
+
+    Parameters
+    ----------
+    model : TorqueModel
+    recordings : callable
+        From a calibration to prepared recordings, always of the same samples; see
+        `calibrated`.
+    found : sequence of str
+        Of `UNKNOWNS`.
+    start : DriveCalibration, optional
+        Where to begin; and the values of what is not to be found.
+    constraints : sequence of Constraint
+        Of these the equalities count, such as known bodies and equal motors.
+
+    Raises
+    ------
+    ProblemError
+        If `found` names something else.
+    RecordingError
+        If the recordings cannot be used.
+    """
+    for name in found:
+        if name not in UNKNOWNS:
+            known = ", ".join(UNKNOWNS)
+            raise ProblemError(f"no {name!r} in a drive calibration, expected {known}")
+    n = len(model.robot)
+    given = (DriveCalibration() if start is None else start).of(n)
+    values = np.concatenate([[given.delay], given.scale, given.encoder_bias])
+    wanted = np.repeat([name in found for name in UNKNOWNS], [1, n, n])
+    search = _Search(
+        model,
+        recordings,
+        wanted,
+        values,
+        _spread(model),
+        FreeParameters.of(constraints, model),
+    )
+    for _ in range(_STEPS):
+        found_here = search.step(values)
+        change, values = abs(found_here.values - values), found_here.values
+        if (change <= _SETTLED * found_here.standard_errors).all():
+            break
+    return CalibrationFit(model.robot.joint_names, tuple(found), *found_here)
+
+
+class _Step(NamedTuple):
+    values: Vector
+    standard_errors: Vector
+    unknown: Matrix
+
+
+def _spread(model: TorqueModel) -> Vector:
+    """Return the standard deviations before data are seen."""
+    slides = np.array([joint.kind == "prismatic" for joint in model.robot.driven])
+    bias = np.where(slides, BIAS_SPREAD[1], BIAS_SPREAD[0])
+    return np.concatenate([[DELAY_SPREAD], np.full(len(bias), SCALE_SPREAD), bias])
+
+
+def _calibration(values: Vector) -> DriveCalibration:
+    scale, bias = np.split(values[1:], 2)
+    return DriveCalibration(float(values[0]), scale, bias)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Search:
+    """What each step begins with.
+
+    Scales are counted relative to what they are, so that they stay positive.
+    """
+
+    model: TorqueModel
+    recordings: Callable[[DriveCalibration], Sequence[Recording]]
+    wanted: BoolArray
+    stated: Vector
+    spread: Vector
+    free: FreeParameters
+
+    def step(self, values: Vector) -> _Step:
+        """Return better values, their standard errors, and what data do not see."""
+        rows, width = self._compressed(values)
+        wanted, scale = self.wanted, _is_scale(self.wanted)
+        away = values - self.stated
+        away[scale] = np.log(values[scale] / self.stated[scale])
+        # Rows below those of the model's parameters are of the calibration alone;
+        # in units of the spread before data, which is a row of one each.
+        spread, n = self.spread[wanted], int(wanted.sum())
+        seen, rest = rows[width:, width:-1] * spread, rows[width:, -1]
+        A = np.vstack([seen, np.eye(n)])
+        inverse = np.linalg.pinv(A)
+        change, errors = np.zeros(len(values)), np.zeros(len(values))
+        change[wanted] = spread * (inverse @ np.append(rest, -(away[wanted] / spread)))
+        errors[wanted] = spread * np.linalg.norm(inverse, axis=1)
+        moved = values + change
+        moved[scale] = values[scale] * np.exp(change[scale])
+        moved[0] = max(moved[0], 0.0)
+        _, s, Vt = np.linalg.svd(seen)
+        hidden = Vt[np.append(s, np.zeros(n - len(s))) < _LITTLE]
+        unknown = np.zeros((len(hidden), len(values)))
+        unknown[:, wanted] = hidden
+        return _Step(moved, errors * np.where(scale, moved, 1.0), unknown)
+
+    def _compressed(self, values: Vector) -> tuple[Matrix, int]:
+        """Return the triangle of all rows ``[Y, C, tau]``, and the width of ``Y``.
+
+        Rows are divided by their noise.
+        """
+        here = self.recordings(_calibration(values))
+        later = values + np.r_[_LATER, np.zeros(len(values) - 1)]
+        after = self.recordings(_calibration(later)) if self.wanted[0] else here
+        regression = build_regression(self.model, here)
+        sigma = joint_noise(self.model, regression) * np.sqrt(regression.correlation)
+        free = self.free.determined(regression.weighted(sigma))
+        x = _fitted(regression.weighted(sigma), free)
+        width = free.directions.shape[1]
+        R = np.zeros((0, width + int(self.wanted.sum()) + 1))
+        for one, other in zip(here, after, strict=True):
+            for rows in _rows(self.model, one, other, x, self.wanted, free):
+                for j, s in enumerate(sigma):
+                    R = extended(R, np.asfortranarray(rows[j] / s))
+        return R, width
+
+
+def _is_scale(values: BoolArray) -> BoolArray:
+    n = (len(values) - 1) // 2
+    return np.array([False] + n * [True] + n * [False])
+
+
+def _fitted(regression: Regression, free: FreeParameters) -> Vector:
+    stacked = regression.stacked()
+    y = least_squares(*free.reduced(stacked[:, :-1], stacked[:, -1]))
+    return np.asarray(free.start + free.directions @ y)
+
+
+def _rows(
+    model: TorqueModel,
+    recording: Recording,
+    later: Recording,
+    x: Vector,
+    wanted: BoolArray,
+    free: FreeParameters,
+) -> Iterator[list[Matrix]]:
+    """Yield, piece by piece, the rows ``[Y, C, tau]`` of each torque joint."""
+    whole, late = motion_of(model, recording, None), motion_of(model, later, None)
+    n = len(model.robot)
+    for begin in range(0, len(whole.q), CHUNK):
+        moved = whole.samples(begin, begin + CHUNK)
+        state = moved.q, moved.dq, moved.ddq
+        Y = model.regressor(*state)
+        torque = np.einsum("jps,p->sj", Y, x)
+        C = np.zeros((*torque.shape, 1 + 2 * n))
+        if wanted[0]:
+            delayed = late.samples(begin, begin + CHUNK).torque
+            C[:, :, 0] = (moved.torque - delayed) / _LATER
+        for j, joint in enumerate(model.robot.joint_names):
+            if wanted[1 + j] and joint in model.torque_joints:
+                row = model.torque_joints.index(joint)
+                C[:, row, 1 + j] = -torque[:, row]
+            if wanted[1 + n + j]:
+                C[:, :, 1 + n + j] = -_turned(model, x, state, j)
+        yield [
+            np.column_stack(
+                [
+                    Y[row].T @ free.directions,
+                    C[:, row][:, wanted],
+                    moved.torque[:, row] - Y[row].T @ free.start,
+                ]
+            )
+            for row in range(len(model.torque_joints))
+        ]
+
+
+def _turned(
+    model: TorqueModel, x: Vector, state: tuple[Matrix, Matrix, Matrix], joint: int
+) -> Matrix:
+    """Return what torques change by where one joint is turned, over the change."""
+    q, dq, ddq = state
+    change = np.zeros(q.shape[1])
+    change[joint] = _TURNED
+    both = (model.predict(x, q + sign * change, dq, ddq) for sign in (1.0, -1.0))
+    ahead, behind = both
+    return np.asarray((ahead - behind) / (2.0 * _TURNED))
