@@ -81,7 +81,7 @@ def observed_friction(
     motion = motion_of(model, recording, None)
     alone = np.zeros_like(estimate.parameters)
     alone[columns] = estimate.parameters[columns]
-    identified = model.predict(alone, motion.q, motion.dq, motion.ddq)
+    identified = motion.predicted(model, alone)
     rest = motion.torque - estimate.predict(recording)
     rows = [model.robot.joint_names.index(j) for j in model.torque_joints]
     return rest + identified, identified, motion.dq[:, rows]

@@ -22,7 +22,7 @@ from consistent_id.regression.columns import split_at_gap
 from consistent_id.regression.motion_arrays import Motion, motion_of
 from consistent_id.regression.regression import Regression, triangle
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.regression.row_names import CONTACT_FREE
+from consistent_id.regression.row_names import CONTACT_FREE, row_names
 from consistent_id.regression.rows.contact_maps import contact_maps
 
 _CHUNK = 512
@@ -68,7 +68,7 @@ def contact_free_regression(
     pieces = [
         (recording.contacts, motion.samples(start, start + _CHUNK), start)
         for recording in several(recordings)
-        for motion in [motion_of(whole, recording, None)]
+        for motion in [motion_of(whole, replace(recording, contacts=()), None)]
         for start in range(0, len(motion.q), _CHUNK)
     ]
 
@@ -177,7 +177,7 @@ def contact_free_base(
     contacts : sequence of ContactFlags
         Those of the recordings, see `contact_free_regression`.
     """
-    whole = _every_row(model)
+    whole = model if CONTACT_FREE not in model.torque_joints else _every_row(model)
     Y = np.ascontiguousarray(np.moveaxis(random_regressor(whole, seed=seed), 2, 0))
     states = random_states(whole, seed=seed)
     q, turned = states.q, None if states.base is None else states.base.rotation
@@ -187,10 +187,11 @@ def contact_free_base(
         ContactFlags(c.frame, drawn[:, i], c.point, c.surface, radius=c.radius)
         for i, c in enumerate(contacts)
     ]
-    levels = np.ones(len(whole.torque_joints))
+    there = np.array(list(map(row_names(whole.robot).index, whole.torque_joints)))
+    levels = np.ones(len(there))
     rows = [
         (found.maps @ Y[found.samples]).reshape(-1, Y.shape[2])
-        for found in contact_maps(whole.robot, q, flags, levels, turned)
+        for found in contact_maps(whole.robot, q, flags, levels, turned, rows=there)
     ]
     split, _ = split_at_gap(np.vstack(rows), column_kinds(model.layout))
     return BaseParameters(model.layout, *split, fingerprint=model.fingerprint)
