@@ -19,6 +19,7 @@ from consistent_id.problems.named_files import expanded, require_there
 from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.drive.gear_coupling import GearCoupling
 from consistent_id.regression.regressor import TorqueModel, unloaded_joints
+from consistent_id.regression.rows.wrench_sensor import tool_model
 from consistent_id.robot.chains import Selection, selected
 from consistent_id.robot.loaders import (
     DHRow,
@@ -72,6 +73,26 @@ def drive_of(table: ProblemTable, robot: RobotModel) -> TorqueModel:
     couplings = tuple(coupling_of(coupling) for coupling in table.couplings)
     measured = () if table.data is None else tuple(table.data.torque_joints)
     return TorqueModel(robot, drive, couplings, measured)
+
+
+def behind_sensor(table: ProblemTable, model: TorqueModel) -> TorqueModel:
+    """Return the model of what is behind a robot's wrench sensor, if it is asked for.
+
+    Raises
+    ------
+    ProblemError
+        If the sensor has no columns.
+    """
+    sensor = table.wrist_sensor
+    if sensor is None:
+        return model
+    wrenches = [] if table.data is None else table.data.wrenches
+    if table.data is not None and sensor.frame not in {w.frame for w in wrenches}:
+        raise ProblemError(
+            f"[wrist_sensor] is at {sensor.frame!r}, but no [[data.wrenches]] names its "
+            f'columns; add one with frame = "{sensor.frame}"'
+        )
+    return tool_model(sensor.tool, bias=sensor.bias, gravity=model.robot.gravity)
 
 
 def _drive(table: ProblemTable, robot: RobotModel) -> tuple[DriveTerms, ...]:

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 from consistent_id._support.inputs import require_regular
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.log_formats import LOG_FORMATS, log_format
+from consistent_id.recordings.readers.array_parts import read_parts
 from consistent_id.recordings.readers.columns import JOINT_STATE, Columns, wanted
 from consistent_id.recordings.readers.jointstate import (
     joint_state_fields,
@@ -75,7 +76,7 @@ def read_recording(
         )
     want = wanted(columns or Columns(), joints, str(path))
     return recording_of(
-        _reader(path).read_arrays(path, want.names),
+        read_parts(_reader(path), path, want.names),
         want,
         where=str(path),
         name=path.name,

@@ -14,6 +14,7 @@ from consistent_id.recordings.contacts import ContactFlags
 from consistent_id.recordings.recording import Recording, several
 from consistent_id.regression.base import (
     BaseParameters,
+    base_parameters,
     column_kinds,
     random_regressor,
     random_states,
@@ -24,11 +25,14 @@ from consistent_id.regression.regression import Regression, triangle
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.row_names import CONTACT_FREE, row_names
 from consistent_id.regression.rows.contact_maps import contact_maps
+from consistent_id.regression.rows.contact_mixing import unmeasured_contacts
 
 _CHUNK = 512
 """Samples per chunk: of 18 rows and 130 columns, 10 MB."""
 
 _WORKERS = 2
+
+_EVERY = np.ones(0, dtype=bool)  # no flags: every sample is certain
 
 
 @single_threaded
@@ -161,6 +165,24 @@ def _levels(sigma: ArrayLike | None, rows: int) -> Vector:
     if not (levels > 0.0).all():
         raise ProblemError(f"sigma is {levels}, expected positive values")
     return levels
+
+
+def base_of_recordings(
+    model: TorqueModel, recordings: Recording | Sequence[Recording]
+) -> BaseParameters:
+    """Return what recordings like these can tell, whatever their motion.
+
+    `base_parameters`, or `contact_free_base` if forces of contacts are not measured.
+    """
+    logs = several(recordings)
+    unknown = [unmeasured_contacts(log) for log in logs] if model.robot.floating else []
+    if not any(unknown):
+        return base_parameters(model)
+    every = [
+        replace(first, closed=np.concatenate([f.closed for f in rest]), certain=_EVERY)
+        for first, *rest in ((flags[0], *flags) for flags in zip(*unknown, strict=True))
+    ]
+    return contact_free_base(model, every)
 
 
 @single_threaded
