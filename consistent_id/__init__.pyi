@@ -120,15 +120,20 @@ from consistent_id.motion.transfers import transfer
 from consistent_id.problems.draft import Draft
 from consistent_id.problems.drafting import draft_problem
 from consistent_id.problems.log_identification import identify_log
-from consistent_id.problems.problem import Problem, load_problem, load_problems
+from consistent_id.problems.problem import Problem, load_problem
 from consistent_id.problems.selection.select import select_model
 from consistent_id.problems.selection.selection import ModelSelection
+from consistent_id.problems.several import load_problems
 from consistent_id.problems.study import Study, identify, run_study
 from consistent_id.recordings.base_motion import BaseMotion
 from consistent_id.recordings.contacts import ContactFlags, Wrench
 from consistent_id.recordings.readers import (
     JOINT_STATE,
+    BaseColumns,
+    BesideColumns,
     Columns,
+    ContactColumns,
+    WrenchColumns,
     read_recording,
     read_track,
     recording_from,
@@ -253,8 +258,10 @@ __all__ = [
     "TRAJECTORY_COLUMNS",
     "Advice",
     "Aim",
+    "BaseColumns",
     "BaseMotion",
     "BaseParameters",
+    "BesideColumns",
     "Body",
     "Bootstrap",
     "Box",
@@ -268,6 +275,7 @@ __all__ = [
     "Comparison",
     "ConsistentIdError",
     "ConsistentIntervals",
+    "ContactColumns",
     "ContactFlags",
     "Contradiction",
     "CrossCheck",
@@ -365,6 +373,7 @@ __all__ = [
     "ValidationPath",
     "Verdict",
     "Wrench",
+    "WrenchColumns",
     "Writer",
     "WritingTask",
     "advise",

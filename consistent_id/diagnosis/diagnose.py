@@ -145,7 +145,8 @@ def _of_signals(
                 of_one += frozen_findings(recording) + spike_findings(recording)
                 of_one += noise_findings(recording) + saturation_findings(recording)
         found += [replace(f, recording=recording.name) for f in of_one]
-    return Diagnosis(tuple(found), tuple(log.name for log in logs))
+    names = tuple(log.name for log in logs)
+    return Diagnosis(tuple(found), names, by_themselves=True)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,6 +1,6 @@
 """The robot and its torque model, as a problem file describes them."""
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import msgspec
@@ -8,6 +8,7 @@ import numpy as np
 
 from consistent_id.errors import ProblemError
 from consistent_id.problems.file import (
+    ConstraintsTable,
     CouplingTable,
     DHTable,
     DriveTable,
@@ -52,7 +53,9 @@ def torque_model(table: ProblemTable, file: Path) -> TorqueModel:
     ModelError
         If the robot cannot be built.
     """
-    robot = described(_robot(table, file.parent), table)
+    robot = _robot(table, file.parent)
+    if table.wrist_sensor is None:  # else the datasheet is of what is behind it
+        robot = described(robot, table)
     for name in table.joints:
         if name not in robot.joint_names:
             near = did_you_mean(name, robot.joint_names)
@@ -89,10 +92,20 @@ def behind_sensor(table: ProblemTable, model: TorqueModel) -> TorqueModel:
     wrenches = [] if table.data is None else table.data.wrenches
     if table.data is not None and sensor.frame not in {w.frame for w in wrenches}:
         raise ProblemError(
-            f"[wrist_sensor] is at {sensor.frame!r}, but no [[data.wrenches]] names its "
-            f'columns; add one with frame = "{sensor.frame}"'
+            f"[wrist_sensor] is at {sensor.frame!r}, but no [[data.wrenches]] names "
+            f'its columns; add one with frame = "{sensor.frame}"'
         )
-    return tool_model(sensor.tool, bias=sensor.bias, gravity=model.robot.gravity)
+    tool = tool_model(sensor.tool, bias=sensor.bias, gravity=model.robot.gravity)
+    return replace(tool, robot=described(tool.robot, table))
+
+
+def assumed(table: ProblemTable, model: TorqueModel) -> ConstraintsTable:
+    """Return the constraints of a file; a tool without a datasheet has any mass."""
+    stated = table.constraints
+    known = any(link.datasheet.mass is not None for link in model.robot.links)
+    if table.wrist_sensor is None or known or stated.masses != "datasheet":
+        return stated
+    return msgspec.structs.replace(stated, masses="free")
 
 
 def _drive(table: ProblemTable, robot: RobotModel) -> tuple[DriveTerms, ...]:

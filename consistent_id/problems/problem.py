@@ -27,7 +27,7 @@ from consistent_id.problems.log_entries import (
     span_of,
     with_torque,
 )
-from consistent_id.problems.model import behind_sensor, torque_model
+from consistent_id.problems.model import assumed, behind_sensor, torque_model
 from consistent_id.problems.motions import sampled_motion
 from consistent_id.problems.named_files import expanded, require_there
 from consistent_id.problems.paths import names_outside
@@ -367,7 +367,7 @@ def problem_of(
         tracks = [track for entry in table.data.recordings for track in entry.tracks]
         check_tracks(tracks, table.data.preparation)
         check_base(table.data, floating=model.robot.floating and arm is None)
-    constraints = constraints_of(table.constraints, file.parent, table.joints)
+    constraints = constraints_of(assumed(table, model), file.parent, table.joints)
     lowered(constraints, model)  # a name that is wrong is found here, not after hours
     problem = Problem(
         folder=file.parent,
@@ -380,38 +380,3 @@ def problem_of(
     for name, raw in (read or {}).items():
         problem._read[(problem._path(name),)] = raw
     return problem
-
-
-def load_problems(folder: str | Path, *, trust: bool = False) -> tuple[Problem, ...]:
-    """Load every problem of a folder: several robots, or several problems of one.
-
-    Parameters
-    ----------
-    folder : str or Path
-        See `problem_files`.
-    trust : bool
-        See `load_problem`.
-
-    Raises
-    ------
-    ProblemError, ModelError
-        See `load_problem`; or if two problems have one name.
-
-    Examples
-    --------
-    >>> [problem.model.robot.name for problem in load_problems("problems/rx60")]
-    ['rx60']
-    """
-    problems = tuple(load_problem(file, trust=trust) for file in problem_files(folder))
-    require_distinct([problem.name for problem in problems])
-    return problems
-
-
-def require_distinct(names: Sequence[str]) -> None:
-    """Refuse problems of one name: their results would overwrite each other."""
-    for name in names:
-        if names.count(name) > 1:
-            raise ProblemError(
-                f"two problems of the folder are named {name!r}; results are "
-                "filed under their names"
-            )

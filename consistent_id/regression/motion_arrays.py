@@ -45,14 +45,14 @@ class Motion(NamedTuple):
 
     def counts(self, rows: range) -> IntArray:
         """Return how many of the rows count as samples of each joint's torque."""
-        if self.weights is None and self.shares is None:
-            return np.full(self.torque.shape[1], len(rows))
-        counted: Array = np.ones(self.torque[rows].shape)
-        if self.shares is not None:
-            counted = self.shares[rows]
+        whole = np.full(self.torque.shape[1], len(rows))
         if self.weights is not None:
-            counted = np.where(self.weights[rows] != 0.0, counted, 0.0)
-        return np.asarray(np.rint(counted.sum(axis=0)).astype(np.intp))
+            whole = np.count_nonzero(self.weights[rows], axis=0)
+        if self.shares is None:
+            return whole
+        # A row of which contacts take almost all still is a row.
+        left = np.rint(whole * self.shares[rows].mean(axis=0))
+        return np.asarray(np.clip(left, np.minimum(whole, 1), None).astype(np.intp))
 
     def noise_lost(self, rows: range) -> Vector:
         """Return the noise of each row before it was mixed, over what is left of it.

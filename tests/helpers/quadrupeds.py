@@ -42,10 +42,10 @@ LEG = f"""
 """
 
 
-def quadruped_text(joint="<freejoint/>"):
-    """MJCF of the robot, its trunk hanging on a joint or none."""
-    sides = zip("abcd", (-3, -1, 1, 3), strict=True)
-    legs = "".join(LEG.format(name, y) for name, y in sides)
+def quadruped_text(joint="<freejoint/>", *, apart=2.0):
+    """MJCF of the robot, its trunk hanging on a joint or none, and hips apart [m]."""
+    sides = zip("abcd", (-1.5, -0.5, 0.5, 1.5), strict=True)
+    legs = "".join(LEG.format(name, apart * y) for name, y in sides)
     return QUADRUPED.format(joint=joint, legs=legs)
 
 

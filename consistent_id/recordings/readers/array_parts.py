@@ -36,13 +36,13 @@ def read_parts(
     found: dict[str, NDArray[Any]] = {}
     for (name, part), source in zip(parts.items(), stored, strict=True):
         whole = arrays[source]
-        found[name] = whole if part is None else _columns(whole, part, f"{path}: {name}")
+        found[name] = (
+            whole if part is None else _columns(whole, part, f"{path}: {name}")
+        )
     return found
 
 
-def _columns(
-    whole: NDArray[Any], part: re.Match[str], where: str
-) -> NDArray[Any]:
+def _columns(whole: NDArray[Any], part: re.Match[str], where: str) -> NDArray[Any]:
     first, end = int(part["first"] or 0), int(part["end"] or 0)
     if whole.ndim != 2:
         raise RecordingError(

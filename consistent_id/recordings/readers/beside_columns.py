@@ -88,9 +88,9 @@ class BaseColumns:
     @property
     def names(self) -> list[str]:
         """Every name."""
-        every = self.angular_velocity, self.acceleration
-        every += () if self._has_unit else (self.position,)
-        return [n for names in (*every, self.orientation) for n in _listed(names)]
+        place = None if self._has_unit else self.position
+        every = self.angular_velocity, self.acceleration, place, self.orientation
+        return [name for names in every for name in _listed(names)]
 
     def motion(self, arrays: "Arrays", time: Vector, where: str) -> BaseMotion:
         """Return the motion of the base, not filtered."""
@@ -233,12 +233,12 @@ def columns(
     """
     parts = []
     for name in _listed(names):
-        values = np.asarray(arrays[name])
-        if values.dtype.kind not in "biuf":
+        raw = np.asarray(arrays[name])
+        if raw.dtype.kind not in "biuf":
             raise RecordingError(
-                f"{where}: column {name!r} holds {values.dtype}, expected numbers"
+                f"{where}: column {name!r} holds {raw.dtype}, expected numbers"
             )
-        values = values.astype(np.float64)
+        values: Matrix = raw.astype(np.float64)
         if values.ndim == 2 and len(values) != samples:
             values = values.T
         if values.ndim > 2 or len(values) != samples:
@@ -253,10 +253,11 @@ def columns(
             f"{where}: {', '.join(_listed(names))}: {found.shape[1]} columns, expected "
             f"{width}; of a larger array, name[first:end] takes some"
         )
-    if not np.isfinite(found).all():
-        sample = int(np.argmin(np.isfinite(found).all(axis=1)))
+    finite = np.isfinite(found).all(axis=1)
+    if not finite.all():
+        bad = int(np.argmin(finite))
         raise RecordingError(
-            f"{where}: {', '.join(_listed(names))}: {found[sample]} at sample {sample}; "
+            f"{where}: {', '.join(_listed(names))}: {found[bad]} at sample {bad}; "
             "remove or repair those samples"
         )
     return found

@@ -33,8 +33,8 @@ def filtered_beside(
     """
     base, wrenches = recording.base, recording.wrenches
     if base is not None and motion is not None:
-        channels = np.split(motion(base.stacked), 3, axis=1)
-        base = BaseMotion(*channels, base.rotation)
+        w, dw, felt = np.split(motion(base.stacked), 3, axis=1)
+        base = BaseMotion(w, dw, felt, base.rotation)
     if torque is not None:
         wrenches = tuple(replace(w, values=torque(w.values)) for w in wrenches)
     return Beside(base=base, wrenches=wrenches, contacts=recording.contacts)
@@ -44,13 +44,13 @@ def resampled_beside(recording: Recording, clock: Vector) -> Beside:
     """Return it at other times; contacts are certain where both neighbours agree."""
     time, base = recording.time, recording.base
     if base is not None:
-        channels = np.split(cubic_spline(time, base.stacked, clock), 3, axis=1)
+        w, dw, felt = np.split(cubic_spline(time, base.stacked, clock), 3, axis=1)
         rotation = base.rotation
         if rotation is not None:
             rotation = _nearest_rotations(
                 cubic_spline(time, rotation.reshape(-1, 9), clock).reshape(-1, 3, 3)
             )
-        base = BaseMotion(*channels, rotation)
+        base = BaseMotion(w, dw, felt, rotation)
     wrenches = (
         replace(w, values=cubic_spline(time, w.values, clock))
         for w in recording.wrenches

@@ -10,6 +10,7 @@ from consistent_id.recordings.signals.beside import filtered_beside
 from consistent_id.recordings.signals.butterworth import zero_phase
 from consistent_id.recordings.signals.clocks import uniform_rate
 
+_FILTERED = ("position", "velocity", "acceleration", "torque")
 _LOWEST = 1e-5  # cut-off over sampling rate
 
 
@@ -51,17 +52,16 @@ def low_passed(
         pad = min(len(values) - 1, int(3 * order * rate / cutoff))
         return zero_phase(values, cutoff=cutoff, rate=rate, order=order, pad=pad)
 
-    cutoffs = dict.fromkeys(("position", "velocity", "acceleration"), motion_cutoff)
-    cutoffs["torque"] = torque_cutoff
-    channels = {
-        channel: smooth(values, cutoff)
-        for channel, cutoff in cutoffs.items()
-        if cutoff is not None and (values := getattr(recording, channel)) is not None
-    }
     motion, torque = (
         None if cutoff is None else partial(smooth, cutoff=cutoff)
         for cutoff in (motion_cutoff, torque_cutoff)
     )
+    filters = (motion, motion, motion, torque)
+    channels = {
+        channel: own(values)
+        for channel, own in zip(_FILTERED, filters, strict=True)
+        if own is not None and (values := getattr(recording, channel)) is not None
+    }
     beside = filtered_beside(recording, motion, torque)
     return replace(recording, **channels, **beside)  # type: ignore[arg-type]
 

@@ -1,9 +1,10 @@
 """Rows of which unmeasured contact forces are taken out, each under its own name.
 
 The row maps ``L_t`` of `contact_maps` leave rows that have no names, and other ones at
-every sample.  Here they are turned back, ``S^2 L_t^T L_t``: the part of each row that no
-contact force enters.  There are as many rows as before, so noise, residuals and weights
-keep their meaning row by row; together they hold what the fewer rows hold.
+every sample.  Here they are turned back, ``L_t^T L_t`` with all levels one: the part of
+each row that no contact force enters.  There are as many rows as before, so noise,
+residuals and weights keep their meaning row by row; together they hold what the fewer
+rows hold.
 """
 
 from collections.abc import Iterator
