@@ -136,7 +136,10 @@ def motion_of(
     if weights is not None:
         weights = frozen(weights, tau.shape, f"row_weights of {recording.name}")
     motion = Motion(q, dq, ddq, tau, weights, base)
-    mixing = contact_mixing(model.robot, model.torque_joints, recording)
+    unknown = None
+    if weights is not None and not weights.all():
+        unknown = np.asarray(weights) == 0.0
+    mixing = contact_mixing(model.robot, model.torque_joints, recording, unknown)
     return motion if mixing is None else _without_contacts(motion, mixing)
 
 

@@ -59,7 +59,7 @@ def walk(robot, parameters, *, seconds=20.0, seed=0):
     """
     rng = np.random.default_rng(seed)
     time = np.arange(int(seconds * RATE)) / RATE
-    q, dq, ddq = waves(rng, time, len(robot), 0.3)
+    q, dq, ddq = waves(rng, time, len(robot), 0.1)
     x, _, a = waves(rng, time, 3, 0.05)
     quaternion, w, dw = turns(rng, time)
     R = rotations(quaternion, "wxyz")

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from quadrupeds import FEET, FOOT, quadruped_text
+from quadrupeds import CORNERS, FEET, FOOT, quadruped_text
 from walking import walk, write_csv
 
 import consistent_id as ci
@@ -57,7 +57,7 @@ WRENCHES = "".join(
 def folder(tmp_path_factory):
     """A robot, and two logs of it with a box on its trunk."""
     folder = tmp_path_factory.mktemp("walker")
-    (folder / "quadruped.xml").write_text(quadruped_text(apart=0.2))
+    (folder / "quadruped.xml").write_text(quadruped_text(hips=CORNERS))
     robot = ci.load_mjcf(folder / "quadruped.xml", base="floating")
     truth = robot.nominal.copy()
     truth[:10] += BOX.vector

@@ -92,7 +92,13 @@ def saturated(recording: Recording, limit: ArrayLike | None = None) -> BoolArray
     return np.column_stack([_top(tau) | _top(-tau) for tau in torque.T])
 
 
-def row_weights(recording: Recording, mask: ArrayLike, joints: Sequence[str]) -> Array:
+def row_weights(
+    recording: Recording,
+    mask: ArrayLike,
+    joints: Sequence[str],
+    *,
+    others: Sequence[str] = (),
+) -> Array:
     """Return weights for `build_regression`: 0 where masked, 1 elsewhere.
 
     Parameters
@@ -102,13 +108,18 @@ def row_weights(recording: Recording, mask: ArrayLike, joints: Sequence[str]) ->
         By the recording's joints.
     joints : sequence of str
         The model's ``torque_joints``.
+    others : sequence of str
+        Rows among them that are no joint's and are kept: `BASE_ROWS`.
 
     Returns
     -------
     ndarray, shape (samples, torque joints)
     """
-    columns = [recording.joints.index(name) for name in recording.of(joints).joints]
-    return np.where(as_mask(recording, mask)[:, columns], 0.0, 1.0)
+    masked, own = as_mask(recording, mask), [j for j in joints if j not in others]
+    columns = [recording.joints.index(name) for name in recording.of(own).joints]
+    weights = np.ones((len(recording), len(joints)))
+    weights[:, [joints.index(name) for name in own]] -= masked[:, columns]
+    return weights
 
 
 def mask_onto(

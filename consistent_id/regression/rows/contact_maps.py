@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from consistent_id._support.arrays import Array, IntArray, Matrix, Vector
+from consistent_id._support.arrays import Array, BoolArray, IntArray, Matrix, Vector
 from consistent_id.errors import ProblemError, RecordingError
 from consistent_id.recordings.contacts import ContactFlags
 from consistent_id.recordings.recording import Recording
@@ -53,6 +53,7 @@ def contact_maps(
     rotation: Array | None = None,
     *,
     rows: IntArray | None = None,
+    unknown: BoolArray | None = None,
 ) -> Iterator[RowMap]:
     """Yield row maps of samples, those with the same contacts together.
 
@@ -70,6 +71,8 @@ def contact_maps(
         Of the base in the world, for contacts with a radius.
     rows : ndarray of int, shape (rows,), optional
         Which of `row_names` there are; by default all.
+    unknown : ndarray of bool, shape (samples, rows), optional
+        Rows of which contacts take nothing; their own part of a map means nothing.
     """
     there = np.arange(6 + len(robot)) if rows is None else rows
     down = _down(robot, contacts, rotation)
@@ -88,6 +91,8 @@ def contact_maps(
         held = [_pushes(robot, q[samples], flags, below) for flags in touching]
         nothing = np.zeros((len(samples), 6 + len(robot), 0))
         pushes = np.concatenate([nothing, *held], axis=2)[:, there]
+        if unknown is not None:
+            pushes[unknown[samples]] = 0.0
         yield from _null_spaces(samples, pushes / sigma[:, None], sigma)
 
 

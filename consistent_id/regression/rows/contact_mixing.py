@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from consistent_id._support.arrays import Array, IntArray, Matrix
+from consistent_id._support.arrays import Array, BoolArray, IntArray, Matrix
 from consistent_id.errors import ProblemError
 from consistent_id.recordings.contacts import ContactFlags
 from consistent_id.recordings.recording import Recording
@@ -39,6 +39,9 @@ class ContactMixing:
         Those whose forces are not measured.
     rotation : ndarray, shape (samples, 3, 3), optional
         Of the base in the world.
+    unknown : ndarray of bool, shape (samples, rows), optional
+        Rows that hold something else that is not known, such as the friction of a joint
+        at rest: nothing of them gets into the others.
     """
 
     robot: RobotModel
@@ -46,6 +49,7 @@ class ContactMixing:
     q: Matrix
     contacts: tuple[ContactFlags, ...]
     rotation: Array | None
+    unknown: BoolArray | None = None
 
     def samples(self, part: slice) -> "ContactMixing":
         """Return a run of samples."""
@@ -54,6 +58,7 @@ class ContactMixing:
             q=self.q[part],
             contacts=tuple(flags.samples(part) for flags in self.contacts),
             rotation=None if self.rotation is None else self.rotation[part],
+            unknown=None if self.unknown is None else self.unknown[part],
         )
 
     @property
@@ -65,11 +70,12 @@ class ContactMixing:
         n = len(self.rows)
         found = np.zeros((len(self.q), n, n))
         levels = np.ones(n)
-        for group in contact_maps(
-            self.robot, self.q, self.contacts, levels, self.rotation, rows=self.rows
-        ):
+        state = self.robot, self.q, self.contacts, levels, self.rotation
+        for group in contact_maps(*state, rows=self.rows, unknown=self.unknown):
             maps = group.maps
             found[group.samples] = np.swapaxes(maps, 1, 2) @ maps
+        if self.unknown is not None:
+            found *= ~self.unknown[:, :, None] & ~self.unknown[:, None]
         return found
 
     def chunks(self) -> Iterator[tuple[slice, Array]]:
@@ -97,9 +103,15 @@ def unmeasured_contacts(recording: Recording) -> tuple[ContactFlags, ...]:
 
 
 def contact_mixing(
-    robot: RobotModel, rows: tuple[str, ...], recording: Recording
+    robot: RobotModel,
+    rows: tuple[str, ...],
+    recording: Recording,
+    unknown: BoolArray | None = None,
 ) -> ContactMixing | None:
-    """Return how a recording's rows are mixed; None if no contact force is unknown."""
+    """Return how a recording's rows are mixed; None if no contact force is unknown.
+
+    See `ContactMixing.unknown`.
+    """
     contacts = unmeasured_contacts(recording) if robot.floating else ()
     if not contacts:
         return None
@@ -115,4 +127,5 @@ def contact_mixing(
         joint_positions(robot, recording),
         contacts,
         None if recording.base is None else recording.base.rotation,
+        unknown,
     )
