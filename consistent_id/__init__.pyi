@@ -173,6 +173,7 @@ from consistent_id.recordings.signals import (
     trim_standstill,
     trimmed,
     without,
+    without_rests,
 )
 from consistent_id.recordings.signals.base_signals import (
     base_from_imu,
@@ -512,6 +513,7 @@ __all__ = [
     "weighted_least_squares",
     "with_shapes",
     "without",
+    "without_rests",
     "write_report",
     "write_trajectory",
 ]

@@ -33,6 +33,7 @@ from consistent_id.recordings.signals import (
     track,
     trim_standstill,
     trimmed,
+    without_rests,
 )
 from consistent_id.recordings.signals.clocks import is_uniform, own_rate
 from consistent_id.recordings.signals.fourier import require_repeating
@@ -249,7 +250,14 @@ class _Part:
         if table.trim_standstill is not False:
             speed = None if table.trim_standstill is True else table.trim_standstill
             part = trim_standstill(part, speed)
-        return part if table.least_speed is None else faster(part, table.least_speed)
+        if table.least_speed is not None:
+            part = faster(part, table.least_speed)
+        if table.least_joint_speed is None:
+            return part
+        # A filter spreads the jump of friction by half a period to either side.
+        cutoff = table.torque_cutoff
+        reach = 0.0 if cutoff is None else 0.5 / cutoff
+        return without_rests(part, table.least_joint_speed, reach=reach)
 
     @cached_property
     def _filtered(self) -> Recording:

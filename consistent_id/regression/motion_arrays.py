@@ -5,7 +5,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from consistent_id._support.arrays import Array, IntArray, Matrix, Vector, frozen
+from consistent_id._support.arrays import (
+    Array,
+    BoolArray,
+    IntArray,
+    Matrix,
+    Vector,
+    frozen,
+)
 from consistent_id.errors import ProblemError, RecordingError
 from consistent_id.recordings.base_motion import BaseMotion
 from consistent_id.recordings.recording import Recording
@@ -135,10 +142,12 @@ def motion_of(
         )
     if weights is not None:
         weights = frozen(weights, tau.shape, f"row_weights of {recording.name}")
+    unknown = _unknown_rows(model, recording)
+    if unknown is not None:
+        weights = np.where(unknown, 0.0, 1.0 if weights is None else weights)
     motion = Motion(q, dq, ddq, tau, weights, base)
-    unknown = None
     if weights is not None and not weights.all():
-        unknown = np.asarray(weights) == 0.0
+        unknown = weights == 0.0
     mixing = contact_mixing(model.robot, model.torque_joints, recording, unknown)
     return motion if mixing is None else _without_contacts(motion, mixing)
 
@@ -160,8 +169,21 @@ def predicted_torque(model: TorqueModel, x: Vector, recording: Recording) -> Arr
             "signals.differentiated(recording) first"
         )
     whole = model.predict(x, q, dq, ddq, base=recording.base)
-    mixing = contact_mixing(model.robot, model.torque_joints, recording)
+    unknown = _unknown_rows(model, recording)
+    mixing = contact_mixing(model.robot, model.torque_joints, recording, unknown)
     return whole if mixing is None else mixing.mixed(whole)
+
+
+def _unknown_rows(model: TorqueModel, recording: Recording) -> BoolArray | None:
+    """Return where a row holds what the model does not say, shape (samples, rows)."""
+    known, joints = recording.torque_known, recording.joints
+    if known is None or known.all():
+        return None
+    rows = [
+        ~known[:, joints.index(name)] if name in joints else np.zeros(len(known), bool)
+        for name in model.torque_joints
+    ]
+    return np.column_stack(rows)
 
 
 def _state(

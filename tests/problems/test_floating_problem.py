@@ -141,7 +141,7 @@ def test_rows_without_contact_forces_have_honest_standard_errors(folder):
 )
 def test_faults_are_named(folder, parts, message):
     with pytest.raises(ci.ConsistentIdError, match=message):
-        Study(problem(folder, *parts, name="faulty.toml")).constrained
+        _ = Study(problem(folder, *parts, name="faulty.toml")).constrained
 
 
 def test_a_fixed_base_does_not_move(folder):
@@ -226,5 +226,5 @@ def test_a_tools_datasheet_is_its_own(wrist, tmp_path):
     assert study.constrained.links[0][0] == pytest.approx(1.25)
     missing = WRIST.replace('frame = "link3"', 'frame = "link2"', 1)
     (wrist.folder / "other.toml").write_text(missing)
-    with pytest.raises(ci.ProblemError, match="no .*wrenches.* names its columns"):
+    with pytest.raises(ci.ProblemError, match=r"no .*wrenches.* names its columns"):
         ci.load_problem(wrist.folder / "other.toml")

@@ -96,11 +96,11 @@ class BaseColumns:
         """Return the motion of the base, not filtered."""
         turned: Array | None = None
         if self.orientation is not None:
-            quaternions = columns(arrays, self.orientation, 4, len(time), where)
+            quaternions = columns(arrays, self.orientation, (4,), len(time), where)
             turned = rotations(quaternions, self.order)
         if self.angular_velocity is not None and self.acceleration is not None:
             gyroscope, accelerometer = (
-                columns(arrays, names, 3, len(time), where)
+                columns(arrays, names, (3,), len(time), where)
                 for names in (self.angular_velocity, self.acceleration)
             )
             mounting = None
@@ -115,7 +115,7 @@ class BaseColumns:
                 mounting=mounting,
                 rotation=turned,
             )
-        position = columns(arrays, self.position or "", 3, len(time), where)
+        position = columns(arrays, self.position or "", (3,), len(time), where)
         return base_from_pose(
             time, position, quaternions, order=self.order, cutoff=None
         )
@@ -149,7 +149,7 @@ class ContactColumns:
 
     def flags(self, arrays: "Arrays", time: Vector, where: str) -> ContactFlags:
         """Return when there is contact."""
-        values = columns(arrays, self.closed, 1, len(time), where)[:, 0]
+        values = columns(arrays, self.closed, (1,), len(time), where)[:, 0]
         closed = values > self.threshold
         return ContactFlags(
             self.frame,
@@ -185,10 +185,9 @@ class WrenchColumns:
 
     def wrench(self, arrays: "Arrays", time: Vector, where: str) -> Wrench:
         """Return the wrench on the robot."""
-        width = 3 if len(_listed(self.values)) == 3 else 6
-        measured = columns(arrays, self.values, width, len(time), where)
+        measured = columns(arrays, self.values, (3, 6), len(time), where)
         whole = np.zeros((len(time), 6))
-        whole[:, :width] = measured if self.on_robot else -measured
+        whole[:, : measured.shape[1]] = measured if self.on_robot else -measured
         return Wrench(self.frame, whole, self.point, self.axes)
 
 
@@ -222,9 +221,9 @@ class BesideColumns:
 
 
 def columns(
-    arrays: Arrays, names: Names, width: int, samples: int, where: str
+    arrays: Arrays, names: Names, widths: tuple[int, ...], samples: int, where: str
 ) -> Matrix:
-    """Return columns beside each other, shape (samples, width).
+    """Return columns beside each other, as many as there may be, shape (samples, any).
 
     Raises
     ------
@@ -248,10 +247,11 @@ def columns(
             )
         parts.append(values.reshape(samples, -1))
     found = np.hstack(parts)
-    if found.shape[1] != width:
+    if found.shape[1] not in widths:
         raise RecordingError(
             f"{where}: {', '.join(_listed(names))}: {found.shape[1]} columns, expected "
-            f"{width}; of a larger array, name[first:end] takes some"
+            f"{' or '.join(map(str, widths))}; of a larger array, name[first:end] "
+            "takes some"
         )
     finite = np.isfinite(found).all(axis=1)
     if not finite.all():

@@ -29,6 +29,7 @@ from consistent_id.recordings.signals.masks import (
     saturated,
     speed_share,
     standstill,
+    without_rests,
 )
 from consistent_id.recordings.signals.period import estimated_period
 from consistent_id.recordings.signals.resolution import encoder_resolution
@@ -77,4 +78,5 @@ __all__ = [
     "trimmed",
     "uniform_rate",
     "without",
+    "without_rests",
 ]
