@@ -58,7 +58,8 @@ class Motion(NamedTuple):
         if self.shares is None:
             return whole
         # A row of which contacts take almost all still is a row.
-        left = np.rint(whole * self.shares[rows].mean(axis=0))
+        counted = True if self.weights is None else self.weights[rows] != 0.0
+        left = np.rint(self.shares[rows].sum(axis=0, where=counted))
         return np.asarray(np.clip(left, np.minimum(whole, 1), None).astype(np.intp))
 
     def noise_lost(self, rows: range) -> Vector:

@@ -61,6 +61,11 @@ def read_recording(
                 f"{path}: omit counts the rows of tables; messages of bags have none"
             )
         columns = columns or JOINT_STATE
+        if columns.beside:
+            raise RecordingError(
+                f"{path}: of bags joint states alone are read; write the base's "
+                "motion, contacts and wrenches into a table beside the joints"
+            )
         joint_state_fields(columns, joints, str(path))  # before a long read
         return recording_of_messages(
             _reader(path).read_messages(path, topic),

@@ -140,13 +140,17 @@ def _compress(
     rows[:, :, :-1] = np.moveaxis(Y, 2, 0)
     rows[:, :, -1] = motion.torque
     turned = None if motion.base is None else motion.base.rotation
-    mapped = [
-        (found.maps @ rows[found.samples]).reshape(-1, rows.shape[2])
-        for found in contact_maps(whole.robot, motion.q, flags, levels, turned)
-    ]
-    stacked = np.vstack([np.zeros((0, rows.shape[2])), *mapped])
+    unknown = None if motion.weights is None else motion.weights == 0.0
+    if unknown is not None:
+        rows[unknown] = 0.0
+    where = whole.robot, motion.q, flags, levels, turned
+    mapped, count = [np.zeros((0, rows.shape[2]))], 0
+    for found in contact_maps(*where, unknown=unknown):
+        mapped.append((found.maps @ rows[found.samples]).reshape(-1, rows.shape[2]))
+        lost = 0 if unknown is None else int(unknown[found.samples].sum())
+        count += len(mapped[-1]) - lost
+    stacked = np.vstack(mapped)
     peak = float(abs(stacked[:, -1]).max(initial=0.0))
-    count = len(stacked)
     return _Part(triangle(np.asfortranarray(stacked)), count, peak)
 
 

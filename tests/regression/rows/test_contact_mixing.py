@@ -110,3 +110,13 @@ def test_joints_at_rest_have_no_known_torque():
     # The first joint turns back every pi / 3 seconds.
     slow = abs(3 * np.cos(3 * time)) < 0.09
     assert not found.torque_known[slow, 0].any() and found.torque_known[:, 0].any()
+
+
+def test_the_fewer_rows_hold_no_unknown_torque_either(robot, log):
+    rng, model = np.random.default_rng(3), ci.TorqueModel(robot)
+    part = replace(log, torque_known=rng.uniform(size=log.position.shape) > 0.2)
+    one = ci.contact_free_regression(ci.contact_free_model(model), part)
+    named = ci.build_regression(model, part)
+    squares = [R.T @ R for R in (one.stacked(), named.stacked())]
+    assert np.allclose(*squares, rtol=0, atol=1e-9 * abs(squares[0]).max())
+    assert one.counts[0] == pytest.approx(sum(named.counts), abs=9)
