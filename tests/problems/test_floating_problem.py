@@ -228,3 +228,22 @@ def test_a_tools_datasheet_is_its_own(wrist, tmp_path):
     (wrist.folder / "other.toml").write_text(missing)
     with pytest.raises(ci.ProblemError, match=r"no .*wrenches.* names its columns"):
         ci.load_problem(wrist.folder / "other.toml")
+
+
+@pytest.mark.slow
+def test_the_verdict_says_when_a_trunk_is_told_with_its_legs_alone(folder):
+    """Masses of legs regroup with the trunk's: the total is determined, no part is."""
+    known = Study(problem(folder, UNIT, CONTACTS, name="known.toml"))
+    text = (folder / "known.toml").read_text()
+    lines = [x for x in text.splitlines() if not x.startswith("known_links")]
+    (folder / "nothing.toml").write_text("\n".join(lines))
+    nothing = Study(ci.load_problem(folder / "nothing.toml"))
+    kinds = [
+        {reason.kind for reason in study.judged(study.constrained).reasons}
+        for study in (known, nothing)
+    ]
+    assert "trunk" not in kinds[0] and "trunk" in kinds[1]
+    total = nothing.constrained.links[:, 0].sum()
+    robot = known.problem.model.robot
+    expected = sum(link.nominal.mass for link in robot.links) + BOX.mass
+    assert total == pytest.approx(expected, rel=0.02)
