@@ -1,6 +1,7 @@
 """A quadruped's trunk from a simulated log of a robot that moves on its feet.
 
-``CONSISTENT_ID_DATASETS=... python benchmarks/quadruped.py`` takes a minute.  MuJoCo
+``CONSISTENT_ID_DATASETS=... python benchmarks/quadruped.py`` takes two minutes, for
+three logs (``--logs``); ``--problem FOLDER`` writes a problem file and logs.  MuJoCo
 simulates Go2 on four feet on the ground, its trunk swaying, with contact
 and friction; on the trunk is a box that the model does not know.  Logged are encoders,
 joint torques, a gyroscope, an accelerometer and the orientation, all with noise; no
@@ -8,8 +9,11 @@ force sensor.  Of the legs, bodies and rotor inertias are known, as from a log o
 robot hung up by its trunk; or nothing is.
 """
 
+import argparse
+import json
 import os
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 from time import process_time
 
@@ -32,6 +36,7 @@ HEIGHT = 0.27
 GAINS = 200.0, 4.0  # N m/rad, N m s/rad
 ENCODER, TORQUE, GYRO, ACCELEROMETER = 2e-5, 0.05, 0.002, 0.02  # rad, N m, rad/s, m/s^2
 CUTOFF = 30.0  # Hz
+REST, REACH = 0.1, 1.0 / CUTOFF  # rad/s, s: joints so slow, and samples around them
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,6 +162,7 @@ def _sample(model, data, n):
 
 
 def _recording(model, rows, rng):
+    """Return what was logged, noise and all."""
     n = model.nv - 6
     time = np.arange(len(rows)) / RATE
     cuts = np.cumsum([n, n, 3, 3, 4])
@@ -169,21 +175,28 @@ def _recording(model, rows, rng):
         time,
         noisy(gyro, GYRO),
         noisy(felt, ACCELEROMETER),
-        cutoff=CUTOFF,
+        cutoff=None,
         rotation=ci.rotations(quaternion, "wxyz"),
-    )
-    names = tuple(model.joint(j).name for j in range(1, model.njnt))
-    raw = ci.Recording(
-        names, time, noisy(q, ENCODER), torque=noisy(torque, TORQUE), name="sway"
-    )
-    log = ci.differentiated(
-        ci.low_passed(raw, motion_cutoff=CUTOFF, torque_cutoff=CUTOFF)
     )
     flags = tuple(
         ci.ContactFlags(f"{leg}_calf", closed[:, i] > 0.5, FOOT, radius=RADIUS)
         for i, leg in enumerate(LEGS)
     )
-    return replace(log, base=base, contacts=flags).samples(slice(50, -50))
+    return ci.Recording(
+        tuple(model.joint(j).name for j in range(1, model.njnt)),
+        time,
+        noisy(q, ENCODER),
+        torque=noisy(torque, TORQUE),
+        name="sway",
+        base=base,
+        contacts=flags,
+    )
+
+
+def prepared(log: ci.Recording) -> ci.Recording:
+    """Return a log with derivatives, filtered, without its ends."""
+    smooth = ci.low_passed(log, motion_cutoff=CUTOFF, torque_cutoff=CUTOFF)
+    return ci.differentiated(smooth).samples(slice(50, -50))
 
 
 def known_of_legs(truth: Truth, path: Path) -> dict[str, float]:
@@ -213,36 +226,131 @@ def trunk_errors(found: ci.Estimate, truth: Truth) -> tuple[float, float, np.nda
     return trunk.mass / true.mass - 1.0, apart, moments / right - 1.0
 
 
+PROBLEM = """# Go2 with a box on its trunk, simulated by benchmarks/quadruped.py.
+name = "trunk"
+
+[model]
+mjcf = "${{CONSISTENT_ID_DATASETS}}/unitree_go2/go2.xml"
+base = "floating"
+
+[drive]
+viscous = true
+rotor_inertia = true
+coulomb = "tanh"
+velocity_scale = 0.02
+
+[constraints]
+masses = "free"
+known_links = {legs}  # from a log of the robot hung up by its trunk
+fixed = {{ {rotors} }}
+
+[data]
+recordings = [
+  {{ file = "training.csv", role = "training", rows = [50, {last}] }},
+  {{ file = "validation.csv", role = "validation", rows = [50, {last}] }},
+]
+
+[data.columns]
+torque = "tau_{{joint}}"
+
+[data.base]
+angular_velocity = ["gyro_x", "gyro_y", "gyro_z"]
+acceleration = ["acc_x", "acc_y", "acc_z"]
+orientation = ["q_w", "q_x", "q_y", "q_z"]
+order = "wxyz"
+
+[data.preparation]
+motion_cutoff = {cutoff}
+torque_cutoff = {cutoff}
+least_joint_speed = {rest}
+"""
+
+
+def write_problem(folder: Path, path: Path, truth: Truth) -> None:
+    """Write a problem file and its logs."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for seed, name in enumerate(("training", "validation")):
+        log = simulated(path, seed)
+        columns = {"time": log.time}
+        columns |= {f"q_{j}": log.position[:, i] for i, j in enumerate(log.joints)}
+        columns |= {f"tau_{j}": log.torque[:, i] for i, j in enumerate(log.joints)}
+        for what in ("angular_velocity", "specific_force"):
+            short = {"angular_velocity": "gyro", "specific_force": "acc"}[what]
+            values = getattr(log.base, what)
+            columns |= {f"{short}_{c}": values[:, i] for i, c in enumerate("xyz")}
+        turned = _quaternions(log.base.rotation)
+        columns |= {f"q_{c}": turned[:, i] for i, c in enumerate("wxyz")}
+        columns |= {f"contact_{c.frame}": 1.0 * c.closed for c in log.contacts}
+        rows = np.column_stack(list(columns.values()))
+        header = ",".join(columns)
+        file = folder / f"{name}.csv"
+        np.savetxt(file, rows, "%.9g", ",", header=header, comments="")
+    known = known_of_legs(truth, path).items()
+    rotors = [f'"{k}" = {v:g}' for k, v in known if k.endswith("rotor_inertia")]
+    text = PROBLEM.format(
+        legs=json.dumps(list(truth.nominal.link_names[1:])),
+        rotors=", ".join(rotors),
+        last=len(log) - 50,
+        cutoff=CUTOFF,
+        rest=REST,
+    )
+    for flags in log.contacts:
+        text += (
+            f'\n[[data.contacts]]\nframe = "{flags.frame}"\n'
+            f'closed = "contact_{flags.frame}"\npoint = {list(FOOT)}\n'
+            f"radius = {RADIUS}\n"
+        )
+    (folder / "problem.toml").write_text(text)
+    print(f"written: {folder / 'problem.toml'}")
+
+
+def _quaternions(rotation):
+    import mujoco
+
+    found = np.zeros((len(rotation), 4))
+    for quaternion, R in zip(found, rotation, strict=True):
+        mujoco.mju_mat2Quat(quaternion, R.ravel())
+    return found
+
+
 def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--logs", type=int, default=3, help="simulated, each its seed")
+    parser.add_argument("--problem", type=Path, help="folder for a problem file")
+    options = parser.parse_args()
     path = Path(os.environ["CONSISTENT_ID_DATASETS"]) / "unitree_go2" / "go2.xml"
     truth = robots(path)
+    if options.problem is not None:
+        write_problem(options.problem, path, truth)
+        return
     drive = ci.DriveTerms(
         rotor_inertia=True, viscous=True, coulomb="tanh", velocity_scale=0.02
     )
     model = ci.contact_free_model(ci.TorqueModel(truth.nominal, drive))
     signs = [ci.PhysicalConsistency(), ci.NonNegativeDrive()]
     legs = [*signs, ci.FixedParameters(known_of_legs(truth, path))]
-    for dry in (False, True):
-        log = simulated(path, dry_friction=dry)
-        print(f"{len(log)} samples, dry friction in the joints: {dry}")
-        started = process_time()
-        regression = ci.contact_free_regression(model, log)
-        base = ci.contact_free_base(model, log.contacts)
-        print(
-            f"  {regression.counts[0]} rows, {len(base)} of {len(model.layout)} "
-            f"parameters, {process_time() - started:.2f} CPU s"
-        )
-        for label, constraints in (("legs known", legs), ("nothing known", signs)):
+    for seed, dry in product(range(options.logs), (False, True)):
+        log = prepared(simulated(path, seed, dry_friction=dry))
+        moving = ci.without_rests(log, REST, reach=REACH)
+        print(f"log {seed}, {len(log)} samples, dry friction in the joints: {dry}")
+        for label, constraints, used in (
+            ("legs known", legs, log),
+            ("legs known, joints at rest left out", legs, moving),
+            ("nothing known", signs, log),
+        ):
             started = process_time()
+            regression = ci.contact_free_regression(model, used)
+            base = ci.contact_free_base(model, log.contacts)
             found = ci.constrained_least_squares(
                 model, regression, constraints=constraints, base=base
             )
             mass, apart, moments = trunk_errors(found, truth)
             print(
-                f"  {label}: {found.certificate.verdict}, mass {mass:+.2%}, centre "
+                f"  {label}: {regression.counts[0]} rows, "
+                f"{found.certificate.verdict}, mass {mass:+.2%}, centre "
                 f"{1e3 * apart:.2f} mm, moments "
-                f"{', '.join(f'{m:+.1%}' for m in moments)}, "
-                f"misfit {found.fit.misfit:.1%}, {process_time() - started:.2f} CPU s"
+                f"{', '.join(f'{m:+.1%}' for m in moments)}, misfit "
+                f"{found.fit.misfit:.1%}, {process_time() - started:.2f} CPU s"
             )
 
 

@@ -125,15 +125,20 @@ from consistent_id.motion.transfers import transfer
 from consistent_id.problems.draft import Draft
 from consistent_id.problems.drafting import draft_problem
 from consistent_id.problems.log_identification import identify_log
-from consistent_id.problems.problem import Problem, load_problem, load_problems
+from consistent_id.problems.problem import Problem, load_problem
 from consistent_id.problems.selection.select import select_model
 from consistent_id.problems.selection.selection import ModelSelection
+from consistent_id.problems.several import load_problems
 from consistent_id.problems.study import Study, identify, run_study
 from consistent_id.recordings.base_motion import BaseMotion
 from consistent_id.recordings.contacts import ContactFlags, Wrench
 from consistent_id.recordings.readers import (
     JOINT_STATE,
+    BaseColumns,
+    BesideColumns,
     Columns,
+    ContactColumns,
+    WrenchColumns,
     read_recording,
     read_track,
     recording_from,
@@ -175,6 +180,7 @@ from consistent_id.recordings.signals import (
     trim_standstill,
     trimmed,
     without,
+    without_rests,
 )
 from consistent_id.recordings.signals.base_signals import (
     base_from_imu,
@@ -260,8 +266,10 @@ __all__ = [
     "TRAJECTORY_COLUMNS",
     "Advice",
     "Aim",
+    "BaseColumns",
     "BaseMotion",
     "BaseParameters",
+    "BesideColumns",
     "Body",
     "Bootstrap",
     "Box",
@@ -276,6 +284,7 @@ __all__ = [
     "Comparison",
     "ConsistentIdError",
     "ConsistentIntervals",
+    "ContactColumns",
     "ContactFlags",
     "Contradiction",
     "CrossCheck",
@@ -374,6 +383,7 @@ __all__ = [
     "ValidationPath",
     "Verdict",
     "Wrench",
+    "WrenchColumns",
     "Writer",
     "WritingTask",
     "advise",
@@ -515,6 +525,7 @@ __all__ = [
     "weighted_least_squares",
     "with_shapes",
     "without",
+    "without_rests",
     "write_report",
     "write_trajectory",
 ]

@@ -80,10 +80,12 @@ def run_export(options: argparse.Namespace) -> int:
             file=sys.stderr,
         )
         return 1
+    # What is behind a wrench sensor is in no file of the arm's.
+    own = problem.model_files if problem.arm is None else {}
     export = exported(
         replace(estimate, judged=verdict),
         options.format,
-        source=options.source or problem.model_files.get(options.format),
+        source=options.source or own.get(options.format),
         folder=options.output.parent,
         copy_files=options.copy_files,
         gains=problem.gains,

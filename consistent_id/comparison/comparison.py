@@ -14,7 +14,7 @@ from consistent_id.constraints.distances import pullback_distance
 from consistent_id.constraints.link_condition import LinkCondition, link_conditions
 from consistent_id.errors import ProblemError, SolverError
 from consistent_id.estimation.estimate import Estimate
-from consistent_id.estimation.evidence import Evidence
+from consistent_id.estimation.evidence import Evidence, loose_trunk
 from consistent_id.estimation.judge import judge
 from consistent_id.estimation.method import Method
 from consistent_id.estimation.torque_error import (
@@ -103,6 +103,7 @@ class EstimateReport:
             findings=self.findings,
             undetermined=own.undetermined,
             accepted=own.accepted,
+            loose_trunk=loose_trunk(own),
         )
 
     @property

@@ -7,12 +7,21 @@ from consistent_id.constraints.cones.sets import ConicSet
 from consistent_id.constraints.rows import equalities, fixed_values, unit_row
 from consistent_id.errors import ProblemError
 from consistent_id.regression.regressor import TorqueModel
+from consistent_id.robot.inertia import INERTIAL_NAMES
 from consistent_id.robot.parameters import did_you_mean
 
 
 @dataclass(frozen=True, slots=True)
 class FixedBodies:
-    """All bodies as the robot's file has them; the data determine the drives alone."""
+    """Bodies as the robot's file has them.
+
+    Parameters
+    ----------
+    links : sequence of str
+        By default all; the data then determine the drives alone.
+    """
+
+    links: Sequence[str] = ()
 
     def lower(self, model: TorqueModel) -> ConicSet:
         """Return ten equalities per link.
@@ -22,14 +31,23 @@ class FixedBodies:
         ProblemError
             If a link's nominal parameters are unknown.
         """
-        nominal = model.robot.nominal
-        if nominal is None:
-            raise ProblemError(
-                f'bodies = "model", but the file of {model.robot.name!r} states no '
-                'inertia of some links; identify them (bodies = "identified")'
-            )
-        names = model.layout.names[: model.layout.inertial_size]
-        values = dict(zip(names, nominal.tolist(), strict=True))
+        robot = model.robot
+        for name in self.links:
+            if name not in robot.link_names:
+                near = did_you_mean(name, robot.link_names)
+                raise ProblemError(f"known bodies: no link {name!r}; {near}")
+        wanted = [n for n in robot.link_names if not self.links or n in self.links]
+        bodies = {link.name: link.nominal for link in robot.links}
+        values: dict[str, float] = {}
+        for name in wanted:
+            body = bodies[name]
+            if body is None:
+                raise ProblemError(
+                    f"the body of {name!r} is to be as in the file of {robot.name!r}, "
+                    "which states no inertia of it; identify it (bodies, known_links)"
+                )
+            keys = (f"{name}.{entry}" for entry in INERTIAL_NAMES)
+            values |= dict(zip(keys, body.vector.tolist(), strict=True))
         return fixed_values(values, model.layout)
 
 

@@ -57,6 +57,7 @@ from consistent_id.estimation.penalised import penalised_fit
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.regressor import TorqueModel
+from consistent_id.robot.model import RobotModel
 
 Prepare = Callable[[Recording], Recording]
 
@@ -101,7 +102,8 @@ def diagnose(
     Diagnosis
         Faults of the clock and of the kinematics are reported alone: what they do to
         the torque is their consequence.  Torque is looked at of the model's
-        `torque_joints` only.
+        `torque_joints` only.  Of a robot whose base floats, channels are looked at by
+        themselves.
     """
     training = [training] if isinstance(training, Recording) else list(training)
     base = base_parameters(model) if base is None else base
@@ -111,6 +113,8 @@ def diagnose(
     if any(f.kind == "units" for f in found):
         return Diagnosis(tuple(found), tuple(log.name for log in training))
     looked_at = [*training, *(v for v in validation if v.torque is not None)]
+    if model.robot.floating:
+        return _of_signals(model.robot, found, [*training, *validation])
     open_: list[_Open] = []
     for recording in looked_at:
         log = recording.of(model.robot.joint_names)
@@ -121,6 +125,28 @@ def diagnose(
             found += [replace(f, recording=log.name) for f in of_one]
     found += _of_all(open_) if open_ else []
     return Diagnosis(tuple(found), tuple(log.name for log in looked_at))
+
+
+def _of_signals(
+    robot: RobotModel, found: Sequence[Finding], logs: Sequence[Recording]
+) -> Diagnosis:
+    """Return what channels show by themselves, of a robot whose base moves.
+
+    What is told from torque and motion together is of robots on a fixed base.
+    """
+    found = list(found)
+    for recording in logs:
+        of_one = clock_findings(recording)
+        if not of_one:
+            of_one = [*jump_findings(recording), *velocity_findings(recording)]
+            if len(robot):
+                of_one += travel_findings(robot, recording.of(robot.joint_names))
+            if recording.torque is not None:
+                of_one += frozen_findings(recording) + spike_findings(recording)
+                of_one += noise_findings(recording) + saturation_findings(recording)
+        found += [replace(f, recording=recording.name) for f in of_one]
+    names = tuple(log.name for log in logs)
+    return Diagnosis(tuple(found), names, by_themselves=True)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,6 +11,10 @@ _LOOKED_FOR = (
     "saturated channels, what the torque is, gravity, masses, contact, rests, joints "
     "that did not move, and validation rows that are training rows"
 )
+_OF_SIGNALS = (
+    "clocks, jumps, dead, noisy and saturated channels, limits of travel, and "
+    "validation rows that are training rows"
+)
 
 
 def diagnosis_table(found: Diagnosis) -> Table:
@@ -23,7 +27,16 @@ def diagnosis_table(found: Diagnosis) -> Table:
         f"{what}{where}",
         ("severity", "kind", "where", "recording"),
         tuple((f.severity, f.kind, f.where, f.recording) for f in found.findings),
-        sentences if found.suspicious else (*sentences, f"looked for: {_LOOKED_FOR}"),
+        sentences if found.suspicious else (*sentences, _looked_for(found)),
+    )
+
+
+def _looked_for(found: Diagnosis) -> str:
+    if not found.by_themselves:
+        return f"looked for: {_LOOKED_FOR}"
+    return (
+        f"looked for: {_OF_SIGNALS}; not for signs, gains, exchanged channels and "
+        "lags, which torque and motion together show on a fixed base alone"
     )
 
 

@@ -16,10 +16,14 @@ class Diagnosis:
     findings : tuple of Finding
     recordings : tuple of str
         Names of those that were looked at.
+    by_themselves : bool
+        Whether channels were looked at by themselves alone: nothing was sought that
+        only torque and motion together show.
     """
 
     findings: tuple[Finding, ...]
     recordings: tuple[str, ...] = ()
+    by_themselves: bool = False
 
     def __post_init__(self) -> None:
         order = {"fault": 0, "warning": 1, "note": 2}

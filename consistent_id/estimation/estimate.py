@@ -18,6 +18,7 @@ from consistent_id.estimation.fit import Fit
 from consistent_id.estimation.verdict import Verdict
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import BaseParameters
+from consistent_id.regression.motion_arrays import predicted_torque
 from consistent_id.regression.regressor import TorqueModel
 
 if TYPE_CHECKING:
@@ -161,18 +162,7 @@ class Estimate:
         ProblemError
             If the recording has no velocity or acceleration.
         """
-        recording = recording.of(self.model.robot.joint_names)
-        if recording.velocity is None or recording.acceleration is None:
-            raise ProblemError(
-                f"{recording.name}: torques need velocity and acceleration; call "
-                "signals.differentiated(recording) first"
-            )
-        return self.model.predict(
-            self.parameters,
-            recording.position,
-            recording.velocity,
-            recording.acceleration,
-        )
+        return predicted_torque(self.model, self.parameters, recording)
 
     def score(self, recording: Recording) -> "TorqueError":
         """Return how well the estimate predicts the torque of a recording.

@@ -40,6 +40,9 @@ class Evidence:
         Combinations that the data do not determine.
     accepted : tuple of str
         Kinds of reasons to override.
+    loose_trunk : tuple of str
+        Mass and first moments of a floating base's body that the data do not determine,
+        but sums with other bodies at best; see `loose_trunk`.
     """
 
     method: str
@@ -54,6 +57,7 @@ class Evidence:
     findings: tuple[Finding, ...] = ()
     undetermined: tuple[str, ...] = ()
     accepted: tuple[str, ...] = ()
+    loose_trunk: tuple[str, ...] = ()
 
 
 def evidence_of(estimate: Estimate, *, seed: int = 0) -> Evidence:
@@ -76,4 +80,17 @@ def evidence_of(estimate: Estimate, *, seed: int = 0) -> Evidence:
         fit=estimate.fit,
         undetermined=estimate.undetermined,
         accepted=estimate.accepted,
+        loose_trunk=loose_trunk(estimate),
     )
+
+
+def loose_trunk(estimate: Estimate) -> tuple[str, ...]:
+    """Return what neither data nor constraints tell of a floating base's own body.
+
+    Of mass and first moments, whose sums with other bodies the data may well determine.
+    """
+    robot, told = estimate.model.robot, ("data", "constraint")
+    if not robot.floating or not len(robot):
+        return ()
+    pairs = zip(estimate.model.layout.names[:4], estimate.origins, strict=False)
+    return tuple(name for name, origin in pairs if origin not in told)

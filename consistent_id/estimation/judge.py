@@ -278,6 +278,16 @@ def _worth_knowing(evidence: Evidence) -> Iterator[Reason]:
             f"{count} combinations of base parameters: {_some(evidence.undetermined)}"
         )
         yield Reason("not identifiable", "use", said)
+    if evidence.loose_trunk:
+        yield Reason(
+            "trunk",
+            "use",
+            f"the body of the floating base is not told by the data: of "
+            f"{_some(evidence.loose_trunk)} only sums with other bodies are, and the "
+            "prior shares them out",
+            "state bodies that are known (known_links), as from a log of the robot "
+            "hung up by its base",
+        )
     if evidence.contradicted:
         # Friction that the model lacks is enough: of clean logs it is said of a third.
         yield Reason("physical consistency", "use", evidence.contradicted)

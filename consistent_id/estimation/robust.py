@@ -114,7 +114,7 @@ def _residuals(
     """Return what the regression's least squares leaves of each recording's torque."""
     x = base.lift(base_solution(regression, base).x)
     motions = [motion_of(model, recording, None) for recording in recordings]
-    return [m.torque - model.predict(x, m.q, m.dq, m.ddq) for m in motions]
+    return [m.torque - m.predicted(model, x) for m in motions]
 
 
 def _covariance(

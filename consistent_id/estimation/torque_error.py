@@ -10,8 +10,10 @@ from consistent_id.errors import ProblemError
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.stiction import IN_MOTION, beyond_friction, moving_shares
 from consistent_id.recordings.recording import Recording
+from consistent_id.regression.motion_arrays import motion_of
 from consistent_id.regression.regression import build_regression
 from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.row_names import in_newton
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,9 +64,9 @@ def torque_errors(
         If the recording has no torque, or its torque is zero throughout.
     """
     model = estimates[0].model
-    measured = recording.of(model.torque_joints).torque
-    if measured is None:
+    if not model.robot.floating and recording.of(model.torque_joints).torque is None:
         raise ProblemError(f"{recording.name} has no torque to compare with")
+    measured = motion_of(model, recording, None).torque
     if not measured.any():
         raise ProblemError(f"{recording.name}: its torque is zero throughout")
     regression = build_regression(model, recording)
@@ -111,9 +113,7 @@ def _stacked(model: TorqueModel, error: Vector, torque: Vector) -> float:
 
     `error` and `torque` are sums of squares, of each joint.
     """
-    names = model.torque_joints
-    driven = [joint for joint in model.robot.driven if joint.name in names]
-    slides = np.array([joint.kind == "prismatic" for joint in driven])
+    slides = np.array([in_newton(model.robot, name) for name in model.torque_joints])
     kinds = [kind for kind in (slides, ~slides) if torque[kind].any()]
     squares = [error[kind].sum() / torque[kind].sum() for kind in kinds]
     return float(np.sqrt(np.mean(squares)))

@@ -106,6 +106,8 @@ def _of_bodies(table: ConstraintsTable) -> list[Constraint]:
     if table.bodies == "model":
         return [FixedBodies()]
     chosen: list[Constraint] = []
+    if table.known_links:
+        chosen.append(FixedBodies(tuple(table.known_links)))
     if table.masses == "datasheet":
         chosen.append(FixedMasses())
     elif table.masses == "bounds":

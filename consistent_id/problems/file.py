@@ -18,6 +18,12 @@ from consistent_id._support.inputs import (
 )
 from consistent_id.constraints.priors import INSIDE
 from consistent_id.errors import ProblemError
+from consistent_id.problems.base_tables import (
+    BaseTable,
+    ContactTable,
+    WrenchTable,
+    WristSensorTable,
+)
 from consistent_id.problems.drive_tables import DriveTable as DriveTable
 from consistent_id.problems.drive_tables import JointTable as JointTable
 from consistent_id.problems.excitation_tables import ExcitationTable
@@ -120,6 +126,7 @@ class ConstraintsTable(Table, frozen=True, kw_only=True):
 
     margin: Annotated[float, Meta(ge=0.0, lt=1.0)] = 1e-6
     bodies: Literal["identified", "model"] = "identified"
+    known_links: list[str] = []
     masses: Literal["datasheet", "bounds", "free"] = "datasheet"
     centres_of_mass: Literal["datasheet", "box", "free"] = "free"
     drive_signs: bool = True
@@ -183,6 +190,7 @@ class PreparationTable(Table, frozen=True, kw_only=True):
     decimate: Annotated[int, Meta(ge=1)] = 1
     trim_standstill: bool | Positive = False
     least_speed: Annotated[float, Meta(gt=0.0, lt=1.0)] | None = None
+    least_joint_speed: Positive | None = None
 
 
 class TrackTable(Table, frozen=True, kw_only=True):
@@ -235,6 +243,9 @@ class DataTable(Table, frozen=True, kw_only=True):
     topic: str | None = None
     torque_gain: float | list[float] = 1.0
     torque_joints: list[str] = []
+    base: BaseTable | None = None
+    contacts: list[ContactTable] = []
+    wrenches: list[WrenchTable] = []
     gains: GainsTable | None = None
     preparation: PreparationTable = PreparationTable()
 
@@ -303,6 +314,7 @@ class ProblemTable(Table, frozen=True, kw_only=True):
     drive: DriveTable = DriveTable()
     joints: dict[str, JointTable] = {}
     couplings: list[CouplingTable] = []
+    wrist_sensor: WristSensorTable | None = None
     constraints: ConstraintsTable = ConstraintsTable()
     prior: PriorTable = PriorTable()
     data: DataTable | None = None

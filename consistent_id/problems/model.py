@@ -1,6 +1,6 @@
 """The robot and its torque model, as a problem file describes them."""
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import msgspec
@@ -8,6 +8,7 @@ import numpy as np
 
 from consistent_id.errors import ProblemError
 from consistent_id.problems.file import (
+    ConstraintsTable,
     CouplingTable,
     DHTable,
     DriveTable,
@@ -20,6 +21,7 @@ from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.drive.gear_coupling import GearCoupling
 from consistent_id.regression.loads import unloaded_joints
 from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.rows.wrench_sensor import tool_model
 from consistent_id.robot.chains import Selection, selected
 from consistent_id.robot.loaders import (
     DHRow,
@@ -52,7 +54,9 @@ def torque_model(table: ProblemTable, file: Path) -> TorqueModel:
     ModelError
         If the robot cannot be built.
     """
-    robot = described(_robot(table, file.parent), table)
+    robot = _robot(table, file.parent)
+    if table.wrist_sensor is None:  # else the datasheet is of what is behind it
+        robot = described(robot, table)
     for name in table.joints:
         if name not in robot.joint_names:
             near = did_you_mean(name, robot.joint_names)
@@ -73,6 +77,36 @@ def drive_of(table: ProblemTable, robot: RobotModel) -> TorqueModel:
     couplings = tuple(coupling_of(coupling) for coupling in table.couplings)
     measured = () if table.data is None else tuple(table.data.torque_joints)
     return TorqueModel(robot, drive, couplings, measured)
+
+
+def behind_sensor(table: ProblemTable, model: TorqueModel) -> TorqueModel:
+    """Return the model of what is behind a robot's wrench sensor, if it is asked for.
+
+    Raises
+    ------
+    ProblemError
+        If the sensor has no columns.
+    """
+    sensor = table.wrist_sensor
+    if sensor is None:
+        return model
+    wrenches = [] if table.data is None else table.data.wrenches
+    if table.data is not None and sensor.frame not in {w.frame for w in wrenches}:
+        raise ProblemError(
+            f"[wrist_sensor] is at {sensor.frame!r}, but no [[data.wrenches]] names "
+            f'its columns; add one with frame = "{sensor.frame}"'
+        )
+    tool = tool_model(sensor.tool, bias=sensor.bias, gravity=model.robot.gravity)
+    return replace(tool, robot=described(tool.robot, table))
+
+
+def assumed(table: ProblemTable, model: TorqueModel) -> ConstraintsTable:
+    """Return the constraints of a file; a tool without a datasheet has any mass."""
+    stated = table.constraints
+    known = any(link.datasheet.mass is not None for link in model.robot.links)
+    if table.wrist_sensor is None or known or stated.masses != "datasheet":
+        return stated
+    return msgspec.structs.replace(stated, masses="free")
 
 
 def _drive(table: ProblemTable, robot: RobotModel) -> tuple[DriveTerms, ...]:

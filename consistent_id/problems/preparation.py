@@ -1,6 +1,6 @@
 """What a problem file asks to be done to its recordings, done."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
@@ -8,7 +8,12 @@ from typing import Literal
 import numpy as np
 
 from consistent_id.errors import ProblemError
-from consistent_id.problems.file import ColumnsTable, PreparationTable, TrackTable
+from consistent_id.problems.file import (
+    ColumnsTable,
+    DataTable,
+    PreparationTable,
+    TrackTable,
+)
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import (
     Track,
@@ -28,6 +33,7 @@ from consistent_id.recordings.signals import (
     track,
     trim_standstill,
     trimmed,
+    without_rests,
 )
 from consistent_id.recordings.signals.clocks import is_uniform, own_rate
 from consistent_id.recordings.signals.fourier import require_repeating
@@ -108,6 +114,34 @@ def check_preparation(table: PreparationTable, columns: ColumnsTable) -> None:
         )
 
 
+def check_base(data: DataTable, *, floating: bool) -> None:
+    """Refuse a floating base without motion, or motion of a base that is fixed.
+
+    Raises
+    ------
+    ProblemError
+        With the key.
+    """
+    if floating and data.base is None:
+        raise ProblemError(
+            "the robot's base floats, but no [data.base] says how it moves; name the "
+            "columns of its inertial measurement unit or of its pose, or leave "
+            'base = "floating" out of [model]'
+        )
+    if not floating and (data.base is not None or data.contacts):
+        what = "[data.base]" if data.base is not None else "[[data.contacts]]"
+        raise ProblemError(
+            f"{what} is of a base that floats, but the robot's is fixed; [model] "
+            'base = "floating" makes it float'
+        )
+    method = data.preparation.method
+    if floating and method != "butterworth":
+        raise ProblemError(
+            f'[data.preparation]: method = "{method}" is of joints alone; a floating '
+            'base needs method = "butterworth"'
+        )
+
+
 def joined(
     recording: Recording, late: Track, delay: float | Literal["estimated"]
 ) -> Recording:
@@ -135,10 +169,13 @@ class Log:
     ----------
     raw : Recording
     table : PreparationTable
+    then : callable, optional
+        What is done to each part when it is prepared.
     """
 
     raw: Recording
     table: PreparationTable
+    then: Callable[[Recording], Recording] | None = None
 
     def cut(self, start: float = -np.inf, stop: float = np.inf) -> Recording:
         """Return the rows ``start <= time <= stop`` [s], not prepared."""
@@ -151,7 +188,8 @@ class Log:
         parts = self._parts
         inside = [p for p in parts if _samples(p.raw, start, stop) >= 2]
         # If there is none, trimming the first part raises the error.
-        return tuple(part.prepared(start, stop) for part in inside or parts[:1])
+        done = (part.prepared(start, stop) for part in inside or parts[:1])
+        return tuple(done if self.then is None else map(self.then, done))
 
     @cached_property
     def _parts(self) -> tuple["_Part", ...]:
@@ -212,7 +250,14 @@ class _Part:
         if table.trim_standstill is not False:
             speed = None if table.trim_standstill is True else table.trim_standstill
             part = trim_standstill(part, speed)
-        return part if table.least_speed is None else faster(part, table.least_speed)
+        if table.least_speed is not None:
+            part = faster(part, table.least_speed)
+        if table.least_joint_speed is None:
+            return part
+        # A filter spreads the jump of friction by half a period to either side.
+        cutoff = table.torque_cutoff
+        reach = 0.0 if cutoff is None else 0.5 / cutoff
+        return without_rests(part, table.least_joint_speed, reach=reach)
 
     @cached_property
     def _filtered(self) -> Recording:

@@ -1,6 +1,6 @@
 """An identification problem: robot, data, assumptions, as one value."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -28,12 +28,13 @@ from consistent_id.problems.log_entries import (
     span_of,
     with_torque,
 )
-from consistent_id.problems.model import torque_model
+from consistent_id.problems.model import assumed, behind_sensor, torque_model
 from consistent_id.problems.motions import sampled_motion
 from consistent_id.problems.named_files import expanded, require_there
 from consistent_id.problems.paths import names_outside
 from consistent_id.problems.preparation import (
     Log,
+    check_base,
     check_preparation,
     check_tracks,
     joined,
@@ -42,6 +43,8 @@ from consistent_id.recordings.readers import read_recording, read_track
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import DriveCalibration, PDGains, Track
 from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.rows.wrench_sensor import carried
+from consistent_id.robot.model import RobotModel
 from consistent_id.robot.parameters import did_you_mean
 
 
@@ -59,6 +62,8 @@ class Problem:
     prior : PointToSet or Penalty
     source : Path, optional
         File that it was read from; a draft was read from none.
+    arm : RobotModel, optional
+        That carries a wrench sensor, if the model is of what is behind it.
     """
 
     folder: Path
@@ -67,6 +72,7 @@ class Problem:
     constraints: tuple[Constraint, ...]
     prior: Prior
     source: Path | None = None
+    arm: RobotModel | None = None
 
     def __repr__(self) -> str:
         robot = self.model.robot
@@ -108,6 +114,11 @@ class Problem:
             form: None if name is None else self.file(name)
             for form, name in (("urdf", model.urdf), ("mjcf", model.mjcf))
         }
+
+    @property
+    def recorded_joints(self) -> tuple[str, ...]:
+        """Joints that recordings are of: the robot's, or its carrying arm's."""
+        return (self.model.robot if self.arm is None else self.arm).joint_names
 
     def file(self, path: str) -> Path:
         """Return a path of the file: from its folder, with ``${NAME}`` replaced."""
@@ -181,7 +192,7 @@ class Problem:
         if (path, *omit) not in self._read:
             self._read[path, *omit] = read_recording(
                 require_there(path, self.table),
-                self.model.robot.joint_names,
+                self.recorded_joints,
                 columns_of(data, path),
                 torque_gain=data.torque_gain,
                 topic=data.topic,
@@ -213,12 +224,12 @@ class Problem:
     def prepare(self, recording: Recording) -> Recording:
         """Prepare a recording as the file asks; the longest part if it has gaps."""
         data = self._data()
-        return max(Log(recording, data.preparation).prepared(), key=len)
+        return max(Log(recording, data.preparation, self._then).prepared(), key=len)
 
     def _track(self, entry: TrackTable) -> Track:
         return read_track(
             self._path(entry.file),
-            self.model.robot.joint_names,
+            self.recorded_joints,
             entry.channel,
             entry.column,
             time=entry.time,
@@ -252,7 +263,15 @@ class Problem:
         raw = self._raw(entry) if raw is None else raw
         for other in entry.tracks:
             raw = joined(raw, self._track(other), other.delay)
-        return Log(raw, self._data().preparation)
+        return Log(raw, self._data().preparation, self._then)
+
+    @property
+    def _then(self) -> Callable[[Recording], Recording] | None:
+        """What makes an arm's recording one of what is behind its sensor."""
+        sensor, arm = self.table.wrist_sensor, self.arm
+        if sensor is None or arm is None:
+            return None
+        return lambda log: carried(self.model.robot, arm, log, sensor.frame)
 
     def _shared_log(self, entry: RecordingTable) -> Log:
         """Return an entry's log; entries of the same log share it."""
@@ -344,13 +363,16 @@ def problem_of(
         See `load_problem`.
     """
     model = torque_model(table, file)
+    arm = None if table.wrist_sensor is None else model.robot
+    model = behind_sensor(table, model)
     if table.data is not None:
         columns = table.data.columns or ColumnsTable()
         check_preparation(table.data.preparation, columns)
         gains_of_drives(table.data)
         tracks = [track for entry in table.data.recordings for track in entry.tracks]
         check_tracks(tracks, table.data.preparation)
-    constraints = constraints_of(table.constraints, file.parent, table.joints)
+        check_base(table.data, floating=model.robot.floating and arm is None)
+    constraints = constraints_of(assumed(table, model), file.parent, table.joints)
     lowered(constraints, model)  # a name that is wrong is found here, not after hours
     problem = Problem(
         folder=file.parent,
@@ -358,42 +380,8 @@ def problem_of(
         model=model,
         constraints=constraints,
         prior=prior_of(table.prior, file),
+        arm=arm,
     )
     for name, raw in (read or {}).items():
         problem._read[(problem._path(name),)] = raw
     return problem
-
-
-def load_problems(folder: str | Path, *, trust: bool = False) -> tuple[Problem, ...]:
-    """Load every problem of a folder: several robots, or several problems of one.
-
-    Parameters
-    ----------
-    folder : str or Path
-        See `problem_files`.
-    trust : bool
-        See `load_problem`.
-
-    Raises
-    ------
-    ProblemError, ModelError
-        See `load_problem`; or if two problems have one name.
-
-    Examples
-    --------
-    >>> [problem.model.robot.name for problem in load_problems("problems/rx60")]
-    ['rx60']
-    """
-    problems = tuple(load_problem(file, trust=trust) for file in problem_files(folder))
-    require_distinct([problem.name for problem in problems])
-    return problems
-
-
-def require_distinct(names: Sequence[str]) -> None:
-    """Refuse problems of one name: their results would overwrite each other."""
-    for name in names:
-        if names.count(name) > 1:
-            raise ProblemError(
-                f"two problems of the folder are named {name!r}; results are "
-                "filed under their names"
-            )

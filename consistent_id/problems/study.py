@@ -40,10 +40,11 @@ from consistent_id.problems.published import (
 )
 from consistent_id.recordings.finding import Finding
 from consistent_id.recordings.recording import Recording
-from consistent_id.regression.base import BaseParameters, base_parameters
+from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.data_rank import Excitation, excitation_of
 from consistent_id.regression.noise import joint_noise
 from consistent_id.regression.regression import Regression, build_regression
+from consistent_id.regression.rows.contact_free import base_of_recordings
 from consistent_id.regression.segments import (
     merged,
     segment_regressions,
@@ -95,7 +96,7 @@ class Study:
     @cached_property
     def base(self) -> BaseParameters:
         """The model's base parameters."""
-        return base_parameters(self.problem.model)
+        return base_of_recordings(self.problem.model, self.training)
 
     @cached_property
     def segments(self) -> tuple[Regression, ...]:
@@ -347,7 +348,7 @@ def identify(
     """
     model, constraints, prior = problem.model, problem.constraints, problem.prior
     training = problem.training if training is None else training
-    base = base_parameters(model) if base is None else base
+    base = base_of_recordings(model, training) if base is None else base
     if regression is None:
         regression = build_regression(model, training)
     if path is None:

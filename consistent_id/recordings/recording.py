@@ -6,7 +6,14 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from consistent_id._support.arrays import IntArray, Matrix, Vector, freeze, frozen
+from consistent_id._support.arrays import (
+    BoolArray,
+    IntArray,
+    Matrix,
+    Vector,
+    freeze,
+    frozen,
+)
 from consistent_id._support.extras import pandas, xarray
 from consistent_id._support.tables import Table
 from consistent_id.errors import RecordingError
@@ -44,6 +51,9 @@ class Recording:
         Measured forces on the robot from outside.
     contacts : tuple of ContactFlags
         Where the robot may touch its surroundings, and when it does.
+    torque_known : array_like of bool, shape (samples, joints), optional
+        Where a joint's torque is what a model says of it; elsewhere, as where the joint
+        rests and friction is whatever balances it, there is no row.  By default it is.
     name : str
         Where it comes from; used in messages.
     position_command, velocity_command : array_like, shape (samples, joints), optional
@@ -78,6 +88,7 @@ class Recording:
     base: BaseMotion | None = None
     wrenches: tuple[Wrench, ...] = ()
     contacts: tuple[ContactFlags, ...] = ()
+    torque_known: BoolArray | None = None
 
     def __post_init__(self) -> None:
         joints = () if isinstance(self.joints, str) else tuple(self.joints)
@@ -103,6 +114,8 @@ class Recording:
                 array = self._checked(channel, values, len(time))
                 freeze(self, **{channel: array})
         freeze(self, wrenches=tuple(self.wrenches), contacts=tuple(self.contacts))
+        if self.torque_known is not None:
+            freeze(self, torque_known=self._checked_flags(self.torque_known, len(time)))
         for what, value in self._beside:
             if len(value) != len(time):
                 raise RecordingError(
@@ -155,6 +168,17 @@ class Recording:
             )
         return array
 
+    def _checked_flags(self, values: BoolArray, samples: int) -> BoolArray:
+        known = np.array(values)
+        wanted = (samples, len(self.joints))
+        if known.shape != wanted or known.dtype != np.bool_:
+            raise RecordingError(
+                f"{self.name}: torque_known has shape {known.shape} and type "
+                f"{known.dtype}, expected true or false of shape {wanted}"
+            )
+        known.setflags(write=False)
+        return known
+
     def __repr__(self) -> str:
         return (
             f"Recording({self.name!r}: {len(self)} samples of {len(self.joints)} "
@@ -203,7 +227,8 @@ class Recording:
             for channel in _CHANNELS
             if (values := getattr(self, channel)) is not None
         }
-        return replace(self, joints=tuple(joints), **channels)
+        known = None if self.torque_known is None else self.torque_known[:, columns]
+        return replace(self, joints=tuple(joints), torque_known=known, **channels)
 
     def table(self) -> Table:
         """Return how far each joint moved and how hard it was driven, for people."""
@@ -270,6 +295,7 @@ class Recording:
         return replace(
             self,
             time=self.time[keep],
+            torque_known=None if self.torque_known is None else self.torque_known[keep],
             base=None if self.base is None else self.base.samples(keep),
             wrenches=tuple(wrench.samples(keep) for wrench in self.wrenches),
             contacts=tuple(flags.samples(keep) for flags in self.contacts),

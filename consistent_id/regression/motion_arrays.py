@@ -1,21 +1,31 @@
 """A recording's arrays in a torque model's order of joints."""
 
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from consistent_id._support.arrays import Array, IntArray, frozen
-from consistent_id.errors import RecordingError
+from consistent_id._support.arrays import (
+    Array,
+    BoolArray,
+    IntArray,
+    Matrix,
+    Vector,
+    frozen,
+)
+from consistent_id.errors import ProblemError, RecordingError
 from consistent_id.recordings.base_motion import BaseMotion
 from consistent_id.recordings.recording import Recording
-from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.regressor import CHUNK, TorqueModel
+from consistent_id.regression.rows.contact_mixing import ContactMixing, contact_mixing
 from consistent_id.regression.rows.generalised_forces import measured_forces
 
 
 class Motion(NamedTuple):
     """A recording's arrays in the model's order of joints, all of one length.
 
-    Torque and weights are those of the model's torque joints.
+    Torque and weights are those of the model's torque joints.  Where forces of contacts
+    are not measured, the torque is what is left without them, see `ContactMixing`.
     """
 
     q: Array
@@ -24,6 +34,9 @@ class Motion(NamedTuple):
     torque: Array
     weights: Array | None
     base: BaseMotion | None = None
+    mixing: ContactMixing | None = None
+    peaks: Vector | None = None
+    shares: Array | None = None
 
     def samples(self, start: int, stop: int) -> "Motion":
         """Return consecutive samples."""
@@ -31,13 +44,79 @@ class Motion(NamedTuple):
         weights = None if self.weights is None else self.weights[part]
         state = self.q[part], self.dq[part], self.ddq[part]
         base = None if self.base is None else self.base.samples(part)
-        return Motion(*state, self.torque[part], weights, base)
+        mixing = None if self.mixing is None else self.mixing.samples(part)
+        shares = None if self.shares is None else self.shares[part]
+        return Motion(
+            *state, self.torque[part], weights, base, mixing, self.peaks, shares
+        )
 
     def counts(self, rows: range) -> IntArray:
         """Return how many of the rows count as samples of each joint's torque."""
-        if self.weights is None:
-            return np.full(self.torque.shape[1], len(rows))
-        return np.asarray(np.count_nonzero(self.weights[rows], axis=0))
+        whole = np.full(self.torque.shape[1], len(rows))
+        if self.weights is not None:
+            whole = np.count_nonzero(self.weights[rows], axis=0)
+        if self.shares is None:
+            return whole
+        # A row of which contacts take almost all still is a row.
+        counted = True if self.weights is None else self.weights[rows] != 0.0
+        left = np.rint(self.shares[rows].sum(axis=0, where=counted))
+        return np.asarray(np.clip(left, np.minimum(whole, 1), None).astype(np.intp))
+
+    def noise_lost(self, rows: range) -> Vector:
+        """Return the noise of each row before it was mixed, over what is left of it.
+
+        The rest is in the other rows, whose noise is like this one's.
+        """
+        if self.shares is None:
+            return np.ones(self.torque.shape[1])
+        left = np.maximum(self.shares[rows].mean(axis=0), 1.0 / len(rows))
+        return np.asarray(1.0 / np.sqrt(left))
+
+    def predicted(self, model: TorqueModel, x: Vector) -> Array:
+        """Return the torque of parameters along the motion, as `torque` is given."""
+        whole = model.predict(x, self.q, self.dq, self.ddq, base=self.base)
+        return whole if self.mixing is None else self.mixing.mixed(whole)
+
+    def rows(
+        self, model: TorqueModel, kept: Sequence[IntArray], size: int = CHUNK
+    ) -> Iterator[tuple[slice, Sequence[Matrix]]]:
+        """Yield ``(samples, rows)`` with torque in the last column, weights applied.
+
+        Parameters
+        ----------
+        model : TorqueModel
+        kept : sequence of ndarray
+            Of each torque joint the columns wanted.
+        size : int
+            Samples in a piece.
+
+        Yields
+        ------
+        samples : slice
+        rows : sequence of ndarray, each shape (samples, columns wanted + 1)
+            In Fortran's order.  The arrays are reused, and may be destroyed.
+        """
+        for part, blocks in self._blocks(model, kept, size):
+            for j, block in enumerate(blocks):
+                block[:, -1] = self.torque[part, j]
+                if self.weights is not None:
+                    block *= self.weights[part, j, None]
+            yield part, blocks
+
+    def _blocks(
+        self, model: TorqueModel, kept: Sequence[IntArray], size: int
+    ) -> Iterator[tuple[slice, Sequence[Matrix]]]:
+        state = self.q, self.dq, self.ddq
+        if self.mixing is None:
+            yield from model.kept_chunks(kept, *state, size=size, base=self.base)
+            return
+        for part, Y in model.chunks(*state, size=size, base=self.base):
+            blocks = [np.empty((Y.shape[2], len(c) + 1), order="F") for c in kept]
+            for few, maps in self.mixing.samples(part).chunks():
+                mixed = maps @ np.moveaxis(Y[:, :, few], 2, 0)
+                for j, (block, columns) in enumerate(zip(blocks, kept, strict=True)):
+                    block[few, :-1] = mixed[:, j, columns]
+            yield part, blocks
 
 
 def motion_of(
@@ -54,14 +133,7 @@ def motion_of(
         tau, base = measured_forces(model, recording), recording.base
     else:
         tau, base = recording.of(model.torque_joints).torque, None
-    dq: Array | None
-    ddq: Array | None
-    if not len(model.robot):  # one body, all of whose motion is the base's
-        still = np.zeros((len(recording), 0))
-        q, dq, ddq = still, still, still
-    else:
-        log = recording.of(model.robot.joint_names)
-        q, dq, ddq = log.position, log.velocity, log.acceleration
+    q, dq, ddq = _state(model, recording)
     if dq is None or ddq is None or tau is None:
         given = {"velocity": dq, "acceleration": ddq, "torque": tau}
         missing = [name for name, values in given.items() if values is None]
@@ -71,4 +143,66 @@ def motion_of(
         )
     if weights is not None:
         weights = frozen(weights, tau.shape, f"row_weights of {recording.name}")
-    return Motion(q, dq, ddq, tau, weights, base)
+    unknown = _unknown_rows(model, recording)
+    if unknown is not None:
+        weights = np.where(unknown, 0.0, 1.0 if weights is None else weights)
+    motion = Motion(q, dq, ddq, tau, weights, base)
+    if weights is not None and not weights.all():
+        unknown = weights == 0.0
+    mixing = contact_mixing(model.robot, model.torque_joints, recording, unknown)
+    return motion if mixing is None else _without_contacts(motion, mixing)
+
+
+def predicted_torque(model: TorqueModel, x: Vector, recording: Recording) -> Array:
+    """Return the torque of parameters along a recording, whether it has torque or not.
+
+    Without forces of unmeasured contacts, as in `Motion`.
+
+    Raises
+    ------
+    ProblemError
+        If the recording has no velocity or acceleration.
+    """
+    q, dq, ddq = _state(model, recording)
+    if dq is None or ddq is None:
+        raise ProblemError(
+            f"{recording.name}: torques need velocity and acceleration; call "
+            "signals.differentiated(recording) first"
+        )
+    whole = model.predict(x, q, dq, ddq, base=recording.base)
+    unknown = _unknown_rows(model, recording)
+    mixing = contact_mixing(model.robot, model.torque_joints, recording, unknown)
+    return whole if mixing is None else mixing.mixed(whole)
+
+
+def _unknown_rows(model: TorqueModel, recording: Recording) -> BoolArray | None:
+    """Return where a row holds what the model does not say, shape (samples, rows)."""
+    known, joints = recording.torque_known, recording.joints
+    if known is None or known.all():
+        return None
+    rows = [
+        ~known[:, joints.index(name)] if name in joints else np.zeros(len(known), bool)
+        for name in model.torque_joints
+    ]
+    return np.column_stack(rows)
+
+
+def _state(
+    model: TorqueModel, recording: Recording
+) -> tuple[Array, Array | None, Array | None]:
+    """Return position, velocity and acceleration in the robot's order of joints."""
+    if not len(model.robot):  # one body, all of whose motion is the base's
+        still = np.zeros((len(recording), 0))
+        return still, still, still
+    log = recording.of(model.robot.joint_names)
+    return log.position, log.velocity, log.acceleration
+
+
+def _without_contacts(motion: Motion, mixing: ContactMixing) -> Motion:
+    """Return a motion whose torque holds no force of unmeasured contacts."""
+    return motion._replace(
+        torque=mixing.mixed(motion.torque),
+        mixing=mixing,
+        peaks=abs(motion.torque).max(axis=0),
+        shares=mixing.shares,
+    )

@@ -9,7 +9,7 @@ from consistent_id.regression.correlated_noise import (
 )
 from consistent_id.regression.joint_fit import JointFit
 from consistent_id.regression.motion_arrays import Motion
-from consistent_id.regression.regressor import CHUNK, TorqueModel
+from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.row_filter import RowFilter
 from consistent_id.regression.row_structure import row_structure
 
@@ -25,21 +25,17 @@ def recorded_noise(
     row_filter: RowFilter,
 ) -> CorrelatedNoise:
     """Return the noise that a fit leaves along a motion, of the rows at `centres`."""
-    structure = row_structure(model)
+    structure = row_structure(model, mixed=motion.mixing is not None)
     columns = [kept for kept, _ in structure]
     n = len(motion.q)
     of_joints = [np.empty((n, len(kept) + 1), order="F") for kept in columns]
-    state = motion.q, motion.dq, motion.ddq
-    chunks = model.kept_chunks(columns, *state, size=CHUNK, base=motion.base)
-    for part, blocks in chunks:
+    for part, blocks in motion.rows(model, columns):
         for rows, block in zip(of_joints, blocks, strict=True):
             rows[part] = block
     counts, found = motion.counts(centres), []
+    whole = motion.noise_lost(centres)
     for j, (_, expand) in enumerate(structure):
         rows = of_joints[j]
-        rows[:, -1] = motion.torque[:, j]
-        if motion.weights is not None:
-            rows *= motion.weights[:, j, None]
         pieces = [row_filter(rows[piece]) for piece in row_filter.pieces(centres)]
         rows = np.vstack(pieces) if len(pieces) > 1 else pieces[0]
         residual = rows[:, -1] - rows[:, :-1] @ (expand @ fit.x)
@@ -48,7 +44,7 @@ def recorded_noise(
             noise = white_noise(rows[:, :-1], residual)
         else:
             noise = spectral_noise(rows[:, :-1], residual, steps)
-        found.append((noise.scores @ expand, counts[j] / noise.length))
+        found.append((whole[j] * noise.scores @ expand, counts[j] / noise.length))
     return CorrelatedNoise(
         np.array([max(effective, 1e-3) for _, effective in found]),
         tuple(scores for scores, _ in found),

@@ -247,7 +247,7 @@ def _compressed(
     row_filter: RowFilter,
 ) -> Regression:
     """Compress the rows that are kept of motions."""
-    structure = row_structure(model)
+    structure = row_structure(model, mixed=any(m.mixing is not None for m in motions))
     pieces = [
         (motion, piece)
         for motion, centres in zip(motions, kept, strict=True)
@@ -328,6 +328,8 @@ def _centres(recording: Recording, row_filter: RowFilter) -> range:
 
 def _peaks(motion: Motion) -> Vector:
     """Return the largest torque of each joint, in rows that count, [N m or N]."""
+    if motion.peaks is not None:
+        return motion.peaks
     counted = True if motion.weights is None else motion.weights != 0.0
     return np.asarray(abs(motion.torque).max(axis=0, where=counted, initial=0.0))
 
@@ -340,19 +342,12 @@ def _compress(
     row_filter: RowFilter,
 ) -> list[Matrix]:
     """Return, per joint, the triangular factor of its rows in a piece of a motion."""
-    tau = motion.torque[piece]
-    weights = None if motion.weights is None else motion.weights[piece]
+    moved = motion.samples(piece.start, piece.stop)
     columns = [kept for kept, _ in structure]
     factors = [np.zeros((0, len(kept) + 1)) for kept in columns]
-    # Rows to be mixed with each other come in one chunk.
-    size = CHUNK if row_filter.factor == 1 else len(tau)
-    moved = motion.samples(piece.start, piece.stop)
-    state = moved.q, moved.dq, moved.ddq
-    chunks = model.kept_chunks(columns, *state, size=size, base=moved.base)
-    for part, blocks in chunks:
+    # Rows to be filtered with each other come in one chunk.
+    size = CHUNK if row_filter.factor == 1 else len(moved.q)
+    for _, blocks in moved.rows(model, columns, size):
         for j, rows in enumerate(blocks):
-            rows[:, -1] = tau[part, j]
-            if weights is not None:
-                rows *= weights[part, j, None]
             factors[j] = extended(factors[j], row_filter(rows))
     return factors

@@ -11,23 +11,34 @@ from consistent_id.regression.regressor import TorqueModel
 
 
 @lru_cache(maxsize=16)
-def row_structure(model: TorqueModel) -> tuple[tuple[IntArray, Matrix], ...]:
+def row_structure(
+    model: TorqueModel, *, mixed: bool = False
+) -> tuple[tuple[IntArray, Matrix], ...]:
     """Return, per joint, its row's independent columns and how they give all others.
 
     A row of joint ``j`` is zero beyond its descendants, and of the rest about half are
     combinations of others for every motion; only independent columns are factorised,
     chosen by pivoting so that the others follow without loss of digits.
+
+    Parameters
+    ----------
+    model : TorqueModel
+    mixed : bool
+        Whether rows hold parts of all others, see `ContactMixing`.
     """
     p, inertial = len(model.layout), model.layout.inertial_size
-    structure = []
-    for row in random_regressor(model):
+    structure: list[tuple[IntArray, Matrix]] = []
+    rows = random_regressor(model)
+    if mixed:
+        count, rows = len(rows), np.concatenate(list(rows), axis=1)[None]
+    for row in rows:
         kept, K = _pivoted_columns(row[:inertial].T)
         drive = [i for i in range(inertial, p) if row[i].any()]
         expand = np.zeros((len(kept) + len(drive), p))
         expand[: len(kept), :inertial] = K
         expand[range(len(kept), len(expand)), drive] = 1.0
         structure.append((np.array([*kept, *drive], dtype=np.intp), expand))
-    return tuple(structure)
+    return tuple(structure * count if mixed else structure)
 
 
 def _pivoted_columns(W: Matrix) -> tuple[list[int], Matrix]:

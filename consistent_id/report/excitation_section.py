@@ -41,6 +41,8 @@ def excitation_section(content: ReportContent) -> Section | None:
 
 def _motion(content: ReportContent, recording: Recording) -> Html:
     robot = content.model.robot
+    if not len(robot):
+        return paragraphs("The motion is that of the arm that carries the sensor.")
     log = recording.of(robot.joint_names)
     starts = buckets(len(log), _POINTS)
     time = instants(log.time, starts)

@@ -10,6 +10,7 @@ from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.motion_arrays import motion_of
+from consistent_id.regression.row_names import in_newton
 from consistent_id.robot.model import Joint, RobotModel
 
 _POINTS = 2000  # samples drawn per curve; more would not be seen
@@ -36,11 +37,12 @@ def torque_figures(
     It is one figure, whose curves change: to set up axes takes longer than to draw.
     """
     model = estimates[0].model
-    joints = [j for j in model.robot.driven if j.name in model.torque_joints]
-    figure, axes = _panels(len(joints), "", columns=2)
+    rows = model.torque_joints
+    figure, axes = _panels(len(rows), "", columns=2)
     left, right = axes[::2], axes[1::2]
-    for axis, joint in zip(left, joints, strict=True):
-        axis.set_ylabel(f"{joint.name}\n[{_unit(joint, 'N m', 'N')}]")
+    for axis, name in zip(left, rows, strict=True):
+        unit = "N" if in_newton(model.robot, name) else "N m"
+        axis.set_ylabel(f"{name}\n[{unit}]")
     given = [_curve(axis, "0.6", 2.5, "measured") for axis in left]
     pairs = [
         (

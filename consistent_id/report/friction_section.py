@@ -29,7 +29,7 @@ def friction_section(content: ReportContent) -> Section | None:
     found = [observed_friction(estimate, r, columns) for r in recordings]
     seen, said, dq = (np.concatenate(parts) for parts in zip(*found, strict=True))
     panels = []
-    for j, joint in enumerate(content.joints):
+    for j, (_, joint) in enumerate(content.joint_rows):
         thin = slice(None, None, max(1, len(seen) // _DOTS))
         x, y, f = dq[thin, j], seen[thin, j], said[thin, j]
         frame = Frame(spanning([x]), spanning([y, f]), height=200)
@@ -75,16 +75,20 @@ def observed_friction(
     """Return friction as observed and as identified, and the joints' rates.
 
     Observed is ``tau - Y x + Y_f x_f``, with ``f`` the friction's columns.  All of
-    shape (samples, torque joints).
+    shape (samples, joints with torque).
     """
     model = estimate.model
     motion = motion_of(model, recording, None)
     alone = np.zeros_like(estimate.parameters)
     alone[columns] = estimate.parameters[columns]
-    identified = model.predict(alone, motion.q, motion.dq, motion.ddq)
+    state = motion.q, motion.dq, motion.ddq
+    identified = model.predict(alone, *state, base=motion.base)
     rest = motion.torque - estimate.predict(recording)
-    rows = [model.robot.joint_names.index(j) for j in model.torque_joints]
-    return rest + identified, identified, motion.dq[:, rows]
+    of_joints = {name: k for k, name in enumerate(model.robot.joint_names)}
+    rows = [c for c, j in enumerate(model.torque_joints) if j in of_joints]
+    joints = [of_joints[model.torque_joints[c]] for c in rows]
+    seen = rest + identified
+    return seen[:, rows], identified[:, rows], motion.dq[:, joints]
 
 
 def _units(model: TorqueModel, columns: IntArray) -> list[str]:

@@ -82,7 +82,7 @@ def spread_pose(robot: RobotModel, recordings: tuple[Recording, ...]) -> Vector:
 
     That is, with the largest product of distances; zeros without any recording.
     """
-    if not recordings:
+    if not recordings or not len(robot):
         return np.zeros(len(robot))
     q = np.concatenate([r.of(robot.joint_names).position for r in recordings])
     q = q[:: max(1, len(q) // _CANDIDATES)]

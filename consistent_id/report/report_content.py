@@ -1,6 +1,7 @@
 """What a report is made from, and the sections that it consists of."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from consistent_id.comparison.comparison import Comparison, EstimateReport
 from consistent_id.comparison.constraint_prices import ShadowPrice
@@ -15,6 +16,7 @@ from consistent_id.problems.published import PublishedReport
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.data_rank import Excitation
 from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.row_names import in_newton
 from consistent_id.report.advice import Advice
 from consistent_id.report.markup import Html
 from consistent_id.robot.model import Joint
@@ -97,10 +99,38 @@ class ReportContent:
         return self.validation or self.training
 
     @property
-    def joints(self) -> tuple[Joint, ...]:
-        """The joints whose torque is known."""
-        known = self.model.torque_joints
-        return tuple(j for j in self.model.robot.driven if j.name in known)
+    def rows(self) -> tuple["Row", ...]:
+        """What is measured and predicted: torques of joints, the wrench on a base."""
+        robot, names = self.model.robot, self.model.torque_joints
+        joints = {joint.name: joint for joint in robot.driven}
+        units = ("N" if in_newton(robot, name) else "N m" for name in names)
+        return tuple(
+            Row(column, name, unit, joints.get(name))
+            for column, (name, unit) in enumerate(zip(names, units, strict=True))
+        )
+
+    @property
+    def joint_rows(self) -> tuple[tuple[int, Joint], ...]:
+        """Column and joint of the rows that are joints' torques."""
+        return tuple((row.column, row.joint) for row in self.rows if row.joint)
+
+
+class Row(NamedTuple):
+    """One column of measured and predicted torque.
+
+    Attributes
+    ----------
+    column : int
+    name : str
+        Of the joint, or of the component of a base's wrench.
+    unit : str
+    joint : Joint or None
+    """
+
+    column: int
+    name: str
+    unit: str
+    joint: Joint | None
 
 
 @dataclass(frozen=True, slots=True)

@@ -34,8 +34,11 @@ _WINDOWS = 24
 
 
 def residuals_section(content: ReportContent) -> Section | None:
-    """Return residual diagnostics of the main estimate; None without recordings."""
-    if not content.held_out:
+    """Return residual diagnostics of the main estimate; None without recordings.
+
+    Of joints alone: what a base lacks shows in no one velocity or position.
+    """
+    if not content.held_out or not content.joint_rows:
         return None
     lead = paragraphs(
         f"Of the {content.main.estimate.method} estimate. A complete model leaves "
@@ -57,7 +60,8 @@ def _of(content: ReportContent, recording: Recording) -> Html:
     motion = motion_of(model, recording, None)
     rest = motion.torque - content.main.estimate.predict(recording)
     rows, drawn = [], []
-    for r, joint in zip(rest.T, content.joints, strict=True):
+    for column, joint in content.joint_rows:
+        r = rest[:, column]
         k = model.robot.joint_names.index(joint.name)
         q, dq = motion.q[:, k], motion.dq[:, k]
         found = residual_statistics(r, recording.time, q, dq)

@@ -6,10 +6,11 @@ import numpy as np
 
 from consistent_id._support.arrays import Vector
 from consistent_id.recordings.recording import Recording
+from consistent_id.regression.motion_arrays import motion_of
 from consistent_id.report.downsampling import buckets, extremes, instants, packed
 from consistent_id.report.markup import Html, folded, joined, paragraphs, tag
 from consistent_id.report.plot import Frame, line, plot, spanning
-from consistent_id.report.report_content import ReportContent, Section, torque_unit
+from consistent_id.report.report_content import ReportContent, Section
 
 _MOST = 6000  # points embedded for zooming
 _STATIC = 360  # points drawn before the script has run
@@ -47,17 +48,16 @@ def _zoomable(content: ReportContent, recording: Recording) -> Html:
     if content.plain is not None:
         names.append(content.plain.estimate.method)
         traces.append(content.plain.estimate.predict(recording))
-    measured = recording.of(content.model.torque_joints).torque
-    if measured is None:
+    if recording.torque is None and not content.model.robot.floating:
         return paragraphs("This recording has no torque.")
+    measured = motion_of(content.model, recording, None).torque
     panels = []
-    for j, joint in enumerate(content.joints):
-        unit = torque_unit(joint)
-        torque = measured[:, j]
-        predicted = [trace[:, j] for trace in traces]
+    for column, name, unit, _ in content.rows:
+        torque = measured[:, column]
+        predicted = [trace[:, column] for trace in traces]
         rests = [torque - trace for trace in predicted]
         rms = np.sqrt(np.mean(rests[0] ** 2))
-        caption = f"{joint.name} (RMS error {rms:.3g} {unit})"
+        caption = f"{name} (RMS error {rms:.3g} {unit})"
         above = _panel(recording.time, [torque, *predicted], unit, "above")
         below = _panel(recording.time, rests, unit, "below")
         panels.append(tag("div", tag("h4", caption), above, below, class_="pair"))

@@ -30,7 +30,7 @@ QUADRUPED = f"""
 """
 
 LEG = f"""
-<body name="{{0}}_hip" pos="0.2 {{1}} 0">{BODY.format(mass=1)}
+<body name="{{0}}_hip" pos="{{1}} {{2}} 0">{BODY.format(mass=1)}
   <joint name="{{0}}_roll" axis="1 0 0"/>
   <body name="{{0}}_thigh" pos="0 0.05 0">{BODY.format(mass=1)}
     <joint name="{{0}}_pitch" axis="0 1 0"/>
@@ -42,10 +42,14 @@ LEG = f"""
 """
 
 
-def quadruped_text(joint="<freejoint/>"):
-    """MJCF of the robot, its trunk hanging on a joint or none."""
-    sides = zip("abcd", (-3, -1, 1, 3), strict=True)
-    legs = "".join(LEG.format(name, y) for name, y in sides)
+ROW = ((0.2, -3), (0.2, -1), (0.2, 1), (0.2, 3))
+CORNERS = ((0.2, -0.1), (0.2, 0.1), (-0.2, -0.1), (-0.2, 0.1))
+
+
+def quadruped_text(joint="<freejoint/>", *, hips=ROW):
+    """MJCF of the robot, its trunk hanging on a joint or none, hips where said [m]."""
+    places = zip("abcd", hips, strict=True)
+    legs = "".join(LEG.format(name, *place) for name, place in places)
     return QUADRUPED.format(joint=joint, legs=legs)
 
 

@@ -6,6 +6,7 @@ from string import Formatter
 
 from consistent_id._support.arrays import freeze
 from consistent_id.errors import RecordingError
+from consistent_id.recordings.readers.beside_columns import BesideColumns
 from consistent_id.recordings.readers.units import (
     Units,
     checked_units,
@@ -46,6 +47,8 @@ class Columns:
         each, such as ``{"time": "ms", "position": "deg", "velocity": "rpm"}``.  Torque
         in ``"%"`` or ``"permille"`` is of the rated torque and in ``"A"`` or ``"mA"``
         of a current, which a `torque_gain` in N m, or N m per ampere, makes torque.
+    beside : BesideColumns
+        What is measured of a floating base, of contacts and by wrench sensors.
 
     Examples
     --------
@@ -67,6 +70,7 @@ class Columns:
     position_command: str | None = None
     velocity_command: str | None = None
     torque_command: str | None = None
+    beside: BesideColumns = field(default_factory=BesideColumns, hash=False)
 
     def __post_init__(self) -> None:
         freeze(self, units=checked_units(self.units))
@@ -124,6 +128,7 @@ class Wanted:
     without_torque : tuple of int
         Places of the joints whose torque the log does not have.
     units : mapping of str to str or sequence of str
+    beside : BesideColumns
     """
 
     joints: tuple[str, ...]
@@ -134,12 +139,13 @@ class Wanted:
     places: tuple[int, ...]
     without_torque: tuple[int, ...] = ()
     units: Units = field(default_factory=dict, hash=False)
+    beside: BesideColumns = field(default_factory=BesideColumns, hash=False)
 
     @property
     def names(self) -> list[str]:
         """Every name, once."""
         group = (name for names in self.columns.values() for name in names)
-        every = (self.time, *self.arrays.values(), *group)
+        every = (self.time, *self.arrays.values(), *group, *self.beside.names)
         return [name for name in dict.fromkeys(every) if name]
 
 
@@ -183,7 +189,15 @@ def wanted(columns: Columns, joints: Sequence[str], where: str) -> Wanted:
         named = enumerate(single["torque"])
         single["torque"] = tuple("" if i in silent else name for i, name in named)
     return Wanted(
-        joints, columns.time, single, arrays, width, places, silent, columns.units
+        joints,
+        columns.time,
+        single,
+        arrays,
+        width,
+        places,
+        silent,
+        columns.units,
+        columns.beside,
     )
 
 

@@ -1,6 +1,7 @@
 """Named arrays, as a file holds them, become a recording."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any, cast
 
 import numpy as np
@@ -8,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from consistent_id._support.arrays import Array, BoolArray, Matrix, Vector, frozen
 from consistent_id.errors import RecordingError
+from consistent_id.recordings.readers.beside_columns import BesideColumns
 from consistent_id.recordings.readers.columns import Wanted
 from consistent_id.recordings.readers.units import Units, factors, needs_gain
 from consistent_id.recordings.recording import Recording
@@ -57,18 +59,39 @@ def recording_of(
                     f"{want.time!r} has {len(time)}"
                 )
         channels[channel] = np.column_stack(columns)
-    if len(omit):
-        keep = _kept(len(time), omit, where)
-        time = time[keep]
-        channels = {channel: values[keep] for channel, values in channels.items()}
-    return gained(
+    keep = _kept(len(time), omit, where)
+    recording = gained(
         want.joints,
-        time,
-        channels,
+        time[keep],
+        {channel: values[keep] for channel, values in channels.items()},
         torque_gain=torque_gain,
         name=name,
         without_torque=want.without_torque,
         units=want.units,
+    )
+    if not want.beside:
+        return recording
+    rows = {n: _by_sample(arrays[n], len(time))[keep] for n in want.beside.names}
+    return _with_beside(recording, rows, want.beside, where)
+
+
+def _by_sample(values: NDArray[Any], samples: int) -> NDArray[Any]:
+    """Return an array whose first axis is that of samples, if one is."""
+    flat = values.reshape(-1) if values.ndim == 2 and 1 in values.shape else values
+    return flat.T if flat.ndim == 2 and len(flat) != samples else flat
+
+
+def _with_beside(
+    recording: Recording, arrays: Arrays, beside: BesideColumns, where: str
+) -> Recording:
+    """Add the base's motion, contacts and wrenches."""
+    time = recording.time
+    base = None if beside.base is None else beside.base.motion(arrays, time, where)
+    return replace(
+        recording,
+        base=base,
+        contacts=tuple(c.flags(arrays, time, where) for c in beside.contacts),
+        wrenches=tuple(w.wrench(arrays, time, where) for w in beside.wrenches),
     )
 
 

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 from consistent_id._support.inputs import require_regular
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.log_formats import LOG_FORMATS, log_format
+from consistent_id.recordings.readers.array_parts import read_parts
 from consistent_id.recordings.readers.columns import JOINT_STATE, Columns, wanted
 from consistent_id.recordings.readers.jointstate import (
     joint_state_fields,
@@ -60,6 +61,11 @@ def read_recording(
                 f"{path}: omit counts the rows of tables; messages of bags have none"
             )
         columns = columns or JOINT_STATE
+        if columns.beside:
+            raise RecordingError(
+                f"{path}: of bags joint states alone are read; write the base's "
+                "motion, contacts and wrenches into a table beside the joints"
+            )
         joint_state_fields(columns, joints, str(path))  # before a long read
         return recording_of_messages(
             _reader(path).read_messages(path, topic),
@@ -75,7 +81,7 @@ def read_recording(
         )
     want = wanted(columns or Columns(), joints, str(path))
     return recording_of(
-        _reader(path).read_arrays(path, want.names),
+        read_parts(_reader(path), path, want.names),
         want,
         where=str(path),
         name=path.name,

@@ -33,6 +33,7 @@ from consistent_id.recordings.signals.masks import (
     saturated,
     speed_share,
     standstill,
+    without_rests,
 )
 from consistent_id.recordings.signals.period import estimated_period
 from consistent_id.recordings.signals.resolution import encoder_resolution
@@ -83,4 +84,5 @@ __all__ = [
     "trimmed",
     "uniform_rate",
     "without",
+    "without_rests",
 ]

@@ -171,9 +171,9 @@ def _with_derivative(
     time: Vector, values: Matrix, cutoff: float | None
 ) -> tuple[Matrix, Matrix]:
     """Return three signals and their derivatives, filtered first."""
-    signal = _recording(time, values)
-    if cutoff is not None:
-        signal = low_passed(signal, motion_cutoff=cutoff)
+    if cutoff is None:
+        return values, np.gradient(values, time, axis=0, edge_order=2)
+    signal = low_passed(_recording(time, values), motion_cutoff=cutoff)
     return signal.position, np.asarray(differentiated(signal).velocity)
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.recording import COMMANDS, Recording
+from consistent_id.recordings.signals.beside import resampled_beside
 from consistent_id.recordings.signals.spline import cubic_spline
 
 _SLOWEST = 0.8  # new rate over old, below which resampling needs a filter first
@@ -80,6 +81,7 @@ def resampled(
         velocity=onto(recording.velocity),
         acceleration=onto(recording.acceleration),
         torque=onto(recording.torque),
+        **resampled_beside(recording, clock),
         **held_commands(recording, clock),  # type: ignore[arg-type]
     )
 

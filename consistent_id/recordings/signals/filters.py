@@ -1,13 +1,16 @@
 """Zero-phase filters, on motion and torque alike."""
 
 from dataclasses import replace
+from functools import partial
 
 from consistent_id._support.arrays import Matrix
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.signals.beside import filtered_beside
 from consistent_id.recordings.signals.butterworth import zero_phase
 from consistent_id.recordings.signals.clocks import uniform_rate
 
+_FILTERED = ("position", "velocity", "acceleration", "torque")
 _LOWEST = 1e-5  # cut-off over sampling rate
 
 
@@ -25,8 +28,8 @@ def low_passed(
     recording : Recording
         Uniformly sampled.
     motion_cutoff, torque_cutoff : float, optional, [Hz]
-        Cut-off of position, velocity and acceleration, and of torque; none to leave
-        them as they are.
+        Cut-off of position, velocity and acceleration, also of a base, and of torque
+        and wrenches; none to leave them as they are.
     order : int
         Of the one-way filter; the attenuation at the cut-off is 6 dB.
 
@@ -39,9 +42,7 @@ def low_passed(
     if not isinstance(order, int) or order < 1:
         raise RecordingError(f"filter order is {order!r}, expected 1, 2, 3, ...")
 
-    def smooth(values: Matrix | None, cutoff: float | None) -> Matrix | None:
-        if values is None or cutoff is None:
-            return values
+    def smooth(values: Matrix, cutoff: float) -> Matrix:
         if not _LOWEST * rate <= cutoff < rate / 2:
             raise RecordingError(
                 f"{recording.name}: cut-off {cutoff:g} Hz, expected between "
@@ -51,14 +52,18 @@ def low_passed(
         pad = min(len(values) - 1, int(3 * order * rate / cutoff))
         return zero_phase(values, cutoff=cutoff, rate=rate, order=order, pad=pad)
 
-    position = smooth(recording.position, motion_cutoff)
-    return replace(
-        recording,
-        position=position if position is not None else recording.position,
-        velocity=smooth(recording.velocity, motion_cutoff),
-        acceleration=smooth(recording.acceleration, motion_cutoff),
-        torque=smooth(recording.torque, torque_cutoff),
+    motion, torque = (
+        None if cutoff is None else partial(smooth, cutoff=cutoff)
+        for cutoff in (motion_cutoff, torque_cutoff)
     )
+    filters = (motion, motion, motion, torque)
+    channels = {
+        channel: own(values)
+        for channel, own in zip(_FILTERED, filters, strict=True)
+        if own is not None and (values := getattr(recording, channel)) is not None
+    }
+    beside = filtered_beside(recording, motion, torque)
+    return replace(recording, **channels, **beside)  # type: ignore[arg-type]
 
 
 def decimated(recording: Recording, factor: int) -> Recording:

@@ -1,6 +1,7 @@
 """Samples whose torque holds little information, or is wrong."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -96,7 +97,13 @@ def saturated(recording: Recording, limit: ArrayLike | None = None) -> BoolArray
     return np.column_stack([_top(tau) | _top(-tau) for tau in torque.T])
 
 
-def row_weights(recording: Recording, mask: ArrayLike, joints: Sequence[str]) -> Array:
+def row_weights(
+    recording: Recording,
+    mask: ArrayLike,
+    joints: Sequence[str],
+    *,
+    others: Sequence[str] = (),
+) -> Array:
     """Return weights for `build_regression`: 0 where masked, 1 elsewhere.
 
     Parameters
@@ -106,13 +113,18 @@ def row_weights(recording: Recording, mask: ArrayLike, joints: Sequence[str]) ->
         By the recording's joints.
     joints : sequence of str
         The model's ``torque_joints``.
+    others : sequence of str
+        Rows among them that are no joint's and are kept: `BASE_ROWS`.
 
     Returns
     -------
     ndarray, shape (samples, torque joints)
     """
-    columns = [recording.joints.index(name) for name in recording.of(joints).joints]
-    return np.where(as_mask(recording, mask)[:, columns], 0.0, 1.0)
+    masked, own = as_mask(recording, mask), [j for j in joints if j not in others]
+    columns = [recording.joints.index(name) for name in recording.of(own).joints]
+    weights = np.ones((len(recording), len(joints)))
+    weights[:, [joints.index(name) for name in own]] -= masked[:, columns]
+    return weights
 
 
 def mask_onto(
@@ -159,6 +171,26 @@ def mask_onto(
             found[:, k] = at[np.minimum(near, len(at) - 1)] <= target.time + reach
             found[near == len(at), k] = False
     return found
+
+
+def without_rests(
+    recording: Recording, velocity: float, *, reach: float = 0.0
+) -> Recording:
+    """Return a recording in which the torque of joints at rest is not known.
+
+    Parameters
+    ----------
+    recording : Recording
+    velocity : float, [rad/s or m/s]
+        Below which a joint rests; see `standstill`.
+    reach : float, [s]
+        Before and after, for which its torque is not known either.
+    """
+    rests = standstill(recording, velocity)
+    known = ~mask_onto(recording, rests, recording, reach=reach)
+    if recording.torque_known is not None:
+        known &= recording.torque_known
+    return replace(recording, torque_known=known)
 
 
 def as_mask(recording: Recording, mask: ArrayLike) -> BoolArray:

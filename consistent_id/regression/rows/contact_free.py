@@ -14,6 +14,7 @@ from consistent_id.recordings.contacts import ContactFlags
 from consistent_id.recordings.recording import Recording, several
 from consistent_id.regression.base import (
     BaseParameters,
+    base_parameters,
     column_kinds,
     random_regressor,
     random_states,
@@ -22,13 +23,16 @@ from consistent_id.regression.independent_columns import split_at_gap
 from consistent_id.regression.motion_arrays import Motion, motion_of
 from consistent_id.regression.regression import Regression, triangle
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.regression.row_names import CONTACT_FREE
+from consistent_id.regression.row_names import CONTACT_FREE, row_names
 from consistent_id.regression.rows.contact_maps import contact_maps
+from consistent_id.regression.rows.contact_mixing import unmeasured_contacts
 
 _CHUNK = 512
 """Samples per chunk: of 18 rows and 130 columns, 10 MB."""
 
 _WORKERS = 2
+
+_EVERY = np.ones(0, dtype=bool)  # no flags: every sample is certain
 
 
 @single_threaded
@@ -68,7 +72,7 @@ def contact_free_regression(
     pieces = [
         (recording.contacts, motion.samples(start, start + _CHUNK), start)
         for recording in several(recordings)
-        for motion in [motion_of(whole, recording, None)]
+        for motion in [motion_of(whole, replace(recording, contacts=()), None)]
         for start in range(0, len(motion.q), _CHUNK)
     ]
 
@@ -136,13 +140,17 @@ def _compress(
     rows[:, :, :-1] = np.moveaxis(Y, 2, 0)
     rows[:, :, -1] = motion.torque
     turned = None if motion.base is None else motion.base.rotation
-    mapped = [
-        (found.maps @ rows[found.samples]).reshape(-1, rows.shape[2])
-        for found in contact_maps(whole.robot, motion.q, flags, levels, turned)
-    ]
-    stacked = np.vstack([np.zeros((0, rows.shape[2])), *mapped])
+    unknown = None if motion.weights is None else motion.weights == 0.0
+    if unknown is not None:
+        rows[unknown] = 0.0
+    where = whole.robot, motion.q, flags, levels, turned
+    mapped, count = [np.zeros((0, rows.shape[2]))], 0
+    for found in contact_maps(*where, unknown=unknown):
+        mapped.append((found.maps @ rows[found.samples]).reshape(-1, rows.shape[2]))
+        lost = 0 if unknown is None else int(unknown[found.samples].sum())
+        count += len(mapped[-1]) - lost
+    stacked = np.vstack(mapped)
     peak = float(abs(stacked[:, -1]).max(initial=0.0))
-    count = len(stacked)
     return _Part(triangle(np.asfortranarray(stacked)), count, peak)
 
 
@@ -163,6 +171,24 @@ def _levels(sigma: ArrayLike | None, rows: int) -> Vector:
     return levels
 
 
+def base_of_recordings(
+    model: TorqueModel, recordings: Recording | Sequence[Recording]
+) -> BaseParameters:
+    """Return what recordings like these can tell, whatever their motion.
+
+    `base_parameters`, or `contact_free_base` if forces of contacts are not measured.
+    """
+    logs = several(recordings)
+    unknown = [unmeasured_contacts(log) for log in logs] if model.robot.floating else []
+    if not any(unknown):
+        return base_parameters(model)
+    every = [
+        replace(first, closed=np.concatenate([f.closed for f in rest]), certain=_EVERY)
+        for first, *rest in ((flags[0], *flags) for flags in zip(*unknown, strict=True))
+    ]
+    return contact_free_base(model, every)
+
+
 @single_threaded
 def contact_free_base(
     model: TorqueModel, contacts: Sequence[ContactFlags], *, seed: int = 0
@@ -177,7 +203,7 @@ def contact_free_base(
     contacts : sequence of ContactFlags
         Those of the recordings, see `contact_free_regression`.
     """
-    whole = _every_row(model)
+    whole = model if CONTACT_FREE not in model.torque_joints else _every_row(model)
     Y = np.ascontiguousarray(np.moveaxis(random_regressor(whole, seed=seed), 2, 0))
     states = random_states(whole, seed=seed)
     q, turned = states.q, None if states.base is None else states.base.rotation
@@ -187,10 +213,11 @@ def contact_free_base(
         ContactFlags(c.frame, drawn[:, i], c.point, c.surface, radius=c.radius)
         for i, c in enumerate(contacts)
     ]
-    levels = np.ones(len(whole.torque_joints))
+    there = np.array(list(map(row_names(whole.robot).index, whole.torque_joints)))
+    levels = np.ones(len(there))
     rows = [
         (found.maps @ Y[found.samples]).reshape(-1, Y.shape[2])
-        for found in contact_maps(whole.robot, q, flags, levels, turned)
+        for found in contact_maps(whole.robot, q, flags, levels, turned, rows=there)
     ]
     split, _ = split_at_gap(np.vstack(rows), column_kinds(model.layout))
     return BaseParameters(model.layout, *split, fingerprint=model.fingerprint)

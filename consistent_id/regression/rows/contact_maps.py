@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from consistent_id._support.arrays import Array, IntArray, Matrix, Vector
+from consistent_id._support.arrays import Array, BoolArray, IntArray, Matrix, Vector
 from consistent_id.errors import ProblemError, RecordingError
 from consistent_id.recordings.contacts import ContactFlags
 from consistent_id.recordings.recording import Recording
@@ -51,6 +51,9 @@ def contact_maps(
     contacts: Sequence[ContactFlags],
     sigma: Vector,
     rotation: Array | None = None,
+    *,
+    rows: IntArray | None = None,
+    unknown: BoolArray | None = None,
 ) -> Iterator[RowMap]:
     """Yield row maps of samples, those with the same contacts together.
 
@@ -62,11 +65,16 @@ def contact_maps(
         Whose base floats.
     q : ndarray, shape (samples, joints), [rad or m]
     contacts : sequence of ContactFlags
-    sigma : ndarray, shape (6 + joints,)
+    sigma : ndarray, shape (rows,)
         Noise level of each row.
     rotation : ndarray, shape (samples, 3, 3), optional
         Of the base in the world, for contacts with a radius.
+    rows : ndarray of int, shape (rows,), optional
+        Which of `row_names` there are; by default all.
+    unknown : ndarray of bool, shape (samples, rows), optional
+        Rows of which contacts take nothing; their own part of a map means nothing.
     """
+    there = np.arange(6 + len(robot)) if rows is None else rows
     down = _down(robot, contacts, rotation)
     certain = np.ones(len(q), dtype=bool)
     for flags in contacts:
@@ -81,8 +89,10 @@ def contact_maps(
         touching = [flags for flags, touches in pairs if touches]
         below = None if down is None else down[samples]
         held = [_pushes(robot, q[samples], flags, below) for flags in touching]
-        rows = len(sigma)
-        pushes = np.concatenate([np.zeros((len(samples), rows, 0)), *held], axis=2)
+        nothing = np.zeros((len(samples), 6 + len(robot), 0))
+        pushes = np.concatenate([nothing, *held], axis=2)[:, there]
+        if unknown is not None:
+            pushes[unknown[samples]] = 0.0
         yield from _null_spaces(samples, pushes / sigma[:, None], sigma)
 
 

@@ -108,14 +108,27 @@ def sensor_regression(
     RecordingError
         If a recording has no such wrench, or several.
     """
-    logs = [_carried(model, arm, log, frame) for log in several(recordings)]
+    logs = [carried(model.robot, arm, log, frame) for log in several(recordings)]
     return build_regression(model, logs)
 
 
-def _carried(
-    model: TorqueModel, arm: RobotModel, recording: Recording, frame: str
+def carried(
+    tool: RobotModel, arm: RobotModel, recording: Recording, frame: str
 ) -> Recording:
-    """Return the recording as one of the body behind the sensor."""
+    """Return an arm's recording as one of the body behind its sensor.
+
+    Parameters
+    ----------
+    tool, arm, frame
+        See `sensor_regression`; the robot of `tool_model`.
+    recording : Recording
+        With one wrench at the frame.
+
+    Raises
+    ------
+    RecordingError
+        If it has no such wrench, or several.
+    """
     own = [wrench for wrench in recording.wrenches if wrench.frame == frame]
     if len(own) != 1 or own[0].axes != "frame" or own[0].point.any():
         raise RecordingError(
@@ -123,7 +136,7 @@ def _carried(
             "axes of the frame and about its origin"
         )
     zeros = np.zeros_like(recording.position)
-    carried = Wrench(model.robot.link_names[0], own[0].values, axes="base")
+    felt = Wrench(tool.link_names[0], own[0].values, axes="base")
     return replace(
         recording,
         velocity=zeros if recording.velocity is None else recording.velocity,
@@ -131,7 +144,7 @@ def _carried(
             zeros if recording.acceleration is None else recording.acceleration
         ),
         base=sensor_motion(arm, recording, frame),
-        wrenches=(carried,),
+        wrenches=(felt,),
         contacts=(),
     )
 

@@ -27,7 +27,7 @@ def test_the_trunk_is_found_without_force_sensors():
     spec.loader.exec_module(quadruped)
     file = Path(os.environ["CONSISTENT_ID_DATASETS"]) / "unitree_go2" / "go2.xml"
     truth = quadruped.robots(file)
-    log = quadruped.simulated(file, seconds=10, dry_friction=False)
+    log = quadruped.prepared(quadruped.simulated(file, seconds=10, dry_friction=False))
     drive = ci.DriveTerms(rotor_inertia=True, viscous=True)
     model = ci.contact_free_model(ci.TorqueModel(truth.nominal, drive))
     found = ci.constrained_least_squares(

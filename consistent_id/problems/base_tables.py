@@ -1,0 +1,109 @@
+"""The tables of what is measured beside the joints: base, contacts, wrench sensors."""
+
+from collections.abc import Sequence
+from typing import Annotated, Literal
+
+import numpy as np
+from msgspec import Meta
+
+from consistent_id.problems.table_types import NonNegative, Table
+from consistent_id.recordings.readers.beside_columns import (
+    BaseColumns,
+    BesideColumns,
+    ContactColumns,
+    WrenchColumns,
+)
+
+Names = str | list[str]
+Four = Annotated[list[float], Meta(min_length=4, max_length=4)]
+
+
+class BaseTable(Table, frozen=True, kw_only=True):
+    """Columns of a floating base: of an inertial measurement unit, or of its pose."""
+
+    angular_velocity: Names | None = None
+    acceleration: Names | None = None
+    position: Names | None = None
+    orientation: Names | None = None
+    order: Literal["xyzw", "wxyz"] = "xyzw"
+    imu_position: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    imu_orientation: Four | None = None
+
+
+class ContactTable(Table, frozen=True, kw_only=True):
+    """Where the robot may touch its surroundings, and the column that says when.
+
+    Samples closer than the guard [s] to a change are left out.
+    """
+
+    frame: str
+    closed: str
+    threshold: float = 0.5
+    guard: NonNegative = 0.05
+    point: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    surface: bool = False
+    radius: NonNegative = 0.0
+
+
+class WrenchTable(Table, frozen=True, kw_only=True):
+    """Columns of a measured force, or of a force and a moment."""
+
+    frame: str
+    values: Names
+    on_robot: bool = True
+    point: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    axes: Literal["frame", "base", "world"] = "frame"
+
+
+class WristSensorTable(Table, frozen=True, kw_only=True):
+    """A wrench sensor whose tool or payload is identified, with its bias."""
+
+    frame: str
+    tool: str = "tool"
+    bias: bool = True
+
+
+def beside_columns(
+    base: BaseTable | None,
+    contacts: Sequence[ContactTable],
+    wrenches: Sequence[WrenchTable],
+) -> BesideColumns:
+    """Return the columns that tables name."""
+    return BesideColumns(
+        None if base is None else _base_columns(base),
+        tuple(
+            ContactColumns(
+                table.frame,
+                table.closed,
+                table.threshold,
+                table.guard,
+                np.array(table.point),
+                table.surface,
+                table.radius,
+            )
+            for table in contacts
+        ),
+        tuple(
+            WrenchColumns(
+                table.frame,
+                table.values,
+                table.on_robot,
+                np.array(table.point),
+                table.axes,
+            )
+            for table in wrenches
+        ),
+    )
+
+
+def _base_columns(table: BaseTable) -> BaseColumns:
+    turned = table.imu_orientation
+    return BaseColumns(
+        table.angular_velocity,
+        table.acceleration,
+        table.position,
+        table.orientation,
+        table.order,
+        np.array(table.imu_position),
+        None if turned is None else tuple(turned),
+    )

@@ -1,0 +1,57 @@
+"""Some columns of an array in a file: ``qpos[7:19]``, counted from 0."""
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from consistent_id.errors import RecordingError
+
+_PART = re.compile(r"(?P<name>.+)\[(?P<first>\d*):(?P<end>\d*)\]")
+
+
+def read_parts(
+    reader: Any, path: Path, names: Sequence[str]
+) -> dict[str, NDArray[Any]]:
+    """Return named arrays, and parts of arrays, by the names asked for.
+
+    Parameters
+    ----------
+    reader : module
+        Of a format, see `LogFormat`.
+    path : Path
+    names : sequence of str
+
+    Raises
+    ------
+    RecordingError
+        If there is no such array, or it has no such columns.
+    """
+    parts = {name: _PART.fullmatch(name) for name in names}
+    stored = [m["name"] if m else name for name, m in parts.items()]
+    arrays = reader.read_arrays(path, list(dict.fromkeys(stored)))
+    found: dict[str, NDArray[Any]] = {}
+    for (name, part), source in zip(parts.items(), stored, strict=True):
+        whole = arrays[source]
+        found[name] = (
+            whole if part is None else _columns(whole, part, f"{path}: {name}")
+        )
+    return found
+
+
+def _columns(whole: NDArray[Any], part: re.Match[str], where: str) -> NDArray[Any]:
+    first, end = int(part["first"] or 0), int(part["end"] or 0)
+    if whole.ndim != 2:
+        raise RecordingError(
+            f"{where}: {part['name']} has shape {whole.shape}, expected rows and "
+            "columns"
+        )
+    end = end or whole.shape[1]
+    if not first < end <= whole.shape[1]:
+        raise RecordingError(
+            f"{where}: {part['name']} has {whole.shape[1]} columns, counted from 0"
+        )
+    return np.asarray(whole[:, first:end])

@@ -1,0 +1,278 @@
+"""How a log names what is measured beside the joints: base, contacts, wrenches.
+
+Names of several columns are a sequence, or one name of an array that has as many; of an
+array that has more, ``name[first:end]`` takes some, counted from 0.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from consistent_id._support.arrays import (
+    Array,
+    BoolArray,
+    Matrix,
+    Vector,
+    array_default,
+    freeze_arrays,
+)
+from consistent_id.errors import RecordingError
+from consistent_id.recordings.base_motion import BaseMotion
+from consistent_id.recordings.contacts import Axes, ContactFlags, Wrench
+from consistent_id.recordings.signals.base_signals import (
+    QuaternionOrder,
+    base_from_imu,
+    base_from_pose,
+    rotations,
+)
+
+Names = str | Sequence[str]
+"""One array's name, or a name for each column."""
+
+_CLOSED = 0.5  # of a flag that is 0 or 1
+
+
+@dataclass(frozen=True, slots=True)
+class BaseColumns:
+    """Names of what is measured of a floating base.
+
+    Either an inertial measurement unit, `angular_velocity` and `acceleration`, or a
+    pose, `position` and `orientation`.  With both the unit counts; the orientation
+    turns wrenches in world axes, and tells where down is.
+
+    Parameters
+    ----------
+    angular_velocity : str or sequence of str, optional, [rad/s]
+        Gyroscope, three columns.
+    acceleration : str or sequence of str, optional, [m/s^2]
+        Accelerometer, three columns: +9.81 along z at rest and upright.
+    position : str or sequence of str, optional, [m]
+        Of the base frame's origin in the world, three columns.
+    orientation : str or sequence of str, optional
+        Of the base frame in the world: a unit quaternion, four columns.
+    order : {"xyzw", "wxyz"}
+        Of the quaternion.
+    imu_position : array_like, shape (3,), [m]
+        Of the unit in the base frame.
+    imu_orientation : array_like, shape (4,)
+        Of the unit in the base frame, a quaternion in the same order; by default it is
+        aligned.
+    """
+
+    angular_velocity: Names | None = None
+    acceleration: Names | None = None
+    position: Names | None = None
+    orientation: Names | None = None
+    order: QuaternionOrder = "xyzw"
+    imu_position: Vector = array_default((0.0, 0.0, 0.0))
+    imu_orientation: tuple[float, ...] | None = None
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self, {"imu_position": (3,)}, "base columns", RecordingError)
+        if not self._has_unit and not self._has_pose:
+            raise RecordingError(
+                "the motion of the base needs angular_velocity and acceleration (of an "
+                "inertial measurement unit), or position and orientation"
+            )
+
+    @property
+    def _has_unit(self) -> bool:
+        return self.angular_velocity is not None and self.acceleration is not None
+
+    @property
+    def _has_pose(self) -> bool:
+        return self.position is not None and self.orientation is not None
+
+    @property
+    def names(self) -> list[str]:
+        """Every name."""
+        place = None if self._has_unit else self.position
+        every = self.angular_velocity, self.acceleration, place, self.orientation
+        return [name for names in every for name in _listed(names)]
+
+    def motion(self, arrays: "Arrays", time: Vector, where: str) -> BaseMotion:
+        """Return the motion of the base, not filtered."""
+        turned: Array | None = None
+        if self.orientation is not None:
+            quaternions = columns(arrays, self.orientation, (4,), len(time), where)
+            turned = rotations(quaternions, self.order)
+        if self.angular_velocity is not None and self.acceleration is not None:
+            gyroscope, accelerometer = (
+                columns(arrays, names, (3,), len(time), where)
+                for names in (self.angular_velocity, self.acceleration)
+            )
+            mounting = None
+            if self.imu_orientation is not None:
+                mounting = rotations([self.imu_orientation], self.order)[0]
+            return base_from_imu(
+                time,
+                gyroscope,
+                accelerometer,
+                cutoff=None,
+                position=self.imu_position,
+                mounting=mounting,
+                rotation=turned,
+            )
+        position = columns(arrays, self.position or "", (3,), len(time), where)
+        return base_from_pose(
+            time, position, quaternions, order=self.order, cutoff=None
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class ContactColumns:
+    """Name of a contact's flag, or of a force that says when there is contact.
+
+    Parameters
+    ----------
+    frame : str
+        A link of the robot, or one that is fixed to it.
+    closed : str
+        Column of a flag, or of a force.
+    threshold : float
+        From which on the column says that there is contact.
+    guard : float, [s]
+        Before and after each change of the flag, for which samples are not certain.
+    point, surface, radius
+        See `ContactFlags`.
+    """
+
+    frame: str
+    closed: str
+    threshold: float = _CLOSED
+    guard: float = 0.0
+    point: Vector = array_default((0.0, 0.0, 0.0))
+    surface: bool = False
+    radius: float = 0.0
+
+    def flags(self, arrays: "Arrays", time: Vector, where: str) -> ContactFlags:
+        """Return when there is contact."""
+        values = columns(arrays, self.closed, (1,), len(time), where)[:, 0]
+        closed = values > self.threshold
+        return ContactFlags(
+            self.frame,
+            closed,
+            self.point,
+            self.surface,
+            _settled(closed, time, self.guard),
+            self.radius,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class WrenchColumns:
+    """Names of a measured force and moment.
+
+    Parameters
+    ----------
+    frame : str
+        A link of the robot, or one that is fixed to it.
+    values : str or sequence of str, [N, N m]
+        Six columns, the force first; or three of a force without a moment.
+    on_robot : bool
+        Whether they act on the robot; else by the robot on what it touches.
+    point, axes
+        See `Wrench`.
+    """
+
+    frame: str
+    values: Names
+    on_robot: bool = True
+    point: Vector = array_default((0.0, 0.0, 0.0))
+    axes: Axes = "frame"
+
+    def wrench(self, arrays: "Arrays", time: Vector, where: str) -> Wrench:
+        """Return the wrench on the robot."""
+        measured = columns(arrays, self.values, (3, 6), len(time), where)
+        whole = np.zeros((len(time), 6))
+        whole[:, : measured.shape[1]] = measured if self.on_robot else -measured
+        return Wrench(self.frame, whole, self.point, self.axes)
+
+
+Arrays = Mapping[str, NDArray[np.generic]]
+
+
+@dataclass(frozen=True, slots=True)
+class BesideColumns:
+    """Names of all that is measured beside the joints.
+
+    Parameters
+    ----------
+    base : BaseColumns, optional
+    contacts : sequence of ContactColumns
+    wrenches : sequence of WrenchColumns
+    """
+
+    base: BaseColumns | None = None
+    contacts: Sequence[ContactColumns] = ()
+    wrenches: Sequence[WrenchColumns] = ()
+
+    @property
+    def names(self) -> list[str]:
+        """Every name."""
+        found = [] if self.base is None else self.base.names
+        found += [contact.closed for contact in self.contacts]
+        return found + [n for wrench in self.wrenches for n in _listed(wrench.values)]
+
+    def __bool__(self) -> bool:
+        return bool(self.base or self.contacts or self.wrenches)
+
+
+def columns(
+    arrays: Arrays, names: Names, widths: tuple[int, ...], samples: int, where: str
+) -> Matrix:
+    """Return columns beside each other, as many as there may be, shape (samples, any).
+
+    Raises
+    ------
+    RecordingError
+        If there are more or fewer, or they hold no numbers.
+    """
+    parts = []
+    for name in _listed(names):
+        raw = np.asarray(arrays[name])
+        if raw.dtype.kind not in "biuf":
+            raise RecordingError(
+                f"{where}: column {name!r} holds {raw.dtype}, expected numbers"
+            )
+        values: Matrix = raw.astype(np.float64)
+        if values.ndim == 2 and len(values) != samples:
+            values = values.T
+        if values.ndim > 2 or len(values) != samples:
+            raise RecordingError(
+                f"{where}: {name!r} has shape {values.shape}, expected {samples} "
+                "samples, as many as there are times"
+            )
+        parts.append(values.reshape(samples, -1))
+    found = np.hstack(parts)
+    if found.shape[1] not in widths:
+        raise RecordingError(
+            f"{where}: {', '.join(_listed(names))}: {found.shape[1]} columns, expected "
+            f"{' or '.join(map(str, widths))}; of a larger array, name[first:end] "
+            "takes some"
+        )
+    finite = np.isfinite(found).all(axis=1)
+    if not finite.all():
+        bad = int(np.argmin(finite))
+        raise RecordingError(
+            f"{where}: {', '.join(_listed(names))}: {found[bad]} at sample {bad}; "
+            "remove or repair those samples"
+        )
+    return found
+
+
+def _listed(names: Names | None) -> list[str]:
+    if names is None:
+        return []
+    return [names] if isinstance(names, str) else list(names)
+
+
+def _settled(closed: BoolArray, time: Vector, guard: float) -> BoolArray:
+    """Return which samples are further from any change of a flag than a time."""
+    changes = np.flatnonzero(np.diff(closed))
+    settled = np.ones(len(closed), dtype=bool)
+    for change in 0.5 * (time[changes] + time[changes + 1]):
+        settled &= abs(time - change) > guard
+    return settled

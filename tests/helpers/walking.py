@@ -1,0 +1,95 @@
+"""Smooth motion of a quadruped that pushes itself off with its feet, as a log."""
+
+import numpy as np
+from quadrupeds import FEET, FOOT
+
+from consistent_id import (
+    BaseMotion,
+    TorqueModel,
+    contact_jacobian,
+    rotations,
+)
+
+RATE = 200.0
+STEP = 2.0  # s, in half of which each foot in turn is in the air
+
+
+def waves(rng, time, columns, size):
+    """Return sums of three sinusoids and their first two derivatives."""
+    f = 2 * np.pi * rng.uniform(0.2, 1.0, (3, 1, columns))
+    phase = rng.uniform(0, 2 * np.pi, (3, 1, columns))
+    s, c = np.sin(f * time[:, None] + phase), np.cos(f * time[:, None] + phase)
+    return [size * x.sum(axis=0) for x in (s, f * c, -(f**2) * s)]
+
+
+def loads(time):
+    """Return how much each foot bears: nothing in the air, and no jump before or after.
+
+    Shape (samples, feet).
+    """
+    phase = (time[:, None] / STEP - np.arange(4)) % 4
+    ramp = np.clip(np.minimum(2 * phase - 1, 8 - 2 * phase), 0, 1)
+    return ramp**3 * (10 - 15 * ramp + 6 * ramp**2)
+
+
+def turns(rng, time):
+    """Return turns about a fixed axis, then one of the base: rates in closed form.
+
+    Quaternions, real part first; rates and their derivatives in base axes.
+    """
+    (angle, inner), (rate, spin), (push, twist) = (
+        w.T[:, :, None] for w in waves(rng, time, 2, 0.3)
+    )
+    fixed, own = np.array([0.36, 0.48, 0.8]), np.array([0.8, -0.6, 0.0])
+    first = np.hstack([np.cos(angle / 2), np.sin(angle / 2) * fixed])
+    second = np.hstack([np.cos(inner / 2), np.sin(inner / 2) * own])
+    (p, u), (r, v) = ((x[:, :1], x[:, 1:]) for x in (first, second))
+    vector = p * v + r * u + np.cross(u, v)
+    quaternion = np.hstack([p * r - (u * v).sum(axis=1, keepdims=True), vector])
+    seen = fixed @ rotations(second, "wxyz")  # the fixed axis in base axes
+    w = spin * own + rate * seen
+    dw = twist * own + push * seen - rate * spin * np.cross(own, seen)
+    return quaternion, w, dw
+
+
+def walk(robot, parameters, *, seconds=20.0, seed=0):
+    """Return columns of a log, by name, and the wrenches of the feet.
+
+    Forces act where the feet are and balance the base's rows, whatever the ground.
+    """
+    rng = np.random.default_rng(seed)
+    time = np.arange(int(seconds * RATE)) / RATE
+    q, dq, ddq = waves(rng, time, len(robot), 0.1)
+    x, _, a = waves(rng, time, 3, 0.05)
+    quaternion, w, dw = turns(rng, time)
+    R = rotations(quaternion, "wxyz")
+    felt = np.einsum("nij,ni->nj", R, a + np.array([0.0, 0.0, 9.81]))
+    spin = BaseMotion(w, dw, felt, R)
+    model = TorqueModel(robot)
+    forces = model.predict(parameters, q, dq, ddq, base=spin)
+    load = loads(time)
+    J = [contact_jacobian(robot, q, frame=foot, point=FOOT)[:, :3] for foot in FEET]
+    pushes, share = np.concatenate(J, axis=1), np.repeat(load, 3, axis=1)
+    balance = np.linalg.pinv(np.swapaxes(share[..., None] * pushes[:, :, :6], 1, 2))
+    acting = share * np.einsum("nfr,nr->nf", balance, forces[:, :6])
+    torque = (forces - np.einsum("nfr,nf->nr", pushes, acting))[:, 6:]
+    log = {"time": time}
+    log |= {f"q_{j}": q[:, i] for i, j in enumerate(robot.joint_names)}
+    log |= {f"tau_{j}": torque[:, i] for i, j in enumerate(robot.joint_names)}
+    for name, values in (
+        ("gyro", spin.angular_velocity),
+        ("acc", spin.specific_force),
+        ("place", x),
+    ):
+        log |= {f"{name}_{c}": values[:, i] for i, c in enumerate("xyz")}
+    log |= {f"quat_{c}": quaternion[:, i] for i, c in enumerate("wxyz")}
+    log |= {f"contact_{foot}": 1.0 * (load[:, i] > 0.0) for i, foot in enumerate(FEET)}
+    for i, foot in enumerate(FEET):
+        log |= {f"{foot}_f{c}": acting[:, 3 * i + k] for k, c in enumerate("xyz")}
+    return log
+
+
+def write_csv(path, log):
+    """Write columns as a table."""
+    rows = np.column_stack(list(log.values()))
+    np.savetxt(path, rows, delimiter=",", header=",".join(log), comments="")

@@ -1,0 +1,249 @@
+"""Problem files of robots on a moving base, and of tools behind a wrench sensor."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from quadrupeds import CORNERS, FEET, FOOT, quadruped_text
+from walking import walk, write_csv
+
+import consistent_id as ci
+from consistent_id.problems.study import Study, run_study
+
+BOX = ci.InertialParameters.from_central(2.0, [0.05, 0.02, 0.1], 0.02 * np.eye(3))
+HEAD = """
+name = "walker"
+[model]
+mjcf = "quadruped.xml"
+base = "floating"
+[constraints]
+masses = "free"
+known_links = {legs}
+[data]
+recordings = [
+  {{ file = "training.csv", role = "training", rows = [50, 3950] }},
+  {{ file = "validation.csv", role = "validation", rows = [50, 3950] }},
+]
+[data.columns]
+torque = "tau_{{joint}}"
+[data.preparation]
+motion_cutoff = 30.0
+torque_cutoff = 30.0
+"""
+UNIT = """
+[data.base]
+angular_velocity = ["gyro_x", "gyro_y", "gyro_z"]
+acceleration = ["acc_x", "acc_y", "acc_z"]
+"""
+POSE = """
+[data.base]
+position = ["place_x", "place_y", "place_z"]
+orientation = ["quat_w", "quat_x", "quat_y", "quat_z"]
+order = "wxyz"
+"""
+CONTACTS = "".join(
+    f'[[data.contacts]]\nframe = "{foot}"\nclosed = "contact_{foot}"\n'
+    f"point = {list(FOOT)}\n"
+    for foot in FEET
+)
+WRENCHES = "".join(
+    f'[[data.wrenches]]\nframe = "{foot}"\npoint = {list(FOOT)}\naxes = "base"\n'
+    f'values = ["{foot}_fx", "{foot}_fy", "{foot}_fz"]\n'
+    for foot in FEET
+)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A robot, and two logs of it with a box on its trunk."""
+    folder = tmp_path_factory.mktemp("walker")
+    (folder / "quadruped.xml").write_text(quadruped_text(hips=CORNERS))
+    robot = ci.load_mjcf(folder / "quadruped.xml", base="floating")
+    truth = robot.nominal.copy()
+    truth[:10] += BOX.vector
+    rng = np.random.default_rng(0)
+    for seed, name in enumerate(("training", "validation")):
+        log = walk(robot, truth, seed=seed)
+        for column in log:
+            if column.startswith("tau"):
+                log[column] = log[column] + 0.05 * rng.normal(size=len(log["time"]))
+        write_csv(folder / f"{name}.csv", log)
+    return folder
+
+
+def problem(folder, *parts, name="problem.toml"):
+    robot = ci.load_mjcf(folder / "quadruped.xml", base="floating")
+    legs = list(robot.link_names[1:])
+    text = "".join((HEAD.format(legs=legs), *parts)).replace("'", '"')
+    (folder / name).write_text(text)
+    return ci.load_problem(folder / name)
+
+
+def trunk_of(found):
+    return ci.InertialParameters(found.links[0])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "parts",
+    [(UNIT, CONTACTS), (POSE, CONTACTS), (UNIT, WRENCHES)],
+    ids=["IMU", "pose", "forces"],
+)
+def test_a_trunk_is_found_from_a_problem_file(folder, parts):
+    study = Study(problem(folder, *parts, name="one.toml"))
+    robot = study.problem.model.robot
+    expected = robot.links[0].nominal + BOX
+    trunk = trunk_of(study.constrained)
+    # Noise of 0.05 N m; filters and differences err by less than that.
+    assert trunk.mass == pytest.approx(expected.mass, rel=0.01)
+    assert np.linalg.norm(trunk.com - expected.com) < 3e-3
+    moments, right = (
+        np.linalg.eigvalsh(body.central_inertia) for body in (trunk, expected)
+    )
+    assert moments == pytest.approx(right, rel=0.05)
+
+
+@pytest.mark.slow
+def test_a_standing_robot_has_a_verdict_and_a_report(folder, tmp_path):
+    study = run_study(problem(folder, UNIT, CONTACTS, name="whole.toml"))
+    assert study.verdict.usable
+    # Contact forces hide nothing but themselves: each foot is lifted once.
+    assert len(study.base) == len(ci.base_parameters(study.problem.model))
+    assert study.recommended.held_out_error < 0.05
+    page = ci.write_report(study, tmp_path / "report.html").read_text()
+    assert "base.fz (RMS error" in page and "a_knee" in page
+    assert study.diagnosis.by_themselves
+
+
+@pytest.mark.slow
+def test_rows_without_contact_forces_have_honest_standard_errors(folder):
+    """Of 94 base parameters the deviations, in standard errors, are about one."""
+    study = Study(problem(folder, UNIT, CONTACTS, name="errors.toml"))
+    robot = study.problem.model.robot
+    truth = robot.nominal.copy()
+    truth[:10] += BOX.vector
+    found = ci.least_squares(study.problem.model, study.regression, base=study.base)
+    off = found.base_values - study.base.projection @ truth
+    ratio = np.sqrt(np.mean((off / found.standard_errors) ** 2))
+    assert 0.6 < ratio < 1.6
+
+
+@pytest.mark.parametrize(
+    ("parts", "message"),
+    [
+        ((), r"no \[data.base\] says how it moves"),
+        (("[data.base]\n",), "angular_velocity and acceleration"),
+        ((UNIT + "order = 'zyxw'\n",), "order"),
+        ((UNIT.replace("gyro_x", "gyro"), CONTACTS), "no column 'gyro'"),
+        ((UNIT.replace('"gyro_x", ', ""), CONTACTS), "2 columns, expected 3"),
+        ((UNIT, CONTACTS.replace("a_calf", "a_claf", 1)), "a_claf"),
+    ],
+)
+def test_faults_are_named(folder, parts, message):
+    with pytest.raises(ci.ConsistentIdError, match=message):
+        _ = Study(problem(folder, *parts, name="faulty.toml")).constrained
+
+
+def test_a_fixed_base_does_not_move(folder):
+    (folder / "hanging.xml").write_text(quadruped_text(joint=""))
+    text = HEAD.format(legs=[]).replace('base = "floating"', "") + UNIT
+    (folder / "fixed.toml").write_text(text.replace("quadruped", "hanging"))
+    with pytest.raises(ci.ProblemError, match=r"\[data.base\] is of a base that float"):
+        ci.load_problem(folder / "fixed.toml")
+
+
+WRIST = """
+name = "wrist"
+[model]
+modified_dh = [
+  { alpha_deg = -90, a = 0.0 },
+  { alpha_deg = 0, a = 0.4 },
+  { alpha_deg = -90, a = 0.3 },
+]
+[wrist_sensor]
+frame = "link3"
+tool = "gripper"
+[data]
+recordings = [
+  { file = "training.csv", role = "training" },
+  { file = "validation.csv", role = "validation" },
+]
+[[data.wrenches]]
+frame = "link3"
+values = ["fx", "fy", "fz", "nx", "ny", "nz"]
+on_robot = false
+[data.preparation]
+motion_cutoff = 30.0
+torque_cutoff = 30.0
+"""
+GRIPPER = ci.InertialParameters.from_central(1.3, [0.02, 0, 0.08], 4e-3 * np.eye(3))
+BIAS = np.array([3.0, -2.0, 5.0, 0.1, -0.2, 0.05])
+
+
+@pytest.fixture(scope="module")
+def wrist(tmp_path_factory):
+    """An arm that carries a tool on a wrench sensor whose sign is the other one."""
+    folder = tmp_path_factory.mktemp("wrist")
+    (folder / "problem.toml").write_text(WRIST)
+    rows = [ci.DHRow(-np.pi / 2, 0), ci.DHRow(0, 0.4), ci.DHRow(-np.pi / 2, 0.3)]
+    arm, model = ci.from_modified_dh("wrist", rows), ci.tool_model("gripper")
+    rng = np.random.default_rng(0)
+    for name in ("training", "validation"):
+        tones = 0.3 * rng.normal(size=(2, 3, 3))
+        path = ci.FourierTrajectory(
+            arm.joint_names, ci.harmonics_of(0.2, 3), np.zeros(3), *tones, duration=10
+        )
+        log, still = path.recording(rate=200.0), np.zeros((2001, 0))
+        moved = ci.sensor_motion(arm, log, "link3")
+        truth = np.append(GRIPPER.vector, BIAS)
+        acting = -model.predict(truth, still, still, still, base=moved)
+        acting += rng.normal(size=acting.shape) * ([0.2] * 3 + [0.02] * 3)
+        names = ("fx", "fy", "fz", "nx", "ny", "nz")
+        columns = {"time": log.time}
+        columns |= {f"q_{j}": log.position[:, i] for i, j in enumerate(arm.joint_names)}
+        columns |= {name: acting[:, i] for i, name in enumerate(names)}
+        write_csv(folder / f"{name}.csv", columns)
+    return ci.load_problem(folder)
+
+
+def test_what_hangs_on_a_wrist_is_found_from_a_problem_file(wrist, tmp_path):
+    study = run_study(wrist)
+    tool = ci.InertialParameters(study.constrained.links[0])
+    assert study.verdict.word == "use"
+    assert tool.mass == pytest.approx(GRIPPER.mass, rel=5e-3)
+    assert np.linalg.norm(tool.com - GRIPPER.com) < 1e-3
+    found = study.constrained.parameters[10:]
+    assert found == pytest.approx(BIAS, abs=0.05)
+    page = ci.write_report(study, tmp_path / "report.html").read_text()
+    assert "base.fz (RMS error" in page
+
+
+def test_a_tools_datasheet_is_its_own(wrist, tmp_path):
+    text = WRIST + "[links.gripper]\nmass = 1.25\n"
+    (wrist.folder / "known.toml").write_text(text)
+    known = ci.load_problem(wrist.folder / "known.toml")
+    study = Study(replace(known, source=None))
+    assert study.constrained.links[0][0] == pytest.approx(1.25)
+    missing = WRIST.replace('frame = "link3"', 'frame = "link2"', 1)
+    (wrist.folder / "other.toml").write_text(missing)
+    with pytest.raises(ci.ProblemError, match=r"no .*wrenches.* names its columns"):
+        ci.load_problem(wrist.folder / "other.toml")
+
+
+@pytest.mark.slow
+def test_the_verdict_says_when_a_trunk_is_told_with_its_legs_alone(folder):
+    """Masses of legs regroup with the trunk's: the total is determined, no part is."""
+    known = Study(problem(folder, UNIT, CONTACTS, name="known.toml"))
+    text = (folder / "known.toml").read_text()
+    lines = [x for x in text.splitlines() if not x.startswith("known_links")]
+    (folder / "nothing.toml").write_text("\n".join(lines))
+    nothing = Study(ci.load_problem(folder / "nothing.toml"))
+    kinds = [
+        {reason.kind for reason in study.judged(study.constrained).reasons}
+        for study in (known, nothing)
+    ]
+    assert "trunk" not in kinds[0] and "trunk" in kinds[1]
+    total = nothing.constrained.links[:, 0].sum()
+    robot = known.problem.model.robot
+    expected = sum(link.nominal.mass for link in robot.links) + BOX.mass
+    assert total == pytest.approx(expected, rel=0.02)
