@@ -123,6 +123,7 @@ from consistent_id.problems.log_identification import identify_log
 from consistent_id.problems.problem import Problem, load_problem, load_problems
 from consistent_id.problems.selection.select import select_model
 from consistent_id.problems.selection.selection import ModelSelection
+from consistent_id.problems.streaming.stream import stream_regression
 from consistent_id.problems.study import Study, identify, run_study
 from consistent_id.recordings.base_motion import BaseMotion
 from consistent_id.recordings.contacts import ContactFlags, Wrench
@@ -483,6 +484,7 @@ __all__ = [
     "split_at_gaps",
     "standstill",
     "static_poses",
+    "stream_regression",
     "to_c",
     "to_casadi",
     "to_cvxpy",
