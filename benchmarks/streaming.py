@@ -27,7 +27,7 @@ import consistent_id as ci
 _PIECE = 2**17  # samples written at a time
 _GROUPS = 2**20  # rows of a row group
 _LENGTHS = (10_000, 100_000, 1_000_000, 3_000_000)
-_FILE = """
+PROBLEM = """
 name = "arm"
 [model]
 modified_dh = [
@@ -82,7 +82,7 @@ def measured(folder: Path, executor: str) -> dict[str, float]:
     regression = ci.stream_regression(problem, executor=executor)
     taken = perf_counter() - wall, process_time() - cpu
     estimate = ci.least_squares(problem.model, regression)
-    exact = estimate.base.projection @ truth(problem.model)
+    exact = estimate.base.projection @ truth(arm())
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     workers = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
     return {
@@ -111,7 +111,7 @@ def main() -> None:
     for samples in given.samples:
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)
-            (folder / "problem.toml").write_text(_FILE)
+            (folder / "problem.toml").write_text(PROBLEM)
             write(folder / "log.parquet", samples)
             size = (folder / "log.parquet").stat().st_size / 1e6
             command = [sys.executable, __file__, "--measure", name]

@@ -119,6 +119,8 @@ from consistent_id.motion.proofs.margins import MotionMargins, motion_margins
 from consistent_id.motion.transfers import transfer
 from consistent_id.problems.draft import Draft
 from consistent_id.problems.drafting import draft_problem
+from consistent_id.problems.fleet.fleet import fleet_estimate, identify_fleet
+from consistent_id.problems.fleet.fleet_result import Fleet, FleetRobot
 from consistent_id.problems.log_identification import identify_log
 from consistent_id.problems.problem import Problem, load_problem, load_problems
 from consistent_id.problems.selection.select import select_model
@@ -299,6 +301,8 @@ __all__ = [
     "FixedFrame",
     "FixedMasses",
     "FixedParameters",
+    "Fleet",
+    "FleetRobot",
     "Fold",
     "FourierFit",
     "FourierTrajectory",
@@ -410,6 +414,7 @@ __all__ = [
     "faster",
     "fit_shapes",
     "fit_trajectory",
+    "fleet_estimate",
     "follow",
     "fourier_differentiated",
     "fourier_fit",
@@ -422,6 +427,7 @@ __all__ = [
     "held",
     "huber",
     "identify",
+    "identify_fleet",
     "identify_gains",
     "identify_log",
     "identify_payload",
