@@ -1,6 +1,6 @@
 """Fleets of simulated robots: time, memory, outliers named, and how they grow.
 
-``python benchmarks/fleet.py [--robots 10 30 100] [--samples 10000] [--executor serial]``
+``python benchmarks/fleet.py [--robots 10 30 100] [--samples 10000] [--executor WHERE]``
 
 Each robot is the 7-joint arm of ``streaming.py`` with friction and offsets of its own;
 three in a hundred have 0.2 kg more on their last link.  Each writes a Parquet file at
@@ -55,7 +55,10 @@ def write(folder: Path, robots: int, samples: int) -> list[str]:
                 q, dq = np.sin(angle), rates * np.cos(angle)
                 torque = model.predict(x, q, dq, -(rates**2) * q)
                 torque += rng.normal(scale=0.5, size=torque.shape)
-                values = [time, *(c for pair in zip(q.T, torque.T) for c in pair)]
+                values = [
+                    time,
+                    *(c for pair in zip(q.T, torque.T, strict=True) for c in pair),
+                ]
                 writer.write_table(pa.table(values, schema=_schema(model)))
     return [f"robot{k:05}" for k in sorted(heavy)]
 

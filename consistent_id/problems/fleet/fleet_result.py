@@ -112,8 +112,8 @@ class Fleet:
             "least squares of the robot alone",
             f"chi^2: rise of the squared misfit by sharing; a typical robot's is "
             f"{self.spread:.3g} times that of equal robots, and p is among such",
-            f"outliers: {', '.join(self.outliers) or 'none'} (chance of naming any of "
-            f"equal robots: {LEVEL:g})",
+            f"outliers: {', '.join(self.outliers) or 'none'} (nominal chance of naming "
+            f"any without cause: {LEVEL:g})",
         ]
         if len(self.robots) < FEWEST:
             notes[-1] = f"outliers are named among {FEWEST} robots or more"

@@ -24,11 +24,13 @@ from consistent_id._support.arrays import BoolArray, Matrix, Vector
 from consistent_id.regression.linear import DATA_RANK_TOLERANCE
 from consistent_id.regression.regression import triangle
 
-LEVEL = 0.01
-"""Chance that a fleet of equal robots has any outlier named: the sum over robots."""
+LEVEL = 0.001
+"""Nominal chance that a fleet without outliers has one named.  Measured it is 0 where
+robots differ by noise alone, and some hundredths where they differ more, along a few
+directions: ``benchmarks/fleet_outliers.py``."""
 
-FEWEST = 4
-"""Robots among which one can be an outlier: a majority has to be alike."""
+FEWEST = 5
+"""Robots among which one can be named: of fewer, the scatter is not known."""
 
 _HIGH = 0.9  # quantile that shows how widely robots scatter; of fewer than _MANY, one
 _HIGH_OF_FEW, _MANY = 0.75, 20  # that a single outlier does not move
