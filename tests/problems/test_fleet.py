@@ -363,6 +363,21 @@ def test_the_shell_names_the_robot_that_carries_something(folders, tmp_path, cap
     assert "robot2" in capsys.readouterr().out
 
 
+def test_logs_that_cannot_be_streamed_are_read_whole(folders):
+    problems = [ci.load_problem(folders / f"robot{k}") for k in range(5)]
+    text = (folders / "robot1" / "problem.toml").read_text()
+    log = np.genfromtxt(folders / "robot1" / "log.csv", delimiter=",", names=True)
+    np.savez(folders / "robot1" / "log.npz", **{n: log[n] for n in log.dtype.names})
+    (folders / "robot1" / "whole.toml").write_text(text.replace("log.csv", "log.npz"))
+    streamed = ci.identify_fleet(problems)
+    problems[1] = ci.load_problem(folders / "robot1" / "whole.toml")
+    mixed = ci.identify_fleet(problems)
+    np.testing.assert_allclose(
+        mixed.bodies.base_values, streamed.bodies.base_values, rtol=1e-6, atol=1e-8
+    )
+    assert mixed.outliers == streamed.outliers
+
+
 def test_robots_of_two_types_are_refused(folders, tmp_path, capsys):
     other = folders / "robot1" / "other.toml"
     other.write_text(_FILE.format(name="other", rotor="true"))

@@ -8,7 +8,7 @@ from logged import DRIVE, moved, write_arm
 
 import consistent_id as ci
 from consistent_id.errors import ProblemError, RecordingError
-from consistent_id.problems.streaming import windows
+from consistent_id.problems.streaming import kept_rows, windows
 from consistent_id.recordings.readers.log_rows import LogRows
 from consistent_id.recordings.signals.butterworth import settling, zero_phase
 
@@ -141,6 +141,24 @@ def test_streamed_regressions_are_those_of_memory(
     np.testing.assert_allclose(streamed.effective, whole.effective, rtol=1e-10)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("executor", ["processes:2", "dask:2"])
+def test_regressions_are_the_same_wherever_they_are_made(log, executor, monkeypatch):
+    if executor.startswith("dask"):
+        pytest.importorskip("distributed")
+    monkeypatch.setattr(kept_rows, "_AT_ONCE", 2)
+    folder, recording = log
+    file = _written(folder, "parquet", _columns(recording, recording.time))
+    problem = _problem(folder, file, f"{UNIFORM}\nleast_speed = 0.2")
+    here = ci.stream_regression(problem)
+    there = ci.stream_regression(problem, executor=executor)
+    assert here.counts == there.counts
+    for one, other in zip(here.factors, there.factors, strict=True):
+        np.testing.assert_array_equal(one, other)
+    for one, other in zip(here.noise.scores, there.noise.scores, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
 def test_filters_have_forgotten_their_start_after_settling():
     rng = np.random.default_rng(1)
     values = np.cumsum(rng.normal(size=(60_000, 1)), axis=0)
@@ -216,5 +234,5 @@ def test_what_takes_a_whole_recording_is_refused(log, preparation, message):
 def test_formats_that_cannot_be_read_piece_by_piece_are_named(log):
     folder, recording = log
     np.savez(folder / "log.npz", **_columns(recording, recording.time))
-    with pytest.raises(RecordingError, match="CSV, Parquet, Feather, HDF5"):
+    with pytest.raises(ProblemError, match="CSV, Parquet, Feather, HDF5"):
         ci.stream_regression(_problem(folder, "log.npz", UNIFORM))

@@ -45,10 +45,11 @@ from consistent_id.problems.fleet.robot_share import (
 )
 from consistent_id.problems.fleet.share_files import read_share, write_share
 from consistent_id.problems.problem import Problem, require_distinct
+from consistent_id.problems.streaming.obstacle import obstacle
 from consistent_id.problems.streaming.stream import stream_regression
 from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.correlated_noise import CorrelatedNoise
-from consistent_id.regression.regression import Regression, triangle
+from consistent_id.regression.regression import Regression, build_regression, triangle
 from consistent_id.regression.regressor import TorqueModel
 
 _ROUNDS = 20  # of the shared problem, until no bound of own parameters changes
@@ -61,8 +62,8 @@ def identify_fleet(
 
     Bodies, rotor inertias, springs and coupled gears are shared, friction and offsets
     each robot's own; robots whose bodies are others are named and left out of what is
-    shared.  Recordings are streamed, see `stream_regression`; only training recordings
-    count.
+    shared.  Training recordings count; they are streamed if that is possible, see
+    `stream_regression`.
 
     Parameters
     ----------
@@ -75,7 +76,7 @@ def identify_fleet(
     Raises
     ------
     ProblemError
-        If the problems do not belong together, or cannot be streamed.
+        If the problems do not belong together.
     InfeasibleError, NotExcitedError, SolverError
         See `constrained_least_squares`.
     """
@@ -121,6 +122,9 @@ def fleet_estimate(
 
 
 def _share_of(fleet: FleetModel, problem: Problem) -> RobotShare:
+    if obstacle(problem, "training"):
+        whole = build_regression(problem.model, problem.training)
+        return robot_share(problem.name, fleet, whole)
     return robot_share(problem.name, fleet, stream_regression(problem))
 
 

@@ -16,6 +16,7 @@ from consistent_id.problems.streaming.kept_rows import (
     KeptWindows,
     kept_rows,
 )
+from consistent_id.problems.streaming.obstacle import obstacle
 from consistent_id.problems.streaming.stretches import survey
 from consistent_id.problems.streaming.windows import prepared_stretches
 from consistent_id.recordings.readers.log_rows import LogRows
@@ -62,9 +63,9 @@ def stream_regression(
     ------
     ProblemError
         If the file asks for what takes a whole recording at once: a delay that is
-        estimated, tracks, gains, or the methods ``smoother`` and ``fourier``.
+        estimated, tracks, gains, the methods ``smoother`` and ``fourier``, bags.
     RecordingError
-        If a log cannot be read, or not piece by piece; or its clock has gaps.
+        If a log cannot be read, or its clock has gaps.
     NotExcitedError
         If there is nothing to learn from.
 
@@ -134,30 +135,20 @@ class _Source:
 def _sources(problem: Problem, role: str) -> Iterator[_Source]:
     """Yield the logs of a role."""
     data = problem.table.data
-    if data is None:
-        raise ProblemError(f"problem {problem.name!r} has no recordings to stream")
-    if data.gains is not None:
-        raise ProblemError(
-            "[data.gains]: torque is made of commands of whole recordings; a log that "
-            "is streamed has a column of torque"
-        )
+    reason = obstacle(problem, role)
+    if reason or data is None:
+        raise ProblemError(f"the recordings cannot be streamed: {reason}")
     for entry in data.recordings:
-        if entry.role != role:
-            continue
-        if entry.tracks:
-            raise ProblemError(
-                f"{entry.file}: tracks are joined with whole recordings; a log that is "
-                "streamed has all its channels in one file"
+        if entry.role == role:
+            path = problem.log_file(entry.file)
+            log = LogRows(
+                path,
+                problem.model.robot.joint_names,
+                columns_of(data, path),
+                data.torque_gain,
+                tuple(entry.omit),
             )
-        path = problem.log_file(entry.file)
-        log = LogRows(
-            path,
-            problem.model.robot.joint_names,
-            columns_of(data, path),
-            data.torque_gain,
-            tuple(entry.omit),
-        )
-        yield _Source(log, entry, data.preparation)
+            yield _Source(log, entry, data.preparation)
 
 
 def _kept(source: _Source, executor: Executor) -> Iterator[KeptRows]:

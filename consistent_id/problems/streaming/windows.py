@@ -13,7 +13,6 @@ from itertools import pairwise
 import numpy as np
 
 from consistent_id._support.arrays import IntArray
-from consistent_id.errors import ProblemError
 from consistent_id.problems.file import PreparationTable
 from consistent_id.problems.preparation import filtered, moving
 from consistent_id.problems.streaming.stretches import Stretch
@@ -114,24 +113,7 @@ class PreparedStretch:
 def prepared_stretches(
     log: LogRows, stretches: Iterable[Stretch], table: PreparationTable
 ) -> tuple[PreparedStretch, ...]:
-    """Return stretches ready to be prepared window by window.
-
-    Raises
-    ------
-    ProblemError
-        If the table asks for what takes the whole of a recording at once.
-    """
-    where = "[data.preparation]"
-    if table.method in ("smoother", "fourier"):
-        raise ProblemError(
-            f'{where}: method = "{table.method}" looks at a whole recording at once; '
-            'a log that is streamed takes "butterworth" or "savitzky-golay"'
-        )
-    if "estimated" in table.delays.values():
-        raise ProblemError(
-            f"{where}: a delay that is estimated takes a whole recording at once; give "
-            "the seconds that a part of the log shows (consistent-id check)"
-        )
+    """Return stretches ready to be prepared window by window."""
     return tuple(
         replace(whole, lead=_lead(whole))
         for stretch in stretches

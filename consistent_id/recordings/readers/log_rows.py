@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Vector
 from consistent_id.errors import RecordingError
-from consistent_id.recordings.log_formats import LOG_FORMATS, log_format
 from consistent_id.recordings.readers.columns import Columns, wanted
 from consistent_id.recordings.readers.named_arrays import (
     Arrays,
@@ -29,6 +28,7 @@ class LogRows:
     Parameters
     ----------
     path : Path
+        Of a format that `LogFormat.streams`.
     joints : tuple of str
     columns : Columns
     torque_gain : array_like, shape () or (joints,)
@@ -41,14 +41,6 @@ class LogRows:
     columns: Columns
     torque_gain: ArrayLike = 1.0
     omit: tuple[int, ...] = ()
-
-    def __post_init__(self) -> None:
-        if not log_format(self.path).streams:
-            known = ", ".join(known.name for known in LOG_FORMATS if known.streams)
-            raise RecordingError(
-                f"{self.path}: cannot be read piece by piece; that takes {known}. "
-                "Convert it, or read it as a whole"
-            )
 
     def times(self) -> Iterator[Vector]:
         """Yield the times of all rows, some at a time [s]."""
