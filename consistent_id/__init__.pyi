@@ -124,11 +124,14 @@ from consistent_id.motion.proofs.margins import MotionMargins, motion_margins
 from consistent_id.motion.transfers import transfer
 from consistent_id.problems.draft import Draft
 from consistent_id.problems.drafting import draft_problem
+from consistent_id.problems.fleet.fleet import fleet_estimate, identify_fleet
+from consistent_id.problems.fleet.fleet_result import Fleet, FleetRobot
 from consistent_id.problems.log_identification import identify_log
 from consistent_id.problems.problem import Problem, load_problem
 from consistent_id.problems.selection.select import select_model
 from consistent_id.problems.selection.selection import ModelSelection
 from consistent_id.problems.several import load_problems
+from consistent_id.problems.streaming.stream import stream_regression
 from consistent_id.problems.study import Study, identify, run_study
 from consistent_id.recordings.base_motion import BaseMotion
 from consistent_id.recordings.contacts import ContactFlags, Wrench
@@ -316,6 +319,8 @@ __all__ = [
     "FixedFrame",
     "FixedMasses",
     "FixedParameters",
+    "Fleet",
+    "FleetRobot",
     "Fold",
     "FourierFit",
     "FourierTrajectory",
@@ -430,6 +435,7 @@ __all__ = [
     "fit_calibration",
     "fit_shapes",
     "fit_trajectory",
+    "fleet_estimate",
     "follow",
     "fourier_differentiated",
     "fourier_fit",
@@ -442,6 +448,7 @@ __all__ = [
     "held",
     "huber",
     "identify",
+    "identify_fleet",
     "identify_gains",
     "identify_log",
     "identify_payload",
@@ -505,6 +512,7 @@ __all__ = [
     "split_at_gaps",
     "standstill",
     "static_poses",
+    "stream_regression",
     "to_c",
     "to_casadi",
     "to_cvxpy",

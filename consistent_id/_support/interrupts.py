@@ -85,3 +85,20 @@ def terminations_raised() -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGTERM, before)
+
+
+@contextmanager
+def interrupts_ignored() -> Iterator[None]:
+    """Start processes that no interrupt reaches, not even while they begin.
+
+    The terminal interrupts every process at once; the one that waits decides.  That
+    interrupts are ignored is inherited; so for a moment this process ignores them too.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)

@@ -132,6 +132,18 @@ def add_time_limit(command: argparse.ArgumentParser) -> None:
     )
 
 
+def add_executor(command: argparse.ArgumentParser) -> None:
+    """Take where recordings are compressed."""
+    command.add_argument(
+        "--executor",
+        default="serial",
+        metavar="WHERE",
+        help="serial, processes, processes:4, dask or dask:tcp://HOST:PORT, the "
+        "scheduler of a cluster with a shared file system (default: serial); the "
+        "result is the same",
+    )
+
+
 def positive(text: str) -> float:
     """Read a positive number."""
     value = float(text)

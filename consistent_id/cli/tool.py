@@ -11,9 +11,11 @@ from consistent_id.cli.answers import warnings_unless
 from consistent_id.cli.check import add_check
 from consistent_id.cli.compare import add_compare
 from consistent_id.cli.completion import add_completion
+from consistent_id.cli.compress import add_compress
 from consistent_id.cli.endings import run_to_its_end
 from consistent_id.cli.excite import add_excite
 from consistent_id.cli.export import add_export
+from consistent_id.cli.fleet import add_fleet
 from consistent_id.cli.identify import add_identify
 from consistent_id.cli.info import add_info
 from consistent_id.cli.init import add_init
@@ -41,6 +43,8 @@ _COMMANDS = (
     add_repair,
     add_reproduce,
     add_rollout,
+    add_compress,
+    add_fleet,
     add_completion,
 )
 _EPILOG = """examples:
@@ -57,6 +61,8 @@ _EPILOG = """examples:
   consistent-id repair robot.urdf --dry-run
   consistent-id reproduce problems/rx60 --quick
   consistent-id rollout problems/unitree_go2 --refine
+  consistent-id compress problem.toml --output regression.json
+  consistent-id fleet 'logs/*/problem.toml' --output results/fleet
 
 consistent-id COMMAND --help has more. Exit codes: 0 done, 1 do not use (the
 estimate, or a faulty log), 2 wrong usage or input, 3 solver failure or out of time,

@@ -7,12 +7,14 @@ so is every constraint.  The prior keeps the weight that it had for the data the
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import islice
+from functools import partial
+from itertools import chain, islice
 from time import perf_counter
 
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays
+from consistent_id._support.executors import Executor
 from consistent_id._support.interrupts import note_stop
 from consistent_id._support.threads import single_threaded, worker_threads
 from consistent_id.constraints import Constraint
@@ -29,6 +31,7 @@ from consistent_id.regression.segments import merged
 from consistent_id.robot.parameters import ParameterLayout
 
 _WORKERS = 2  # Clarabel frees the interpreter's lock
+_AT_ONCE = 10  # replicates that another process solves in one go
 
 _Replicate = tuple[Vector, bool]  # parameters, and whether they are certified
 
@@ -109,6 +112,7 @@ def bootstrap(
     replicates: int = 200,
     seed: int = 0,
     progress: bool = False,
+    executor: str | Executor | None = None,
 ) -> Bootstrap:
     """Estimate again and again from segments drawn with replacement.
 
@@ -123,6 +127,9 @@ def bootstrap(
     seed : int
     progress : bool
         Show a progress bar.
+    executor : str or Executor, optional
+        Where replicates are solved, see `stream_regression`; by default in two threads.
+        The result is the same.
 
     Returns
     -------
@@ -159,7 +166,8 @@ def bootstrap(
         return found.solution.u * scaled.unit, certified
 
     draws = islice(_draws(len(segments), np.random.default_rng(seed)), replicates)
-    found = _collected(estimate, draws, replicates if progress else None)
+    chosen = None if executor is None else Executor.named(executor)
+    found = _collected(estimate, draws, replicates if progress else None, chosen)
     good = [result for result in found if result is not None]
     if len(good) < 2:
         raise SolverError(f"{len(good)} of {len(found)} replicates gave an estimate")
@@ -185,13 +193,19 @@ def _collected(
     estimate: Callable[[Array], _Replicate | None],
     draws: Iterator[Array],
     total: int | None,
+    executor: Executor | None,
 ) -> list[_Replicate | None]:
     """Return the results in order; those so far, if interrupted after two or more."""
     from tqdm import tqdm
 
     found: list[_Replicate | None] = []
     with worker_threads(_WORKERS) as pool:
-        results = pool.map(estimate, draws)
+        if executor is None:
+            results = pool.map(estimate, draws)
+        else:
+            some = iter(lambda: list(islice(draws, _AT_ONCE)), [])
+            each = executor.map(partial(_estimated, estimate), some)
+            results = chain.from_iterable(each)
         try:
             for result in tqdm(results, "bootstrap", total, disable=total is None):
                 found.append(result)
@@ -201,3 +215,11 @@ def _collected(
             pool.shutdown(wait=False, cancel_futures=True)
             note_stop(cause)
     return found
+
+
+@single_threaded
+def _estimated(
+    estimate: Callable[[Array], _Replicate | None], draws: Sequence[Array]
+) -> list[_Replicate | None]:
+    """Estimate from some draws, in another process."""
+    return [estimate(times) for times in draws]

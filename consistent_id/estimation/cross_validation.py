@@ -18,6 +18,7 @@ from consistent_id._support.arrays import (
     freeze_arrays,
     frozen,
 )
+from consistent_id._support.executors import Executor
 from consistent_id._support.threads import single_threaded, worker_threads
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.distances import NominalDistance, nominal_distance
@@ -104,6 +105,7 @@ def cross_validated(
     weights: ArrayLike | None = None,
     folds: int = 6,
     base: BaseParameters | None = None,
+    executor: str | Executor | None = None,
 ) -> RegularisationPath:
     """Fit with a series of weights, leaving out one fold after another.
 
@@ -120,6 +122,9 @@ def cross_validated(
     folds : int
         Of consecutive segments; at most as many as there are segments.
     base : BaseParameters, optional
+    executor : str or Executor, optional
+        Where folds are solved, see `stream_regression`; by default in two threads.  The
+        result is the same.
 
     Returns
     -------
@@ -154,7 +159,8 @@ def cross_validated(
         """Fit all data and all but each fold, and predict the folds."""
         with worker_threads(_WORKERS) as pool:
             along = partial(_along, distance=to_nominal, weights=weights, start=start)
-            whole, *found = pool.map(along, [scaled, *rests])
+            fits = pool.map if executor is None else Executor.named(executor).map
+            whole, *found = fits(along, [scaled, *rests])
         columns = [
             _errors(tested, fits, counts[part].sum())
             for tested, fits, part in zip(tests, found, parts, strict=True)
@@ -220,6 +226,7 @@ def _errors(tested: ScaledFit, fits: Sequence[PenalisedFit], samples: int) -> Ve
     return np.asarray(np.sqrt(np.array(squared) / samples) * tested.size)
 
 
+@single_threaded
 def _along(
     fit: ScaledFit,
     distance: NominalDistance,

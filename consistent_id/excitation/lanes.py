@@ -2,12 +2,12 @@
 
 import os
 import signal
-import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from consistent_id._support.interrupts import interrupts_ignored
 from consistent_id.excitation.reports import (
     begun,
     has_begun,
@@ -122,7 +122,7 @@ class Helpers:
             work = self._work - sum(done)
             if not left or (done and work <= 0.0):
                 continue
-            with _interrupts_ignored():
+            with interrupts_ignored():
                 self._executor = get_reusable_executor(max_workers=len(lanes))
                 call = (_in_worker, self._problem, left, work, self._folder)
                 self._running[self._executor.submit(*call)] = lane
@@ -155,20 +155,3 @@ def _in_worker(
         return os.getppid() != main
 
     run_lane(problem, starts, work, folder, ended)
-
-
-@contextmanager
-def _interrupts_ignored() -> Iterator[None]:
-    """Start processes that no interrupt reaches, not even while they begin.
-
-    The terminal interrupts every process at once; the one that waits decides.  That
-    interrupts are ignored is inherited; so for a moment this process ignores them too.
-    """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)

@@ -23,18 +23,50 @@ def span_of(raw: Recording, entry: RecordingTable) -> tuple[float, float]:
     ProblemError
         If the log has no such rows.
     """
-    if entry.rows is None:
+    rows = rows_of(entry)
+    if rows is None:
         return -np.inf, np.inf
+    require_rows(raw.name, entry, len(raw))
+    first, last = rows
+    return float(raw.time[first]), float(raw.time[last])
+
+
+def rows_of(entry: RecordingTable) -> tuple[int, int] | None:
+    """Return the first and the last row that count, from 0, omitted ones left out.
+
+    None, if all rows count.
+    """
+    if entry.rows is None:
+        return None
     first, last = entry.rows
     omitted = set(entry.omit)
-    rows = len(raw) + len(omitted)
+    return (
+        first - 1 - sum(row < first for row in omitted),
+        last - 1 - sum(row <= last for row in omitted),
+    )
+
+
+def require_rows(name: str, entry: RecordingTable, left: int) -> None:
+    """Refuse rows that a log does not have.
+
+    Parameters
+    ----------
+    name : str
+    entry : RecordingTable
+    left : int
+        Rows of the log that are not omitted.
+
+    Raises
+    ------
+    ProblemError
+        With the rows.
+    """
+    rows = left + len(set(entry.omit))
+    if entry.rows is None:
+        return
+    first, last = entry.rows
     if not 1 <= first < last <= rows:
-        raise ProblemError(
-            f"{raw.name}: rows {first} to {last}, but the file has {rows}"
-        )
-    start = first - 1 - sum(row < first for row in omitted)
-    stop = last - 1 - sum(row <= last for row in omitted)
-    return float(raw.time[start]), float(raw.time[stop])
+        raise ProblemError(f"{name}: rows {first} to {last}, but the file has {rows}")
 
 
 def gains_table(

@@ -233,6 +233,32 @@ def prepared(
     return Log(recording, table).prepared(start, stop)
 
 
+def filtered(part: Recording, table: PreparationTable) -> Recording:
+    """Take out delays and filter, as a table asks."""
+    for channel, delay in table.delays.items():
+        late = track(part, channel)
+        if delay == "estimated":
+            delay = estimate_delay(track(part, "position"), late).seconds
+        part = aligned(part, late, delay=delay)
+    if table.motion_cutoff is None and table.torque_cutoff is None:
+        return part
+    return low_passed(
+        part,
+        motion_cutoff=table.motion_cutoff,
+        torque_cutoff=table.torque_cutoff,
+    )
+
+
+def moving(part: Recording, table: PreparationTable) -> Recording:
+    """Return what was filtered with velocity and acceleration, as a table asks."""
+    if table.method == "savitzky-golay" and table.window is not None:
+        degree = 4 if table.degree is None else table.degree
+        return savitzky_golay_differentiated(part, table.window, degree=degree)
+    if table.method == "smoother":
+        return kalman_differentiated(part, motion_noise(part, order=table.order))
+    return differentiated(part)
+
+
 @dataclass(frozen=True, eq=False)
 class _Part:
     """What lies between two gaps of a log."""
@@ -264,31 +290,12 @@ class _Part:
         part, table = self.raw, self.table
         if table.resample is not None:
             part = resampled(part, table.resample, max_gap=table.max_gap)
-        for channel, delay in table.delays.items():
-            late = track(part, channel)
-            if delay == "estimated":
-                delay = estimate_delay(track(part, "position"), late).seconds
-            part = aligned(part, late, delay=delay)
-        if table.motion_cutoff is None and table.torque_cutoff is None:
-            return part
-        return low_passed(
-            part,
-            motion_cutoff=table.motion_cutoff,
-            torque_cutoff=table.torque_cutoff,
-        )
+        return filtered(part, table)
 
     @cached_property
     def _whole(self) -> Recording:
         """All of it, with velocity and acceleration."""
-        part, table = self._filtered, self.table
-        if table.method == "savitzky-golay" and table.window is not None:
-            degree = 4 if table.degree is None else table.degree
-            part = savitzky_golay_differentiated(part, table.window, degree=degree)
-        elif table.method == "smoother":
-            part = kalman_differentiated(part, motion_noise(part, order=table.order))
-        else:
-            part = differentiated(part)
-        return decimated(part, table.decimate)
+        return decimated(moving(self._filtered, self.table), self.table.decimate)
 
     def _as_series(self, start: float, stop: float) -> Recording:
         """Return it with the motion of a Fourier series, fitted to what is kept."""

@@ -191,7 +191,7 @@ class Problem:
         data, path = self._data(), self._path(file)
         if (path, *omit) not in self._read:
             self._read[path, *omit] = read_recording(
-                require_there(path, self.table),
+                self.log_file(file),
                 self.recorded_joints,
                 columns_of(data, path),
                 torque_gain=data.torque_gain,
@@ -235,6 +235,16 @@ class Problem:
             time=entry.time,
             torque_gain=self._data().torque_gain,
         )
+
+    def log_file(self, file: str | Path) -> Path:
+        """Return where a log of the problem is.
+
+        Raises
+        ------
+        ProblemError
+            If it is not there, and the problem file names a source.
+        """
+        return require_there(self._path(file), self.table)
 
     def _path(self, file: str | Path) -> Path:
         return self.folder / expanded(self._data().folder, self.table) / file

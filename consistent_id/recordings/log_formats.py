@@ -3,7 +3,8 @@
 An entry names a module of `consistent_id.recordings.readers`, imported when a file is
 read.  The module of a format of arrays has ``read_arrays(path, names)`` and, unless the
 entry says otherwise, ``array_names(path)``; that of a format of joint states has
-``read_messages(path, topic)``.
+``read_messages(path, topic)``; one that can be read piece by piece has
+``read_batches(path, names, first)``.
 """
 
 from dataclasses import dataclass
@@ -34,6 +35,8 @@ class LogFormat:
         Whether the names of its arrays can be listed.
     folders : bool
         Whether a log may be a folder.
+    streams : bool
+        Whether it can be read piece by piece, in memory that does not grow with it.
     """
 
     name: str
@@ -44,6 +47,7 @@ class LogFormat:
     holds: Literal["arrays", "joint states"] = "arrays"
     lists_names: bool = True
     folders: bool = False
+    streams: bool = False
 
     def reader(self, where: object) -> Any:
         """Return the module that reads it.
@@ -60,13 +64,19 @@ class LogFormat:
 
 
 HDF5 = LogFormat(
-    "HDF5", (".h5", ".hdf5"), "hdf5", "h5py", extra="hdf5", lists_names=False
+    "HDF5",
+    (".h5", ".hdf5"),
+    "hdf5",
+    "h5py",
+    extra="hdf5",
+    lists_names=False,
+    streams=True,
 )
 
 LOG_FORMATS = (
-    LogFormat("CSV", (".csv", ".tsv"), "csv"),
-    LogFormat("Parquet", (".parquet",), "parquet"),
-    LogFormat("Feather", (".feather", ".arrow"), "feather"),
+    LogFormat("CSV", (".csv", ".tsv"), "csv", streams=True),
+    LogFormat("Parquet", (".parquet",), "parquet", streams=True),
+    LogFormat("Feather", (".feather", ".arrow"), "feather", streams=True),
     LogFormat("NPZ", (".npz",), "npz"),
     HDF5,
     LogFormat("MATLAB", (".mat",), "mat", lists_names=False),

@@ -306,3 +306,20 @@ class Recording:
 def several(recordings: Recording | Sequence[Recording]) -> list[Recording]:
     """Return one recording, or any number, as a list."""
     return [recordings] if isinstance(recordings, Recording) else list(recordings)
+
+
+def joined_in_time(parts: Sequence[Recording]) -> Recording:
+    """Return consecutive recordings of the same joints and channels as one.
+
+    Of what was recorded beside the joints nothing is kept.
+    """
+    channels: dict[str, Matrix] = {
+        channel: np.concatenate([getattr(part, channel) for part in parts])
+        for channel in parts[0].channels
+    }
+    return Recording(
+        parts[0].joints,
+        np.concatenate([part.time for part in parts]),
+        name=parts[0].name,
+        **channels,  # type: ignore[arg-type]
+    )

@@ -37,7 +37,8 @@ from consistent_id.regression.triangles import triangle as triangle
 from consistent_id.robot.parameters import ParameterLayout
 
 _WORKERS = 2
-_SHOWN = 2**14  # rows of a recording whose residuals show how noise is correlated
+SHOWN = 2**14
+"""Rows of a recording whose residuals show how noise is correlated."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -299,8 +300,36 @@ def _with_noise(
     parts = [
         recorded_noise(
             model, fit, *_middle(motion, rows, row_filter), row_filter
-        ).share(len(rows) / min(len(rows), _SHOWN))
+        ).share(len(rows) / min(len(rows), SHOWN))
         for motion, rows in zip(motions, kept, strict=True)
+    ]
+    return replace(regression, noise=joined_noise(parts))
+
+
+@single_threaded
+def with_noise_of(
+    model: TorqueModel,
+    regression: Regression,
+    middles: Sequence[Recording],
+    samples: Sequence[int],
+) -> Regression:
+    """Return a regression with the noise that the middles of its recordings show.
+
+    Parameters
+    ----------
+    model : TorqueModel
+    regression : Regression
+    middles : sequence of Recording
+        The `SHOWN` samples in the middle of each recording, or all of a shorter one.
+    samples : sequence of int
+        Of each recording.
+    """
+    fit = joint_fit(regression.factors, regression.counts)
+    parts = [
+        recorded_noise(
+            model, fit, motion_of(model, shown, None), range(len(shown)), RowFilter()
+        ).share(total / len(shown))
+        for shown, total in zip(middles, samples, strict=True)
     ]
     return replace(regression, noise=joined_noise(parts))
 
@@ -309,10 +338,10 @@ def _middle(
     motion: Motion, centres: range, row_filter: RowFilter
 ) -> tuple[Motion, range]:
     """Return so much of a motion's middle as shows how noise is correlated."""
-    surplus = len(centres) - _SHOWN
+    surplus = len(centres) - SHOWN
     if surplus <= 0:
         return motion, centres
-    rows = centres[surplus // 2 : surplus // 2 + _SHOWN]
+    rows = centres[surplus // 2 : surplus // 2 + SHOWN]
     start, stop = rows[0] - row_filter.reach, rows[-1] + row_filter.reach + 1
     return motion.samples(start, stop), range(
         row_filter.reach, stop - start - row_filter.reach, rows.step

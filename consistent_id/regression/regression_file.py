@@ -76,9 +76,9 @@ def save_regression(regression: Regression, path: str | Path) -> Path:
         if noise is None
         else _NoiseRecord(noise.effective.tolist(), [N.tolist() for N in noise.scores]),
     )
+    # Formatted, the file has the blank by which those of this package are known.
     content = msgspec.json.format(msgspec.json.encode(record), indent=0)
-    # With the blank by which files of this package are known.
-    return write_atomically(path, content.replace(b'"format":', b'"format": ', 1))
+    return write_atomically(path, content)
 
 
 def load_regression(path: str | Path) -> Regression:

@@ -24,6 +24,7 @@ from consistent_id.comparison.sensitivity import (
 from consistent_id.constraints.priors import Penalty
 from consistent_id.estimation.constrained import DEFAULT_CONSTRAINTS
 from consistent_id.estimation.constrained_fit import constrained_fit
+from consistent_id.estimation.cross_validation import cross_validated
 from consistent_id.regression.base import base_parameters
 from consistent_id.regression.segments import merged, segment_regressions
 
@@ -54,6 +55,20 @@ def test_the_same_seed_gives_the_same_result_whatever_the_number_of_workers(
         assert np.array_equal(again.estimates, first.estimates)
     other = bootstrap(model, segments, replicates=20, seed=4)
     assert not np.allclose(other.estimates, first.estimates)
+
+
+@pytest.mark.slow
+def test_replicates_and_folds_are_the_same_in_other_processes():
+    model, segments, _ = simulated()
+    here = bootstrap(model, segments, replicates=25, seed=3)
+    there = bootstrap(model, segments, replicates=25, seed=3, executor="processes:2")
+    assert np.array_equal(there.estimates, here.estimates)
+    path = cross_validated(model, segments, weights=[1e-2, 1.0], folds=3)
+    again = cross_validated(
+        model, segments, weights=[1e-2, 1.0], folds=3, executor="processes:2"
+    )
+    assert np.array_equal(again.errors, path.errors)
+    assert np.array_equal(again.parameters, path.parameters)
 
 
 def test_two_replicates_are_enough_and_their_scatter_is_their_difference():

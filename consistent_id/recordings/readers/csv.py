@@ -6,7 +6,8 @@ one that knows rows and columns, and which therefore words every refusal.
 
 import csv
 import io
-from collections.abc import Iterable, Sequence
+from codecs import BOM_UTF8
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from consistent_id.recordings.readers.columns import require
 from consistent_id.recordings.readers.named_arrays import Arrays
 
 _SEPARATORS = (",", ";", "\t")
+_PIECE = 2**22  # bytes of text that are read at a time
 _DELICATE = '"\0\x1c\x1d\x1e\x1f'  # quotes, and what is space to one way only
 
 
@@ -67,6 +69,60 @@ def read_arrays(path: Path, names: Sequence[str]) -> Arrays:
     except csv.Error as cause:
         raise RecordingError(f"{path}: not readable as CSV: {cause}") from None
     return dict(zip(names, values.T, strict=True))
+
+
+def read_batches(path: Path, names: Sequence[str], first: int) -> Iterator[Arrays]:
+    """Yield the named columns from a row on, some rows at a time.
+
+    Raises
+    ------
+    RecordingError
+        As `read_arrays`.
+    """
+    header, places = None, []
+    try:
+        for text in _pieces_of_lines(path):
+            if header is None:
+                header = _header(path, text, names)
+                places = [header.names.index(name) for name in names]
+                text, header = text[header.end :], replace(header, end=0)
+            lines = text.count("\n")
+            rows = lines + (not text.endswith("\n"))
+            if 0 < rows <= first and not _has_other_lines(text):
+                first -= rows
+            elif text.strip():
+                values = _fast(text, header, places)
+                if values is None:
+                    values = _exact(path, text, header, places)
+                if first < len(values):
+                    yield dict(zip(names, values[first:].T, strict=True))
+                first = max(first - len(values), 0)
+            header = replace(header, row=header.row + lines)
+    except UnicodeDecodeError as cause:
+        raise RecordingError(
+            f"{path}: not readable as CSV: {cause}. Save the file as UTF-8"
+        ) from None
+    except csv.Error as cause:
+        raise RecordingError(f"{path}: not readable as CSV: {cause}") from None
+
+
+def _pieces_of_lines(path: Path) -> Iterator[str]:
+    """Yield the text of a file, some whole lines at a time."""
+    rest = b""
+    with path.open("rb") as file:
+        file.seek(len(BOM_UTF8) if file.read(len(BOM_UTF8)) == BOM_UTF8 else 0)
+        while piece := file.read(_PIECE):
+            whole, newline, end = (rest + piece).rpartition(b"\n")
+            rest = end
+            if newline:
+                yield (whole + newline).decode()
+    if rest:
+        yield rest.decode()
+
+
+def _has_other_lines(text: str) -> bool:
+    """Return whether there may be lines that are not rows, or rows of several lines."""
+    return text[:1] in "\r\n" or any(t in text for t in ("\n\n", "\n\r", '"'))
 
 
 def array_names(path: Path) -> tuple[str, ...]:

@@ -1,13 +1,14 @@
 """Columns of a Feather or Arrow IPC file, or of an Arrow stream in a file."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers.columns import require
 from consistent_id.recordings.readers.named_arrays import Arrays
-from consistent_id.recordings.readers.parquet import numbers_of
+from consistent_id.recordings.readers.parquet import columns_of, numbers_of
 
 _FILE = b"ARROW1"  # how the file format begins; a stream has no mark of its own
 
@@ -25,6 +26,28 @@ def read_arrays(path: Path, names: Sequence[str]) -> Arrays:
     return {name: numbers_of(table[name], f"{path}: column {name!r}") for name in names}
 
 
+def read_batches(path: Path, names: Sequence[str], first: int) -> Iterator[Arrays]:
+    """Yield the named columns from a row on, a batch of the file at a time.
+
+    Raises
+    ------
+    RecordingError
+        As `read_arrays`.
+    """
+    import pyarrow as pa
+
+    with _readable(path) as (file, whole):
+        stored = pa.ipc.open_file(file) if whole else pa.ipc.open_stream(file)
+        require(str(path), names, stored.schema.names)
+        batches = (
+            map(stored.get_batch, range(stored.num_record_batches)) if whole else stored
+        )
+        for batch in batches:
+            if first < len(batch):
+                yield columns_of(batch.slice(first), names, path)
+            first = max(first - len(batch), 0)
+
+
 def array_names(path: Path) -> tuple[str, ...]:
     """Return the names of the columns."""
     return tuple(_columns(path)[0])
@@ -34,13 +57,22 @@ def _columns(path: Path) -> tuple[tuple[str, ...], Any]:
     """Return the names, and the table; what is not compressed is mapped, not read."""
     import pyarrow as pa
 
+    with _readable(path) as (file, whole):
+        table = (pa.ipc.open_file if whole else pa.ipc.open_stream)(file).read_all()
+        table.validate()
+        return tuple(table.column_names), table
+
+
+@contextmanager
+def _readable(path: Path) -> Iterator[tuple[Any, bool]]:
+    """Yield the file, mapped into memory, and whether it is one and not a stream."""
+    import pyarrow as pa
+
     try:
         file = pa.memory_map(str(path))
         whole = file.read(len(_FILE)) == _FILE
         file.seek(0)
-        table = (pa.ipc.open_file if whole else pa.ipc.open_stream)(file).read_all()
-        table.validate()
-        return tuple(table.column_names), table
+        yield file, whole
     except (pa.ArrowException, OSError, UnicodeDecodeError) as cause:
         raise RecordingError(
             f"{path}: not readable as Feather (version 2) or Arrow IPC: {cause}"

@@ -2,7 +2,7 @@
 
 import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ _NUMBERS = (
     *(f"{u}int{n}" for u in ("", "u") for n in (8, 16, 32, 64)),
 )
 
+_ROWS = 2**15  # samples of a batch
 _LINKS = 64  # groups and links on the way to a dataset; logs have 2 or 3
 
 # What h5py lets through when a file is cut or overwritten.
@@ -36,6 +37,41 @@ def read_arrays(path: Path, names: Sequence[str]) -> Arrays:
         If the file is not HDF5, or a path is missing or leads to something else.
     """
     return _datasets(path, {name: name for name in names})
+
+
+def read_batches(path: Path, names: Sequence[str], first: int) -> Iterator[Arrays]:
+    """Yield the datasets from a sample on, a few samples at a time.
+
+    Parameters
+    ----------
+    path : Path
+    names : sequence of str
+        The first is that of time, by whose length the axis of samples is known.
+    first : int
+
+    Raises
+    ------
+    RecordingError
+        As `read_arrays`.
+    """
+    import h5py
+
+    try:
+        with h5py.File(path, "r") as file:
+            found = {name: _dataset(path, file, name, name) for name in names}
+            samples = found[names[0]].size
+            for start in range(first, samples, _ROWS):
+                part = slice(start, start + _ROWS)
+                yield {n: _samples(d, samples, part) for n, d in found.items()}
+    except _UNREADABLE as cause:
+        raise RecordingError(f"{path}: not readable as HDF5: {cause}") from None
+
+
+def _samples(dataset: Any, samples: int, part: slice) -> NDArray[Any]:
+    """Return some samples of a dataset, along its first axis."""
+    lying = dataset.ndim == 2 and dataset.shape[0] != samples == dataset.shape[1]
+    found = np.asarray(dataset[:, part].T if lying else dataset[part])
+    return found[:, 0] if found.ndim == 2 and found.shape[1] == 1 else found
 
 
 def read_matlab_73(path: Path, names: Sequence[str]) -> Arrays:
@@ -60,6 +96,13 @@ def _datasets(path: Path, places: dict[str, str]) -> Arrays:
 
 
 def _array(path: Path, file: Any, name: str, place: str) -> NDArray[Any]:
+    found = _dataset(path, file, name, place)
+    unpacked, stored = 8 * math.prod(found.shape), path.stat().st_size
+    require_unpacked(f"{path}: column {name!r}", unpacked, stored, RecordingError)
+    return np.asarray(found[()])
+
+
+def _dataset(path: Path, file: Any, name: str, place: str) -> Any:
     import h5py
 
     where = f"{path}: column {name!r}"
@@ -91,9 +134,7 @@ def _array(path: Path, file: Any, name: str, place: str) -> NDArray[Any]:
             f"{where} is kept in other files, which are not followed; store its data "
             "in this one"
         )
-    stored = path.stat().st_size
-    require_unpacked(where, 8 * math.prod(found.shape), stored, RecordingError)
-    return np.asarray(found[()])
+    return found
 
 
 def _require_inside(where: str, file: Any, place: str) -> None:

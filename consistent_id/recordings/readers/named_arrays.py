@@ -45,13 +45,13 @@ def recording_of(
     RecordingError
         If there is no such row, an array holds no numbers, or shapes do not fit.
     """
-    time = _vector(arrays, want.time, where)
+    time = vector_of(arrays, want.time, where)
     channels: dict[str, Matrix] = {}
     for channel, array in want.arrays.items():
         channels[channel] = _matrix(arrays, array, len(time), want, where)
     for channel, group in want.columns.items():
         nothing = np.zeros(len(time))
-        columns = [_vector(arrays, c, where) if c else nothing for c in group]
+        columns = [vector_of(arrays, c, where) if c else nothing for c in group]
         for column, values in zip(group, columns, strict=True):
             if len(values) != len(time):
                 raise RecordingError(
@@ -153,7 +153,14 @@ def _numbers(arrays: Arrays, name: str, where: str) -> Array:
     return raw.astype(np.float64)
 
 
-def _vector(arrays: Arrays, name: str, where: str) -> Vector:
+def vector_of(arrays: Arrays, name: str, where: str) -> Vector:
+    """Return the array of one value per sample.
+
+    Raises
+    ------
+    RecordingError
+        If it holds no numbers, or has another shape.
+    """
     values = _numbers(arrays, name, where)
     if values.ndim == 2 and 1 in values.shape:
         return values.reshape(-1)  # the vectors of MATLAB

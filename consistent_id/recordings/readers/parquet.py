@@ -1,6 +1,6 @@
 """Columns of a Parquet file, and of any Arrow table."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +10,9 @@ from consistent_id._support.inputs import require_unpacked
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers.columns import require
 from consistent_id.recordings.readers.named_arrays import Arrays
+
+_BUFFER = 2**20  # bytes of a column that are read at a time
+_ROWS = 2**15  # of a batch
 
 
 def read_arrays(path: Path, names: Sequence[str]) -> Arrays:
@@ -31,6 +34,44 @@ def read_arrays(path: Path, names: Sequence[str]) -> Arrays:
         table = file.read(columns=list(names))
     except (pa.ArrowException, OSError, UnicodeDecodeError) as cause:
         raise RecordingError(f"{path}: not readable as Parquet: {cause}") from None
+    return {name: numbers_of(table[name], f"{path}: column {name!r}") for name in names}
+
+
+def read_batches(path: Path, names: Sequence[str], first: int) -> Iterator[Arrays]:
+    """Yield the named columns from a row on, a few rows at a time.
+
+    Raises
+    ------
+    RecordingError
+        As `read_arrays`.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    require(str(path), names, array_names(path))
+    try:
+        with pq.ParquetFile(path, buffer_size=_BUFFER, pre_buffer=False) as file:
+            of_groups = [
+                file.metadata.row_group(i).num_rows for i in range(file.num_row_groups)
+            ]
+            ends = np.cumsum([0, *of_groups])
+            group = int(np.searchsorted(ends[1:], first, side="right"))
+            surplus = first - int(ends[min(group, len(of_groups))])
+            for batch in file.iter_batches(
+                _ROWS, range(group, len(of_groups)), list(names), use_threads=False
+            ):
+                if surplus < len(batch):
+                    yield columns_of(batch.slice(surplus), names, path)
+                surplus = max(surplus - len(batch), 0)
+    except (pa.ArrowException, OSError, UnicodeDecodeError) as cause:
+        raise RecordingError(f"{path}: not readable as Parquet: {cause}") from None
+
+
+def columns_of(batch: Any, names: Sequence[str], path: Path) -> Arrays:
+    """Return the named columns of a batch of rows."""
+    import pyarrow as pa
+
+    table = pa.Table.from_batches([batch])
     return {name: numbers_of(table[name], f"{path}: column {name!r}") for name in names}
 
 

@@ -68,7 +68,7 @@ def read_recording(
             )
         joint_state_fields(columns, joints, str(path))  # before a long read
         return recording_of_messages(
-            _reader(path).read_messages(path, topic),
+            reader_of(path).read_messages(path, topic),
             joints,
             columns,
             where=str(path),
@@ -81,7 +81,7 @@ def read_recording(
         )
     want = wanted(columns or Columns(), joints, str(path))
     return recording_of(
-        read_parts(_reader(path), path, want.names),
+        read_parts(reader_of(path), path, want.names),
         want,
         where=str(path),
         name=path.name,
@@ -104,11 +104,18 @@ def column_names(path: Path) -> tuple[str, ...]:
             f"{path}: columns can be found in files of {listed} alone; say which they "
             "are (--position, --torque; in Python, Columns)"
         )
-    names: tuple[str, ...] = _reader(path).array_names(path)
+    names: tuple[str, ...] = reader_of(path).array_names(path)
     return names
 
 
-def _reader(path: Path) -> Any:
+def reader_of(path: Path) -> Any:
+    """Return the module that reads a log.
+
+    Raises
+    ------
+    RecordingError
+        If there is no such file, or what reads it is not installed.
+    """
     known = log_format(path)
     if not path.exists():
         raise RecordingError(f"{path}: no such file")

@@ -9,6 +9,10 @@ import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix
 
+_FORGOTTEN = 1e-22
+"""Of a filter's start, relative.  Digits of a float end at 1e-16; the rest is margin
+for sections in series (up to 1e4 for an order of 8), whatever the cut-off."""
+
 
 def zero_phase(
     values: Array, *, cutoff: float, rate: float, order: int, pad: int
@@ -35,6 +39,26 @@ def zero_phase(
     for _ in range(2):  # forwards, then backwards
         padded = _filtered(padded, sections)[::-1]
     return padded[pad : len(padded) - pad]
+
+
+def settling(*, cutoff: float, rate: float, order: int) -> int:
+    """Return the samples after which the filter has forgotten where it began.
+
+    What is left then of any start is `_FORGOTTEN` of it: the slowest pole ``p`` fades
+    as ``|p|^n``.  Sections in series fade more slowly by a factor that the margin of
+    `_FORGOTTEN` to the digits of a float covers.
+
+    Examples
+    --------
+    >>> settling(cutoff=5.0, rate=1000.0, order=4)
+    4216
+    """
+    damping = np.sin(np.pi / (2 * order)) if order > 1 else 1.0
+    w = np.tan(np.pi * cutoff / rate)
+    # Of z^2 (1 + d w + w^2) + ... + (1 - d w + w^2): the product of both poles.
+    d = 2.0 * damping
+    squared = (1.0 - d * w + w**2) / (1.0 + d * w + w**2)
+    return int(np.ceil(np.log(_FORGOTTEN) / (0.5 * np.log(squared)))) + 1
 
 
 def _sections(order: int, w: float) -> Iterator[tuple[float, Array, Array]]:

@@ -41,25 +41,10 @@ def resampled(
         the rate is so low that signals would fold back, or so high that samples would
         be invented.
     """
-    _positive(rate, "rate")
-    if rate < _SLOWEST * recording.rate:
-        raise RecordingError(
-            f"{recording.name}: from {recording.rate:.6g} Hz to {rate:g} Hz what is "
-            "faster would fold back into the signal. Resample at about the recording's "
-            "own rate, then call signals.decimated"
-        )
     time = recording.time
     steps = np.diff(time)
-    own = own_rate(recording)
-    if rate > _FASTEST * own and not upwards:
-        raise RecordingError(
-            f"{recording.name}: from {own:.6g} Hz to {rate:g} Hz samples would be "
-            "invented, and counted as if they had been measured. Resample at about the "
-            "recording's own rate, or say upwards=True"
-        )
-    limit = 10.0 / recording.rate if max_gap is None else max_gap
-    if not limit > 0.0:
-        raise RecordingError(f"max_gap is {limit} s, expected a positive number")
+    require_rate(recording.name, rate, recording.rate, own_rate(recording), upwards)
+    limit = largest_gap(recording.rate, max_gap)
     if steps.max() > limit:
         at = int(np.argmax(steps))
         raise RecordingError(
@@ -67,9 +52,53 @@ def resampled(
             f"(t = {time[at]:.6g} s), longer than {limit:.4g} s. Use its parts, see "
             "signals.split_at_gaps, or raise max_gap"
         )
-    count = int(np.floor(recording.duration * rate * (1 + 1e-12))) + 1
+    count = samples_at(rate, recording.duration)
     clock = time[0] + np.arange(count) / rate
     clock[-1] = min(clock[-1], time[-1])
+    return onto_clock(recording, clock)
+
+
+def require_rate(
+    name: str, rate: float, mean: float, own: float, upwards: bool = False
+) -> None:
+    """Refuse a rate at which signals would fold back or samples be invented [Hz].
+
+    `mean` is the recording's mean rate, `own` that at which it was meant to be written.
+    """
+    _positive(rate, "rate")
+    if rate < _SLOWEST * mean:
+        raise RecordingError(
+            f"{name}: from {mean:.6g} Hz to {rate:g} Hz what is "
+            "faster would fold back into the signal. Resample at about the recording's "
+            "own rate, then call signals.decimated"
+        )
+    if rate > _FASTEST * own and not upwards:
+        raise RecordingError(
+            f"{name}: from {own:.6g} Hz to {rate:g} Hz samples would be "
+            "invented, and counted as if they had been measured. Resample at about the "
+            "recording's own rate, or say upwards=True"
+        )
+
+
+def largest_gap(mean_rate: float, max_gap: float | None) -> float:
+    """Return the longest step between stamps that is bridged [s]."""
+    limit = 10.0 / mean_rate if max_gap is None else max_gap
+    if not limit > 0.0:
+        raise RecordingError(f"max_gap is {limit} s, expected a positive number")
+    return limit
+
+
+def samples_at(rate: float, duration: float) -> int:
+    """Return how many samples at a rate [Hz] fit into a duration [s]."""
+    return int(np.floor(duration * rate * (1 + 1e-12))) + 1
+
+
+def onto_clock(recording: Recording, clock: Vector) -> Recording:
+    """Return a recording at other times, by cubic (C2) interpolation.
+
+    Commands hold until the next.
+    """
+    time = recording.time
 
     def onto(values: Matrix | None) -> Matrix | None:
         return None if values is None else cubic_spline(time, values, clock)
@@ -133,11 +162,17 @@ def _worst_step(recording: Recording) -> int | None:
     steps = np.diff(recording.time)
     mean = steps.mean()
     worst = int(np.argmax(abs(steps - mean)))
-    # Stamps that count from long ago are themselves rounded.
-    rounding = 4.0 * np.finfo(np.float64).eps * abs(recording.time).max()
-    if abs(steps[worst] - mean) > _JITTER * mean + rounding:
+    if abs(steps[worst] - mean) > jitter(mean, abs(recording.time).max()):
         return worst
     return None
+
+
+def jitter(mean: float, latest: float) -> float:
+    """Return by how much steps of a uniform clock may differ from their mean [s].
+
+    Stamps that count from long ago are themselves rounded.
+    """
+    return _JITTER * mean + 4.0 * float(np.finfo(np.float64).eps) * latest
 
 
 def _positive(value: float, name: str) -> None:

@@ -11,6 +11,7 @@ from consistent_id.recordings.signals.butterworth import zero_phase
 from consistent_id.recordings.signals.clocks import uniform_rate
 
 _FILTERED = ("position", "velocity", "acceleration", "torque")
+DECIMATION_ORDER = 8  # of the filter against aliasing
 _LOWEST = 1e-5  # cut-off over sampling rate
 
 
@@ -76,6 +77,20 @@ def decimated(recording: Recording, factor: int) -> Recording:
         raise RecordingError(f"decimation factor is {factor!r}, expected 1, 2, 3, ...")
     if factor == 1:
         return recording
-    cutoff = 0.8 * uniform_rate(recording) / (2 * factor)
-    smooth = low_passed(recording, motion_cutoff=cutoff, torque_cutoff=cutoff, order=8)
-    return smooth.samples(slice(None, None, factor))
+    return anti_aliased(recording, factor).samples(slice(None, None, factor))
+
+
+def anti_aliased(recording: Recording, factor: int) -> Recording:
+    """Return what `decimated` takes its samples from."""
+    cutoff = decimation_cutoff(uniform_rate(recording), factor)
+    return low_passed(
+        recording,
+        motion_cutoff=cutoff,
+        torque_cutoff=cutoff,
+        order=DECIMATION_ORDER,
+    )
+
+
+def decimation_cutoff(rate: float, factor: int) -> float:
+    """Return the cut-off [Hz] of the filter against aliasing."""
+    return 0.8 * rate / (2 * factor)

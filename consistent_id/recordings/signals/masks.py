@@ -12,7 +12,7 @@ from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.resolution import quantum
 
 _AT_LIMIT = 1e-3  # of the limit, within which a torque is at it
-_STILL = 0.01  # of the fastest joint's largest speed
+STILL = 0.01  # of the fastest joint's largest speed
 _RUN, _PILE = 3, 10.0  # consecutive samples at the extreme; their number over others'
 
 
@@ -33,13 +33,18 @@ def standstill(recording: Recording, velocity: float | None = None) -> BoolArray
     speed = recording.velocity
     if speed is None:
         speed = np.gradient(recording.position, recording.time, axis=0)
-    limit = _STILL * abs(speed).max() if velocity is None else velocity
+    limit = STILL * abs(speed).max() if velocity is None else velocity
     if not limit >= 0.0:
         raise RecordingError(f"velocity is {velocity}, expected zero or more")
     return np.asarray((abs(speed) < limit) | (speed == 0.0))
 
 
-def speed_share(recording: Recording, window: float = 0.25) -> Vector:
+SPEED_WINDOW = 0.25  # s, in which a joint that turns back is not at rest
+
+
+def speed_share(
+    recording: Recording, window: float = SPEED_WINDOW, *, top: Vector | None = None
+) -> Vector:
     """Return how fast the robot moves, as a share of top speed, shape (samples,).
 
     Of the joint that is fastest compared to its own largest speed, the largest share
@@ -50,14 +55,16 @@ def speed_share(recording: Recording, window: float = 0.25) -> Vector:
     recording : Recording
         With velocity.
     window : float, [s]
+    top : ndarray, shape (joints,), optional, [rad/s or m/s]
+        Top speed of each joint; by default the largest of the recording.
     """
     speed = recording.velocity
     if speed is None:
         raise RecordingError(f"{recording.name} has no velocity")
-    top = abs(speed).max(axis=0)
+    top = abs(speed).max(axis=0) if top is None else top
     share = np.max(abs(speed) / np.where(top > 0.0, top, np.inf), axis=1)
     step = float(np.median(np.diff(recording.time)))
-    reach = int(0.5 * window / step)
+    reach = speed_reach(step, window)
     # The largest within twice as many samples, until there are enough.
     widest, width = np.pad(share, reach, "edge"), 1
     while width < 2 * reach + 1:
@@ -65,6 +72,17 @@ def speed_share(recording: Recording, window: float = 0.25) -> Vector:
         widest = np.maximum(widest[:-step_on], widest[step_on:])
         width += step_on
     return np.asarray(widest)
+
+
+def speed_reach(step: float, window: float = SPEED_WINDOW) -> int:
+    """Return the samples of a step [s] in half a window, rounding of stamps forgiven.
+
+    Examples
+    --------
+    >>> speed_reach(0.001), speed_reach(0.0010000000000009)
+    (125, 125)
+    """
+    return int(0.5 * window / step + 1e-6)
 
 
 def saturated(recording: Recording, limit: ArrayLike | None = None) -> BoolArray:

@@ -1,0 +1,147 @@
+"""Fleets of simulated robots: time, memory, outliers named, and how they grow.
+
+``python benchmarks/fleet.py [--robots 10 30 100] [--samples 10000] [--executor WHERE]``
+
+Each robot is the 7-joint arm of ``streaming.py`` with friction and offsets of its own;
+three in a hundred have 0.2 kg more on their last link.  Each writes a Parquet file at
+1 kHz, and the fleet is identified from the problem files in a process of its own.  The
+cost of 10 000 robots follows from a line through what was measured, and the exponent
+between the two largest fleets says if that may be.
+"""
+
+import argparse
+import json
+import resource
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from time import perf_counter, process_time
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import streaming
+from speed import arm, truth
+
+import consistent_id as ci
+
+_MANY = 10_000
+_ENDS = 300  # rows at both ends that filters bend
+_PIECE = 2**17  # samples written at a time
+
+
+def write(folder: Path, robots: int, samples: int) -> list[str]:
+    """Write problem files and logs; return the names of the outliers."""
+    model, rng = arm(), np.random.default_rng(0)
+    rates = np.array([1.1, 1.7, 2.3, 2.9, 3.1, 3.7, 4.3])
+    heavy = set(rng.permutation(robots)[: max(1, round(0.03 * robots))].tolist())
+    for k in range(robots):
+        x = truth(model)
+        x[70:] *= rng.uniform(0.6, 1.4, 28)
+        x[73::4] = 0.3  # rotor inertias are of the type
+        if k in heavy:
+            point = ci.InertialParameters.from_central(
+                0.2, (0.05, 0.0, 0.05), 1e-4 * np.eye(3)
+            )
+            x[60:70] += point.vector
+        own = folder / f"robot{k:05}"
+        own.mkdir()
+        text = streaming.PROBLEM.replace("20.0", "100.0")  # keeps friction's jumps
+        text = text.replace('"arm"', f'"{own.name}"', 1)
+        text += f"rows = [{_ENDS}, {samples - _ENDS}]\n"
+        (own / "problem.toml").write_text(text)
+        phase = rng.uniform(0, 6, 7)
+        with pq.ParquetWriter(own / "log.parquet", _schema(model)) as writer:
+            for first in range(0, samples, _PIECE):
+                time = np.arange(first, min(first + _PIECE, samples)) / 1000.0
+                angle = np.outer(time, rates) + phase
+                q, dq = np.sin(angle), rates * np.cos(angle)
+                torque = model.predict(x, q, dq, -(rates**2) * q)
+                torque += rng.normal(scale=0.5, size=torque.shape)
+                values = [
+                    time,
+                    *(c for pair in zip(q.T, torque.T, strict=True) for c in pair),
+                ]
+                writer.write_table(pa.table(values, schema=_schema(model)))
+    return [f"robot{k:05}" for k in sorted(heavy)]
+
+
+def _schema(model: ci.TorqueModel) -> pa.Schema:
+    joints = model.robot.joint_names
+    names = ["time", *(f"{c}_{j}" for j in joints for c in ("q", "tau"))]
+    return pa.schema([(name, pa.float64()) for name in names])
+
+
+def measured(folder: Path, executor: str) -> dict[str, object]:
+    """Identify the fleet of a folder; return time, memory and who was named."""
+    wall, cpu = perf_counter(), process_time()
+    files = sorted(folder.glob("*/problem.toml"))
+    problems = [ci.load_problem(file) for file in files]
+    fleet = ci.identify_fleet(problems, executor=executor)
+    taken = perf_counter() - wall, process_time() - cpu
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    bodies = fleet.bodies
+    exact = bodies.base.projection @ np.append(truth(arm())[:70], np.full(7, 0.3))
+    error = np.linalg.norm(bodies.base_values - exact) / np.linalg.norm(exact)
+    return {
+        "wall": taken[0],
+        "cpu": taken[1],
+        "memory": memory / 1024,
+        "outliers": list(fleet.outliers),
+        "spread": fleet.spread,
+        "error": float(error),
+        "verdict": bodies.verdict.word,
+    }
+
+
+def main() -> None:
+    options = argparse.ArgumentParser(description=__doc__)
+    options.add_argument("--robots", type=int, nargs="+", default=(10, 30, 100))
+    options.add_argument("--samples", type=int, default=10_000)
+    options.add_argument("--executor", default="serial")
+    options.add_argument("--measure", type=Path, help=argparse.SUPPRESS)
+    given = options.parse_args()
+    if given.measure is not None:
+        print(json.dumps(measured(given.measure, given.executor)))
+        return
+    print(f"{given.samples} samples each, executor {given.executor}")
+    print("robots  CPU [s]  wall [s]  memory [MB]  body error  named, missed, false")
+    found = []
+    for robots in given.robots:
+        with tempfile.TemporaryDirectory() as name:
+            heavy = write(Path(name), robots, given.samples)
+            command = [sys.executable, __file__, "--measure", name]
+            done = subprocess.run(
+                [*command, "--executor", given.executor],
+                check=True,
+                stdout=subprocess.PIPE,
+                text=True,
+            )
+        row = json.loads(done.stdout)
+        named = set(row["outliers"])
+        counts = len(named), len({*heavy} - named), len(named - {*heavy})
+        print(
+            f"{robots:<6}  {row['cpu']:7.1f}  {row['wall']:8.1f}  "
+            f"{row['memory']:11.0f}  {row['error']:10.1e}  {counts}  {row['verdict']}",
+            flush=True,
+        )
+        found.append((robots, row["cpu"], row["memory"]))
+    if len(found) > 1:
+        _project(np.array(found))
+
+
+def _project(found: np.ndarray) -> None:
+    """Print how cost grows between the two largest fleets, and what many cost."""
+    for what, column, unit in (("CPU", 1, "s"), ("memory", 2, "MB")):
+        n, cost = found[:, 0], found[:, column]
+        exponent = np.log(cost[-1] / cost[-2]) / np.log(n[-1] / n[-2])
+        each, fixed = np.polyfit(n, cost, 1)
+        print(
+            f"{what}: exponent {exponent:.2f}; {fixed:.3g} + {each:.3g} per robot; "
+            f"{_MANY} robots: {fixed + each * _MANY:.0f} {unit}"
+        )
+
+
+if __name__ == "__main__":
+    main()

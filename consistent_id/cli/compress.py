@@ -1,0 +1,91 @@
+"""``consistent-id compress PROBLEM``: recordings become a regression, once for all."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from consistent_id.cli.answers import Answer, show
+from consistent_id.cli.options import (
+    add_command,
+    add_dry_run,
+    add_executor,
+    add_time_limit,
+)
+
+_MORE = """Recordings are read piece by piece, so that they may be larger than memory.
+The file, a megabyte or so, is all that estimates need: in Python,
+load_regression(FILE), which can be merged with others and weighted anew."""
+_EXAMPLES = """
+consistent-id compress problem.toml --output regression.json
+consistent-id compress problem.toml --output held-out.json --role validation
+consistent-id compress problem.toml --output regression.json --executor processes
+"""
+
+
+def add_compress(commands: Any) -> None:
+    """Add the command to a parser's commands."""
+    command = add_command(
+        commands,
+        "compress",
+        "compress recordings of any size into a regression",
+        run_compress,
+        more=_MORE,
+        examples=_EXAMPLES,
+    )
+    command.add_argument(
+        "problem", type=Path, help="folder with a problem.toml, or the file"
+    )
+    command.add_argument(
+        "--output", type=Path, metavar="FILE", required=True, help="file to write"
+    )
+    command.add_argument(
+        "--role",
+        choices=("training", "validation"),
+        default="training",
+        help="recordings that are taken (default: training)",
+    )
+    add_executor(command)
+    add_dry_run(command)
+    add_time_limit(command)
+
+
+def run_compress(options: argparse.Namespace) -> int:
+    """Compress recordings; return the exit code."""
+    from consistent_id._support.files import require_writable_file
+    from consistent_id._support.tables import Table
+    from consistent_id.problems.problem import load_problem
+    from consistent_id.problems.streaming.stream import stream_regression
+    from consistent_id.regression.regression_file import save_regression
+
+    if not options.dry_run:
+        require_writable_file(options.output)
+    problem = load_problem(options.problem)
+    regression = stream_regression(
+        problem, role=options.role, executor=options.executor
+    )
+    columns = zip(
+        regression.joints,
+        regression.counts,
+        regression.effective.tolist(),
+        regression.torque_rms.tolist(),
+        strict=True,
+    )
+    table = Table(
+        f"Regression of {problem.name}: {len(regression.layout)} parameters",
+        ("joint", "samples", "effective samples", "RMS torque"),
+        tuple((j, str(n), f"{e:.0f}", f"{rms:.4g}") for j, n, e, rms in columns),
+        ("effective: of white noise that would determine as much; N m and N",),
+    )
+    record = {
+        "joints": list(regression.joints),
+        "samples": list(regression.counts),
+        "effective_samples": regression.effective.tolist(),
+        "torque_rms": regression.torque_rms.tolist(),
+    }
+
+    def write() -> list[Path]:
+        return [save_regression(regression, options.output)]
+
+    return show(
+        options, Answer(0, table.text(), record, None if options.dry_run else write)
+    )

@@ -1,0 +1,101 @@
+"""``consistent-id fleet PROBLEM ...``: robots of one type, identified together."""
+
+import argparse
+import glob
+import json
+from pathlib import Path
+from typing import Any
+
+from consistent_id.cli.answers import Answer, show
+from consistent_id.cli.options import (
+    add_command,
+    add_executor,
+    add_output,
+    add_time_limit,
+)
+
+_MORE = """Each robot has a problem file of its own, of the same model. Links, rotor
+inertias, springs and coupled gears are shared, friction and offsets each robot's own;
+robots with other bodies are named and left out of what is shared. Recordings are read
+piece by piece, so that they may be larger than memory; those for training count.
+--output gets fleet.md, fleet.json and bodies.json, the shared estimate. Exit code 1: do
+not use the bodies."""
+_EXAMPLES = """
+consistent-id fleet 'logs/*/problem.toml' --output results/fleet
+consistent-id fleet robots/a robots/b robots/c robots/d --executor processes
+consistent-id fleet 'logs/*/problem.toml' --executor dask:tcp://10.0.0.5:8786
+"""
+_MARK = "<!-- consistent-id: tables of a fleet -->"
+
+
+def add_fleet(commands: Any) -> None:
+    """Add the command to a parser's commands."""
+    command = add_command(
+        commands,
+        "fleet",
+        "identify robots of one type together, and name outliers",
+        run_fleet,
+        more=_MORE,
+        examples=_EXAMPLES,
+    )
+    command.add_argument(
+        "problem",
+        nargs="+",
+        help="problem files, folders with one, or patterns such as 'logs/*'",
+    )
+    add_executor(command)
+    add_output(command, None)
+    add_time_limit(command)
+
+
+def run_fleet(options: argparse.Namespace) -> int:
+    """Identify a fleet; return the exit code."""
+    from consistent_id._support.files import require_writable
+    from consistent_id.problems.fleet.fleet import identify_fleet
+    from consistent_id.problems.problem import load_problem
+
+    if options.output is not None and not options.dry_run:
+        require_writable(options.output)
+    problems = [load_problem(file) for file in _files(options.problem)]
+    fleet = identify_fleet(problems, executor=options.executor)
+    tables = [
+        fleet.headline(),
+        fleet.table(),
+        fleet.own_table(),
+        fleet.bodies.table(),
+    ]
+    record = fleet.to_dict()
+
+    def write() -> list[Path]:
+        from consistent_id._support.files import write_atomically
+
+        folder = options.output
+        if folder is None:
+            return []
+        text = "\n".join([_MARK, "", *(table.markdown() for table in tables)])
+        content = json.dumps(record, indent=1, allow_nan=False) + "\n"
+        return [
+            write_atomically(folder / "fleet.md", text),
+            write_atomically(folder / "fleet.json", content),
+            fleet.bodies.save(folder / "bodies.json"),
+        ]
+
+    shown = "\n\n".join(table.text() for table in tables)
+    code = 0 if fleet.bodies.verdict.usable else 1
+    return show(
+        options, Answer(code, shown, record, None if options.dry_run else write)
+    )
+
+
+def _files(given: list[str]) -> list[Path]:
+    """Return the problem files that paths and patterns stand for."""
+    from consistent_id.errors import ProblemError
+    from consistent_id.problems.folder import problem_files
+
+    files: list[Path] = []
+    for text in given:
+        found = [text] if Path(text).exists() else sorted(glob.glob(text))
+        if not found:
+            raise ProblemError(f"{text}: no such file, and no file of such a pattern")
+        files += [file for path in found for file in problem_files(path)]
+    return list(dict.fromkeys(files))

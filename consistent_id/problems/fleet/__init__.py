@@ -1,0 +1,1 @@
+"""Robots of one type, identified together: their bodies are shared."""

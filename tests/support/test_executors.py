@@ -1,0 +1,154 @@
+"""Work done here, in processes and on a Dask cluster: the same, whoever is killed."""
+
+import os
+import signal
+import threading
+import time
+from itertools import accumulate
+
+import numpy as np
+import pytest
+
+from consistent_id._support.executors import Executor, tree_reduced
+from consistent_id._support.run import Run, current_run, running
+from consistent_id._support.threads import single_threaded
+from consistent_id.errors import ProblemError, RecordingError, SolverError
+from consistent_id.regression.triangles import triangle
+
+
+@single_threaded
+def _factor(seed):
+    rows = np.random.default_rng(seed).normal(size=(200, 12))
+    return triangle(np.asfortranarray(rows))
+
+
+def _joined(first, second):
+    return triangle(np.asfortranarray(np.vstack([first, second])))
+
+
+def _reduced(executor):
+    return tree_reduced(executor.map(_factor, range(23)), _joined)
+
+
+def _killed_once(task):
+    """Kill this process, the first time that a task is begun."""
+    number, folder = task
+    mark = folder / f"{number}"
+    if number % 5 == 2 and not mark.exists():
+        mark.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return _factor(number)
+
+
+def _killed(task):
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def _faulty(task):
+    raise RecordingError(f"task {task}: no such column")
+
+
+def _allowed(task):
+    return current_run().large_files
+
+
+def _slow(task):
+    time.sleep(0.2)
+    return _factor(task)
+
+
+@pytest.fixture(params=["processes:2", "dask:2"])
+def executor(request):
+    """What works in other processes."""
+    if request.param.startswith("dask"):
+        pytest.importorskip("distributed")
+    return Executor.named(request.param)
+
+
+@pytest.mark.slow
+def test_results_are_the_same_to_the_last_bit(executor):
+    np.testing.assert_array_equal(_reduced(executor), _reduced(Executor()))
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")  # of those who look after killed workers
+def test_a_worker_that_is_killed_changes_nothing(executor, tmp_path):
+    tasks = [(k, tmp_path) for k in range(23)]
+    found = tree_reduced(executor.map(_killed_once, tasks), _joined)
+    np.testing.assert_array_equal(found, _reduced(Executor()))
+    assert len(list(tmp_path.iterdir())) == 5  # so many were killed
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")
+def test_workers_are_killed_at_any_time():
+    from loky import get_reusable_executor
+
+    def kill():
+        for _ in range(3):
+            time.sleep(0.45)
+            for process in list(get_reusable_executor(2)._processes)[:1]:
+                os.kill(process, signal.SIGKILL)
+
+    killer = threading.Thread(target=kill)
+    work = Executor.named("processes:2").map(_slow, range(23))
+    first = next(work)
+    killer.start()
+    found = tree_reduced([first, *work], _joined)
+    killer.join()
+    np.testing.assert_array_equal(found, _reduced(Executor()))
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")
+def test_a_task_that_kills_every_worker_is_given_up():
+    with pytest.raises(SolverError, match="killed 4 times at the same task"):
+        list(Executor.named("processes:2").map(_killed, [0]))
+
+
+@pytest.mark.slow
+def test_errors_of_tasks_are_raised_as_they_are(executor):
+    with pytest.raises(RecordingError, match="task 0: no such column"):
+        list(executor.map(_faulty, range(3)))
+
+
+@pytest.mark.slow
+def test_what_the_user_allows_holds_in_workers(executor):
+    with running(Run(large_files=True)):
+        assert list(executor.map(_allowed, [0, 1])) == [True, True]
+
+
+def test_few_tasks_are_handed_out_before_results_are_taken():
+    begun = []
+
+    def tasks():
+        for k in range(100):
+            begun.append(k)
+            yield k
+
+    results = Executor().map(_factor, tasks())
+    next(results)
+    assert len(begun) == 1
+
+
+def test_trees_are_balanced_and_keep_the_order():
+    for n in range(1, 40):
+        deepest, order = 0, ()
+
+        def combine(first, second):
+            depth = max(first[0], second[0]) + 1
+            return depth, first[1] + second[1]
+
+        deepest, order = tree_reduced(((0, (k,)) for k in range(n)), combine)
+        assert order == tuple(range(n))
+        assert deepest <= int(np.ceil(np.log2(n))) + 1
+    assert tree_reduced([], max) is None
+    assert tree_reduced(range(9), int.__add__) == list(accumulate(range(9)))[-1]
+
+
+@pytest.mark.parametrize(
+    "name", ["threads", "processes:0", "processes:two", "dask:host", "serial:tcp://a:1"]
+)
+def test_executors_that_there_are_not(name):
+    with pytest.raises(ProblemError, match="expected serial, processes"):
+        Executor.named(name)
