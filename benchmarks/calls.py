@@ -1,8 +1,8 @@
 """What commands do more than once, and the CPU seconds they take.
 
 ``python benchmarks/calls.py [--against FOLDER]``: the folder is another checkout,
-which is counted and timed in the same run.  Needs the recordings, see
-``CONSISTENT_ID_DATASETS`` in README.
+which is counted and timed in the same run, command by command.  Needs the
+recordings, see ``CONSISTENT_ID_DATASETS`` in README.
 """
 
 import argparse
@@ -46,11 +46,13 @@ TIMED = (
     ("compare", "problems/rx60", "--output", "OUT"),
     ("compare", "problems/ur10e", "--output", "OUT"),
     ("report", "problems/ur10e", "--output", "OUT/report.html"),
+    # The other checkout may not have these files yet.
     (
         "identify",
-        "problems/kuka_kr300/robot.urdf",
-        "problems/kuka_kr300/FF_A.parquet",
+        str(HERE / "problems/kuka_kr300/robot.urdf"),
+        str(HERE / "problems/kuka_kr300/FF_A.parquet"),
     ),
+    LOG,
     ("check", "problems/ur10e"),
 )
 

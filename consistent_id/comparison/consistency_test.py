@@ -26,6 +26,7 @@ from consistent_id._support.arrays import Matrix, Vector
 from consistent_id._support.threads import single_threaded, worker_threads
 from consistent_id.constraints import Constraint, PhysicalConsistency
 from consistent_id.constraints.cones.least_norm import LeastNorm, solve_least_norm
+from consistent_id.constraints.cones.programmes import COARSE
 from consistent_id.errors import ProblemError, SolverError
 from consistent_id.estimation.best_fit import BestFit, best_fit
 from consistent_id.regression.base import BaseParameters, base_parameters
@@ -48,7 +49,6 @@ SIGNIFICANT = 0.05
 
 _WORKERS = 2  # Clarabel frees the interpreter's lock
 _AT_ONCE = 10  # draws simulated before they are counted
-_TOLERANCE = 1e-6  # of a misfit that is only compared with another
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,7 +184,7 @@ def _squared_distance(best: BestFit, z: Vector) -> float:
     """Return ``T`` for other data, in the units of the rows."""
     scaled = best.scaled
     problem = LeastNorm(scaled.M, z, scaled.domain)
-    u = solve_least_norm(problem, tolerance=_TOLERANCE, origin=best.solution.u).u
+    u = solve_least_norm(problem, tolerance=COARSE, origin=best.solution.u).u
     free = np.linalg.lstsq(scaled.M, z, rcond=None)[0]
     misfit, least = (float(np.sum((scaled.M @ v - z) ** 2)) for v in (u, free))
     return max(misfit - least, 0.0) * scaled.size**2

@@ -14,6 +14,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.constraints.cones.certificate import (
+    GAP_TOLERANCE,
     Optimality,
     certify,
     equalities,
@@ -79,6 +80,7 @@ def penalised_fit(
     *,
     start: Vector | None = None,
     reach: float = 0.0,
+    gap: float = GAP_TOLERANCE,
 ) -> PenalisedFit:
     """Minimise squared misfit plus `weight` times squared distance.
 
@@ -91,6 +93,9 @@ def penalised_fit(
         Where Newton's method starts, a robot of bodies; by default the nominal one.
     reach : float
         See `ball_about`.
+    gap : float
+        Relative gap of the objective that is small enough; of the entropic distance,
+        whose optimum is only found to the last digits, that of a certificate.
 
     Raises
     ------
@@ -100,7 +105,7 @@ def penalised_fit(
     centre = distance.nominal
     if isinstance(distance, QuadraticDistance):
         problem = _stacked(fit, distance.local(centre), weight)
-        solution, optimality = solved(problem, centre, reach=reach)
+        solution, optimality = solved(problem, centre, reach=reach, gap=gap)
     else:
         solution = _newton(fit, distance, weight, centre if start is None else start)
         solution, optimality = _proven(fit, distance, weight, solution, reach)

@@ -68,6 +68,31 @@ def test_a_magnified_solution_has_the_multipliers_of_the_problem_as_it_stands(se
     )
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_where_a_larger_gap_is_enough_a_coarse_programme_is_tried_first(
+    seed, monkeypatch
+):
+    problem, answer = _triangular(seed)
+    tolerances = []
+
+    def noted(*args, **options):
+        tolerances.append(options["tolerance"])
+        return solve_least_norm(*args, **options)
+
+    monkeypatch.setattr(certificate, "solve_least_norm", noted)
+    solution, optimality = solve_certified(
+        problem, np.zeros(6), reference=0.5, gap=1e-3
+    )
+    least, found = (
+        float(np.sum((problem.G @ u - problem.g) ** 2)) / 2
+        for u in (answer, solution.u)
+    )
+    assert found - least <= 1e-3 * max(least, 0.5)
+    assert optimality.within(1e-3)
+    # Coarse first; the next way, where that point is outside by more than 1e-7.
+    assert tolerances[0] == 1e-6 and len(tolerances) <= 2
+
+
 def test_no_programme_is_solved_twice(monkeypatch):
     problem, _ = _triangular(0)
     asked = []

@@ -236,3 +236,12 @@ def test_a_series_of_another_period_is_refused():
     with pytest.raises(RecordingError, match=r"of 3.1 s leaves \d+% of the motion"):
         signals.fourier_differentiated(log, 3.1)
     assert signals.fourier_differentiated(log, 10.0).velocity is not None
+
+
+def test_a_motion_is_compared_with_itself_as_by_definition():
+    from consistent_id.recordings.signals.period import _changes
+
+    q = 5.0 + np.random.default_rng(0).normal(size=(301, 3)).cumsum(axis=0)
+    lags = np.arange(1, 299)
+    expected = [((q[lag:] - q[:-lag]) ** 2).mean(axis=0) for lag in lags]
+    np.testing.assert_allclose(_changes(q, lags), expected, rtol=1e-9)

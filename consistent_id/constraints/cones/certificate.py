@@ -31,7 +31,7 @@ from consistent_id.constraints.cones.least_norm import (
     solve_least_norm,
 )
 from consistent_id.constraints.cones.matrices import stacked
-from consistent_id.constraints.cones.programmes import Ball, Multipliers
+from consistent_id.constraints.cones.programmes import COARSE, Ball, Multipliers
 from consistent_id.constraints.cones.sets import ConicSet, block_rows
 from consistent_id.errors import SolverError
 
@@ -173,7 +173,8 @@ def solve_certified(
     """Try one way after another until a solution is certified; else return the best.
 
     At several tolerances, and magnified; then within the ball of the proof; then about
-    the best point so far.  A larger gap than a certificate allows may be enough.
+    the best point so far.  Where a larger gap than a certificate allows is enough, a
+    coarse tolerance is tried first.
 
     Raises
     ------
@@ -200,7 +201,9 @@ def solve_certified(
                 yield partial(solve, tolerance=tolerance, within=within, origin=start.u)
 
     wide = Ball(centre, RADIUS * within.radius)
+    coarse = [partial(solve, tolerance=COARSE)] if gap > GAP_TOLERANCE else []
     ways: list[Callable[[], ConeSolution]] = [
+        *coarse,
         partial(solve, tolerance=TOLERANCES[0]),
         partial(solve, tolerance=_FINE[0], magnified=True),
         *(partial(solve, tolerance=t) for t in TOLERANCES[1:]),

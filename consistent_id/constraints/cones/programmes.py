@@ -28,7 +28,7 @@ from consistent_id.errors import SolverError
 ConeKind = Literal["zero", "nonnegative", "second order", "semidefinite"]
 
 _ITERATIONS = 200
-_COARSE = 1e-6
+COARSE = 1e-6
 """Tolerance from which on Clarabel's linear systems are not refined: that takes a
 quarter of its time, and changes no digit that such a tolerance asks for."""
 
@@ -123,7 +123,7 @@ def solve_cones(
     settings.verbose = False
     settings.max_iter = _ITERATIONS
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
-    settings.iterative_refinement_enable = tolerance < _COARSE
+    settings.iterative_refinement_enable = tolerance < COARSE
     size = len(cost)
     A = _compressed(np.vstack([block.A for block in rows]))
     b = np.concatenate([block.b for block in rows])

@@ -9,6 +9,7 @@ import numpy as np
 from consistent_id._support.arrays import BoolArray, Matrix, Vector
 from consistent_id.constraints import lowered
 from consistent_id.constraints.cones.least_norm import LeastNorm, solve_least_norm
+from consistent_id.constraints.cones.programmes import COARSE
 from consistent_id.constraints.cones.sets import ConicSet
 from consistent_id.constraints.distances import nominal_distance
 from consistent_id.problems.constraints import constraints_of
@@ -28,8 +29,6 @@ It settles what data leave open and moves nothing else."""
 
 RATES = (-3, -2)
 """Columns of `candidate_columns`: the rates of Coulomb friction and of the torque."""
-
-_TOLERANCE = 1e-6  # of the solver: a thousandth of the gains that are looked for
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -129,9 +128,7 @@ def fitted(
         rows = np.column_stack([G * unit, R[:, -1]])
         whole = triangle(np.asfortranarray(np.vstack([rows, prior])))
         problem = LeastNorm(whole[:, :-1], whole[:, -1], domain)
-        solution = solve_least_norm(
-            problem, tolerance=_TOLERANCE, origin=distance.nominal
-        )
+        solution = solve_least_norm(problem, tolerance=COARSE, origin=distance.nominal)
         found.append(solution.u * unit)
     return FoldFits(candidate, np.array(found))
 
