@@ -152,14 +152,7 @@ def _identified(
     limits = own_sets(fleet, lowered(constraints, fleet.whole))
     base = base_parameters(fleet.shared)
     with tempfile.TemporaryDirectory(prefix="consistent-id-fleet-") as folder:
-        robots, factors = [], []
-        for k, share in enumerate(shares):
-            file = Path(folder) / f"{k}.npz"
-            write_share(file, share)
-            factors.append(_weighted(share, base))
-            r = share.shared
-            ends = share.torque, share.alone, max(r.counts)
-            robots.append(_Robot(share.name, file, share.own, r.sigma, *ends))
+        robots, factors = _stored(shares, Path(folder), base)
         outliers = find_outliers(factors)
         alike = [
             robot for robot, out in zip(robots, outliers.named, strict=True) if not out
@@ -186,6 +179,24 @@ def _identified(
         settled=settled,
         seconds=perf_counter() - started,
     )
+
+
+def _stored(
+    shares: Iterable[RobotShare], folder: Path, base: BaseParameters
+) -> tuple[list[_Robot], list[Matrix]]:
+    """Write the robots' parts to a folder; return what memory holds of them.
+
+    Beside the robots these are the factors by which outliers are found.
+    """
+    robots, factors = [], []
+    for k, share in enumerate(shares):
+        file = folder / f"{k}.npz"
+        write_share(file, share)
+        factors.append(_weighted(share, base))
+        r = share.shared
+        ends = share.torque, share.alone, max(r.counts)
+        robots.append(_Robot(share.name, file, share.own, r.sigma, *ends))
+    return robots, factors
 
 
 def _weighted(share: RobotShare, base: BaseParameters) -> Matrix:
