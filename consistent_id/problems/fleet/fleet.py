@@ -21,7 +21,7 @@ from consistent_id._support.executors import Executor, tree_reduced
 from consistent_id._support.threads import single_threaded
 from consistent_id.constraints import Constraint, lowered
 from consistent_id.constraints.priors import Prior
-from consistent_id.errors import ProblemError
+from consistent_id.errors import NotExcitedError, ProblemError
 from consistent_id.estimation.constrained import (
     DEFAULT_CONSTRAINTS,
     constrained_least_squares,
@@ -122,10 +122,14 @@ def fleet_estimate(
 
 
 def _share_of(fleet: FleetModel, problem: Problem) -> RobotShare:
-    if obstacle(problem, "training"):
-        whole = build_regression(problem.model, problem.training)
-        return robot_share(problem.name, fleet, whole)
-    return robot_share(problem.name, fleet, stream_regression(problem))
+    try:
+        if obstacle(problem, "training"):
+            regression = build_regression(problem.model, problem.training)
+        else:
+            regression = stream_regression(problem)
+        return robot_share(problem.name, fleet, regression)
+    except NotExcitedError as cause:  # which says joints, but not of which robot
+        raise NotExcitedError(f"{problem.name}: {cause}") from None
 
 
 @dataclass(frozen=True, eq=False)
