@@ -7,7 +7,7 @@ import json
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from time import perf_counter
+from time import process_time
 from types import SimpleNamespace
 from typing import Any
 
@@ -24,7 +24,7 @@ def memory(entry: str, *, forget_peak: bool = False) -> float:
 
 
 class Answer(SimpleNamespace):
-    """Seconds of the regressor, and a function from a motion to torque."""
+    """Processor seconds of the regressor, and a function from a motion to torque."""
 
 
 def _loaded(folder: Path) -> Any:
@@ -47,9 +47,9 @@ def _rows(model: Any, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndar
 def pinocchio(folder: Path, log: dict[str, np.ndarray]) -> Answer:
     """Stack the regressor of a loop, and call numpy.linalg.lstsq."""
     model = _loaded(folder)
-    started = perf_counter()
+    started = process_time()
     W = _rows(model, log["q"], log["dq"], log["ddq"])
-    seconds = perf_counter() - started
+    seconds = process_time() - started
     x = np.linalg.lstsq(W, log["tau"].T.ravel(), rcond=1e-9)[0]
     return Answer(regressor=seconds, predict=lambda *m: _rows(model, *m) @ x)
 
@@ -59,9 +59,9 @@ def cvxpy(folder: Path, log: dict[str, np.ndarray]) -> Answer:
     import cvxpy as cp
 
     model = _loaded(folder)
-    started = perf_counter()
+    started = process_time()
     W = _rows(model, log["q"], log["dq"], log["ddq"])
-    seconds = perf_counter() - started
+    seconds = process_time() - started
     R = np.linalg.qr(np.column_stack([W, log["tau"].T.ravel()]), mode="r")
     x = cp.Variable(W.shape[1])
     links = []
@@ -96,18 +96,20 @@ def figaroh(folder: Path, log: dict[str, np.ndarray]) -> Answer:
     def regressor(q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
         return np.asarray(build_regressor_basic(robot, q, dq, ddq, config))
 
-    started = perf_counter()
+    started = process_time()
     W = regressor(log["q"], log["dq"], log["ddq"])
-    seconds = perf_counter() - started
+    seconds = process_time() - started
     left_out, kept = get_index_eliminate(W, names)
     reduced = build_regressor_reduced(W, left_out)
-    found = double_QR(log["tau"].T.ravel(), reduced, kept)
-    base, values = np.asarray(found[0]), np.asarray(found[2], dtype=float)
-    # Its base columns are columns of the regressor: find which.
-    places = [int(np.argmin(abs(W - c[:, None]).sum(axis=0))) for c in base.T]
-    return Answer(
-        regressor=seconds, predict=lambda *m: regressor(*m)[:, places] @ values
-    )
+    base, _, _, values = double_QR(log["tau"].T.ravel(), reduced, kept)
+    values = np.asarray(values, dtype=float)
+
+    def predict(*motion: np.ndarray) -> np.ndarray:
+        # Its base columns are columns of the regressor: find which, untimed.
+        places = [int(np.argmin(abs(W - c[:, None]).sum(axis=0))) for c in base.T]
+        return np.asarray(regressor(*motion)[:, places] @ values)
+
+    return Answer(regressor=seconds, predict=predict)
 
 
 def idyntree(folder: Path, log: dict[str, np.ndarray]) -> Answer:
@@ -130,9 +132,9 @@ def idyntree(folder: Path, log: dict[str, np.ndarray]) -> Answer:
             W[:, s] = Y.toNumPy()[6:]
         return W.reshape(-1, Y.cols())
 
-    started = perf_counter()
+    started = process_time()
     W = regressor(log["q"], log["dq"], log["ddq"])
-    seconds = perf_counter() - started
+    seconds = process_time() - started
     x = np.linalg.lstsq(W, log["tau"].T.ravel(), rcond=1e-9)[0]
     return Answer(regressor=seconds, predict=lambda *m: regressor(*m) @ x)
 
@@ -145,10 +147,10 @@ def ours(folder: Path, log: dict[str, np.ndarray]) -> Answer:
     time = np.arange(len(log["q"])) / 1000.0
     motion = log["q"], log["dq"], log["ddq"], log["tau"]
     recording = ci.Recording(model.robot.joint_names, time, *motion)
-    started = perf_counter()
+    started = process_time()
     for _ in model.chunks(*motion[:3]):
         pass
-    seconds = perf_counter() - started
+    seconds = process_time() - started
     regression = ci.build_regression(model, recording)
     estimate = ci.constrained_least_squares(
         model, regression, constraints=[ci.PhysicalConsistency()]
@@ -173,9 +175,9 @@ def main() -> None:
     few = {key: values[:500] for key, values in log.items()}
     CASES[name](folder, few)  # imports and compilation
     before = memory("VmRSS", forget_peak=True)
-    started = perf_counter()
+    started = process_time()
     answer = CASES[name](folder, log)
-    total = perf_counter() - started
+    total = process_time() - started
     extra = memory("VmHWM") - before
     tau = held["tau"].T.ravel()
     error = answer.predict(held["q"], held["dq"], held["ddq"]) - tau

@@ -72,7 +72,9 @@ def main() -> None:
     options.add_argument("--samples", type=int, default=20_000)
     given = options.parse_args()
     print(f"7 joints, 70 parameters, {given.samples} samples, noise 0.5 N m\n")
-    print("| way | regressor [s] | in all [s] | memory [MB] | held-out error |")
+    print(
+        "| way | regressor, CPU [s] | in all, CPU [s] | memory [MB] | held-out error |"
+    )
     print("|---|---:|---:|---:|---:|")
     with tempfile.TemporaryDirectory() as name:
         write(Path(name), given.samples)

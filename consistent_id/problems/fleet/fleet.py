@@ -21,7 +21,7 @@ from consistent_id._support.executors import Executor, tree_reduced
 from consistent_id._support.threads import single_threaded
 from consistent_id.constraints import Constraint, lowered
 from consistent_id.constraints.priors import Prior
-from consistent_id.errors import ProblemError
+from consistent_id.errors import NotExcitedError, ProblemError
 from consistent_id.estimation.constrained import (
     DEFAULT_CONSTRAINTS,
     constrained_least_squares,
@@ -123,10 +123,14 @@ def fleet_estimate(
 
 
 def _share_of(fleet: FleetModel, problem: Problem) -> RobotShare:
-    if obstacle(problem, "training"):
-        whole = build_regression(problem.model, problem.training)
-        return robot_share(problem.name, fleet, whole)
-    return robot_share(problem.name, fleet, stream_regression(problem))
+    try:
+        if obstacle(problem, "training"):
+            regression = build_regression(problem.model, problem.training)
+        else:
+            regression = stream_regression(problem)
+        return robot_share(problem.name, fleet, regression)
+    except NotExcitedError as cause:  # which says joints, but not of which robot
+        raise NotExcitedError(f"{problem.name}: {cause}") from None
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,14 +157,7 @@ def _identified(
     limits = own_sets(fleet, lowered(constraints, fleet.whole))
     base = base_parameters(fleet.shared)
     with tempfile.TemporaryDirectory(prefix="consistent-id-fleet-") as folder:
-        robots, factors = [], []
-        for k, share in enumerate(shares):
-            file = Path(folder) / f"{k}.npz"
-            write_share(file, share)
-            factors.append(_weighted(share, base))
-            r = share.shared
-            ends = share.torque, share.alone, max(r.counts)
-            robots.append(_Robot(share.name, file, share.own, r.sigma, *ends))
+        robots, factors = _stored(shares, Path(folder), base)
         outliers = find_outliers(factors)
         alike = [
             robot for robot, out in zip(robots, outliers.named, strict=True) if not out
@@ -187,6 +184,24 @@ def _identified(
         settled=settled,
         seconds=perf_counter() - started,
     )
+
+
+def _stored(
+    shares: Iterable[RobotShare], folder: Path, base: BaseParameters
+) -> tuple[list[_Robot], list[Matrix]]:
+    """Write the robots' parts to a folder; return what memory holds of them.
+
+    Beside the robots these are the factors by which outliers are found.
+    """
+    robots, factors = [], []
+    for k, share in enumerate(shares):
+        file = folder / f"{k}.npz"
+        write_share(file, share)
+        factors.append(_weighted(share, base))
+        r = share.shared
+        ends = share.torque, share.alone, max(r.counts)
+        robots.append(_Robot(share.name, file, share.own, r.sigma, *ends))
+    return robots, factors
 
 
 def _weighted(share: RobotShare, base: BaseParameters) -> Matrix:
