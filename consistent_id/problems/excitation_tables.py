@@ -98,6 +98,7 @@ class ExcitationTable(Table, frozen=True, kw_only=True):
     harmonics: Annotated[int, Meta(ge=1)] | None = None
     base_frequencies: Annotated[list[Positive], Meta(min_length=1)] | None = None
     rest: bool = True
+    smooth: bool = False
     periods: Annotated[int, Meta(ge=1)] = 1
     objective: Literal["condition", "D", "A", "E"] = "D"
     refine: Literal["D", "A", "E", "none"] | None = None
