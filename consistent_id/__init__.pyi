@@ -110,6 +110,7 @@ from consistent_id.motion.collisions.planning_scene import planning_scene_bodies
 from consistent_id.motion.collisions.scene import Scene
 from consistent_id.motion.collisions.scene_building import build_scene
 from consistent_id.motion.collisions.scene_file import scene_from_urdf
+from consistent_id.motion.collisions.workspaces import Workspace, within_workspaces
 from consistent_id.motion.files import (
     TRAJECTORY_COLUMNS,
     read_trajectory,
@@ -387,6 +388,7 @@ __all__ = [
     "Uncertainty",
     "ValidationPath",
     "Verdict",
+    "Workspace",
     "Wrench",
     "WrenchColumns",
     "Writer",
@@ -532,6 +534,7 @@ __all__ = [
     "validation_trajectory",
     "weighted_least_squares",
     "with_shapes",
+    "within_workspaces",
     "without",
     "without_rests",
     "write_report",

@@ -11,6 +11,7 @@ _KEYS = (
     "interest",
     "duration",
     "harmonics",
+    "smooth",
     "noise",
     "velocity",
     "acceleration",
@@ -77,6 +78,12 @@ def add_motion_options(command: argparse.ArgumentParser) -> None:
         metavar="SHARE",
         help="of the effort limits, left for friction without --parameters "
         "(default: 0.3)",
+    )
+    asked.add_argument(
+        "--smooth",
+        action="store_const",
+        const=True,
+        help="begin and end without jerk: it is continuous from rest to rest",
     )
     asked.add_argument(
         "--planning-scene",

@@ -34,6 +34,8 @@ class PathForm:
     rest : bool
         Whether velocity and acceleration are zero at both ends; without it, a periodic
         path is entered at full speed and needs a run-in.
+    smooth : bool
+        Whether the jerk is zero at both ends, too: it is continuous from rest to rest.
     between : bool
         Take frequencies half-way below the harmonics, but for harmonics of another
         base: a path that has none in common with one of the same form without this,
@@ -52,8 +54,13 @@ class PathForm:
     base_frequencies: float | tuple[float, ...] | None = None
     rest: bool = True
     between: bool = False
+    smooth: bool = False
 
     def __post_init__(self) -> None:
+        if self.smooth and not self.rest:
+            raise ProblemError(
+                "smooth ends are those of a path that rests there; give rest = true"
+            )
         duration, harmonics = (
             number(getattr(self, name), name) for name in ("duration", "harmonics")
         )

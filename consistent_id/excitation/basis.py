@@ -30,6 +30,8 @@ class FourierBasis:
     duration : float, [s]
     rest : bool
         Whether velocity and acceleration are zero at both ends.
+    smooth : bool
+        Whether jerk is zero there, too.
 
     Attributes
     ----------
@@ -48,6 +50,7 @@ class FourierBasis:
     frequencies: Vector
     duration: float
     rest: bool
+    smooth: bool = False
     free: Matrix = field(init=False)
     unit: Vector = field(init=False)
 
@@ -58,7 +61,8 @@ class FourierBasis:
         free = np.eye(terms)
         if self.rest:
             ends = np.array([0.0, self.duration])
-            at_ends = np.vstack([self._coefficients(order, ends) for order in (1, 2)])
+            orders = (1, 2, 3) if self.smooth else (1, 2)
+            at_ends = np.vstack([self._coefficients(order, ends) for order in orders])
             free = null_space(at_ends)
         if not free.size:
             raise ProblemError(

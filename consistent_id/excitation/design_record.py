@@ -48,6 +48,7 @@ def design_record(
             "duration_s": form.duration,
             "frequencies_hz": form.frequencies.tolist(),
             "rest": form.rest,
+            "smooth": form.smooth,
         },
         "aim": {
             "objective": aim.objective,

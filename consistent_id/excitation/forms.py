@@ -13,7 +13,11 @@ _MOST = 24  # harmonics; beyond it, the base frequency is raised
 
 
 def forms_to_try(
-    limits: MotionLimits, duration: float = _SECONDS, *, rest: bool = True
+    limits: MotionLimits,
+    duration: float = _SECONDS,
+    *,
+    rest: bool = True,
+    smooth: bool = False,
 ) -> tuple[PathForm, ...]:
     """Return forms of one duration with more and more harmonics.
 
@@ -25,7 +29,7 @@ def forms_to_try(
     ----------
     limits : MotionLimits
     duration : float, [s]
-    rest : bool
+    rest, smooth : bool
         See `PathForm`.
 
     Examples
@@ -44,5 +48,7 @@ def forms_to_try(
         count = max(round(harmonics * duration / _SECONDS * faster), harmonics)
         multiple = -(-count // _MOST)
         base = None if multiple == 1 else multiple / duration
-        forms.append(PathForm(duration, round(count / multiple), base, rest))
+        forms.append(
+            PathForm(duration, round(count / multiple), base, rest, smooth=smooth)
+        )
     return tuple(dict.fromkeys(forms))

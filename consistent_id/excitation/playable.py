@@ -105,7 +105,15 @@ def playable_design(
     ) -> None:
         pose, required = request.start_pose, design.demands
         try:
-            found = proven_move(path, proof, required, pose, periods=periods, seed=seed)
+            found = proven_move(
+                path,
+                proof,
+                required,
+                pose,
+                periods=periods,
+                smooth=design.form.smooth,
+                seed=seed,
+            )
         except InfeasibleError as cause:
             advice = _advice(path, required, request)
             raise InfeasibleError(f"{cause}. {advice}") from None

@@ -73,6 +73,7 @@ def proven_move(
     pose: dict[str, float] | None,
     *,
     periods: int | None = None,
+    smooth: bool = False,
     seed: int = 0,
 ) -> ProvenMove:
     """Return a move along a path that is proven already, from a pose and back to it.
@@ -89,6 +90,8 @@ def proven_move(
     pose : dict from joint to position, optional
     periods : int, optional
         How often the path is repeated.
+    smooth : bool
+        See `move_along`.
     seed : int
         Of the ways by other poses.
 
@@ -98,7 +101,7 @@ def proven_move(
         If no way is found; with what is in the straight one.
     """
     cause: ConsistentIdError | None = None
-    for number, way in enumerate(_ways(path, demands, pose, periods, seed)):
+    for number, way in enumerate(_ways(path, demands, pose, periods, smooth, seed)):
         try:
             move = way.made()
             if move is None or (number and not _seems_clear(move, demands)):
@@ -115,6 +118,7 @@ def _ways(
     demands: Demands,
     pose: dict[str, float] | None,
     periods: int | None,
+    smooth: bool,
     seed: int,
 ) -> Iterator[_Way]:
     """Yield ways to play a path, the simplest first."""
@@ -127,7 +131,7 @@ def _ways(
     ) -> Move:
         return move_along(
             some, within, from_pose=pose, to_pose=pose, periods=periods,
-            from_via=via[0], to_via=via[1],
+            from_via=via[0], to_via=via[1], smooth=smooth,
         )  # fmt: skip
 
     phases = _phases(path)

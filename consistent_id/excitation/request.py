@@ -116,13 +116,16 @@ def _forms(table: ExcitationTable, limits: MotionLimits) -> tuple[PathForm, ...]
     """Return the form that is requested, or those to try."""
     bases = table.base_frequencies
     if table.harmonics is None and bases is None:
-        return forms_to_try(limits, table.duration, rest=table.rest)
+        return forms_to_try(
+            limits, table.duration, rest=table.rest, smooth=table.smooth
+        )
     return (
         PathForm(
             table.duration,
             _HARMONICS if table.harmonics is None else table.harmonics,
             None if bases is None else tuple(bases),
             table.rest,
+            smooth=table.smooth,
         ),
     )
 

@@ -18,12 +18,14 @@ from consistent_id.motion.collisions.scene import Scene
 from consistent_id.motion.collisions.scene_building import build_scene
 from consistent_id.motion.collisions.scene_file import scene_from_urdf
 from consistent_id.motion.collisions.urdf_bodies import rpy
+from consistent_id.motion.collisions.workspaces import Workspace, within_workspaces
 from consistent_id.problems.excitation_tables import (
     BodyTable,
     BoxTable,
     RodTable,
     SceneTable,
     SphereTable,
+    WorkspaceTable,
 )
 from consistent_id.problems.problem import Problem
 
@@ -47,11 +49,19 @@ def requested_scene(problem: Problem) -> Scene | None:
         if table.planning_scene is not None:
             file = problem.file(table.planning_scene)
             bodies += planning_scene_bodies(file, problem.model.robot)
-        if table.robot == "urdf":
-            return _of_urdf(problem, table, bodies)
-        return _of_bodies(problem, table, bodies)
+        of = _of_urdf if table.robot == "urdf" else _of_bodies
+        boxes = [_workspace(box) for box in table.workspaces]
+        return within_workspaces(of(problem, table, bodies), boxes)
     except ConsistentIdError as cause:
         raise ProblemError(f"{_WHERE}: {cause}") from None
+
+
+def _workspace(table: WorkspaceTable) -> Workspace:
+    sides = [table.x, table.y, table.z]
+    low, high = np.array(
+        [(-np.inf, np.inf) if side is None else side for side in sides]
+    ).T
+    return Workspace(table.link, low, high, np.array(table.point))
 
 
 def _of_urdf(problem: Problem, table: SceneTable, bodies: list[Body]) -> Scene:

@@ -3,6 +3,7 @@
 import numpy as np
 
 from consistent_id._support.tables import Table
+from consistent_id.excitation.aims import PathForm
 from consistent_id.excitation.request import DesignRequest
 from consistent_id.excitation.verification import Demands
 from consistent_id.motion.limits import MotionLimits
@@ -25,7 +26,7 @@ def request_tables(
     rows = [
         ("duration", f"{form.duration:g} s"),
         ("frequencies", f"{tried} Hz"),
-        ("ends", "from rest to rest" if form.rest else "periodic"),
+        ("ends", _ends(form)),
         ("played", "once" if times == 1 else f"{times} times"),
         ("start pose", "any" if pose is None else _pose(pose)),
         ("objective", objectives),
@@ -42,6 +43,12 @@ def request_tables(
         (*required.notes, *request.notes),
     )
     return [plan, limits_table(request.limits), *_scene(required)]
+
+
+def _ends(form: PathForm) -> str:
+    if not form.rest:
+        return "periodic"
+    return "from rest to rest" + ", jerk continuous" * form.smooth
 
 
 def limits_table(limits: MotionLimits) -> Table:

@@ -154,7 +154,9 @@ def search_problem(
         another robot.
     """
     limits = robot_limits(limits, model.robot)
-    basis = FourierBasis(limits, form.frequencies, form.duration, form.rest)
+    basis = FourierBasis(
+        limits, form.frequencies, form.duration, form.rest, form.smooth
+    )
     cycles = form.frequencies[-1] * form.duration
     density = max((guard.density for guard in guards), default=_GRID)
     still = basis.trajectory(np.zeros((basis.size, len(limits.joints))))

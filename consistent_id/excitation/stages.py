@@ -315,8 +315,10 @@ def _value(problem: SearchProblem, accuracy: PredictedAccuracy) -> float:
 def _nothing_found(found: Sequence[Candidate], out_of_time: bool) -> InfeasibleError:
     obstacles = sorted({one.obstacle for one in found if one.obstacle})
     more = "give a longer time_limit, " if out_of_time else ""
+    torque = any(text.startswith("torque") for text in obstacles)
+    left = ". Without parameters friction_share of it is left free" if torque else ""
     return InfeasibleError(
         f"{len(found)} searches found no path that keeps {', '.join(obstacles)} within "
         f"its limit; {more}raise it, or narrow the joints' ranges to where less is "
-        "needed"
+        f"needed{left}"
     )

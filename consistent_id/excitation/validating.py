@@ -61,7 +61,9 @@ def validation_trajectory(
         If none of them is proven to keep the limits, even at a fifth of them.
     """
     form = replace(design.form, between=not design.form.between)
-    basis = FourierBasis(design.limits, form.frequencies, form.duration, form.rest)
+    basis = FourierBasis(
+        design.limits, form.frequencies, form.duration, form.rest, form.smooth
+    )
     shape = (basis.size, len(basis.unit))
     rows = limit_rows(basis, basis.trajectory(np.zeros(shape)).period)
     rng = np.random.default_rng(seed)

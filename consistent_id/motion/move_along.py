@@ -14,7 +14,7 @@ from consistent_id.motion.limits import MotionLimits
 from consistent_id.motion.motion_state import MotionState
 from consistent_id.motion.move import Move, end_of
 from consistent_id.motion.polynomial_path import PolynomialPath
-from consistent_id.motion.transfers import limits_of, transfer
+from consistent_id.motion.transfers import MATCHED, limits_of, transfer
 from consistent_id.recordings.trajectory import FourierTrajectory
 from consistent_id.robot.parameters import did_you_mean
 
@@ -34,6 +34,7 @@ def move_along(
     from_via: ArrayLike | None = None,
     to_via: ArrayLike | None = None,
     periods: int | None = None,
+    smooth: bool = False,
 ) -> Move:
     """Return a move from rest through a trajectory to rest, within limits on the way.
 
@@ -55,6 +56,9 @@ def move_along(
         Poses in which it rests on the way from `from_pose` and to `to_pose`, in order.
     periods : int, optional
         How often the trajectory is repeated; by default as its duration says.
+    smooth : bool
+        Whether ways between poses at rest begin and end without jerk; a swing from a
+        pose nearby into a motion does not.
 
     Raises
     ------
@@ -82,16 +86,17 @@ def move_along(
     if (first is None and stops[0]) or (last is None and stops[1]):
         raise ProblemError("via poses lead from or to a pose; give from_pose, to_pose")
     ends = [first, *stops[0]], [*stops[1], last]
+    matched = MATCHED + smooth
     unlimited = np.isinf([limits.acceleration, limits.jerk]).any()
     *tight, widest = _FACTORS if unlimited else _FACTORS[:1]
     for factor in tight:
         own = _with_own_bounds(limits, trajectory, factor)
         try:
-            return _moved(trajectory, own, *ends)
+            return _moved(trajectory, own, *ends, matched)
         except ProblemError:
             continue  # no limit of the user's is in the way, perhaps
     own = _with_own_bounds(limits, trajectory, widest)
-    return _moved(trajectory, own, *ends)
+    return _moved(trajectory, own, *ends, matched)
 
 
 def _moved(
@@ -99,40 +104,45 @@ def _moved(
     limits: MotionLimits,
     before: list[MotionState | None],
     after: list[MotionState | None],
+    matched: int,
 ) -> Move:
     """Return the move between poses, or from and to the nearest ones."""
     begin = MotionState.of(trajectory, trajectory.start)
     end = MotionState.of(trajectory, end_of(trajectory))
-    run_in, run_out = _between(before, limits), _between(after, limits)
+    run_in, run_out = (_between(ends, limits, matched) for ends in (before, after))
     first, last = before[-1], after[0]
     if not _resting(begin, trajectory, first):
         run_in += (
-            (approach(begin, limits),) if first is None else _way(first, begin, limits)
+            (approach(begin, limits),)
+            if first is None
+            else _way(first, begin, limits, matched)
         )
     if not _resting(end, trajectory, last):
         run_out = (
-            (departure(end, limits),) if last is None else _way(end, last, limits)
+            (departure(end, limits),)
+            if last is None
+            else _way(end, last, limits, matched)
         ) + run_out
     return _in_sequence(run_in, trajectory, run_out)
 
 
 def _between(
-    poses: list[MotionState | None], limits: MotionLimits
+    poses: list[MotionState | None], limits: MotionLimits, matched: int
 ) -> tuple[PolynomialPath, ...]:
     """Return the ways between poses at rest, one after another."""
     return tuple(
-        transfer(one, other, limits)
+        transfer(one, other, limits, matched=matched)
         for one, other in pairwise(poses)
         if one is not None and other is not None
     )
 
 
 def _way(
-    begin: MotionState, end: MotionState, limits: MotionLimits
+    begin: MotionState, end: MotionState, limits: MotionLimits, matched: int
 ) -> tuple[PolynomialPath, ...]:
     """Return one piece, or where none is within limits, two that meet at rest."""
     try:
-        return (transfer(begin, end, limits),)
+        return (transfer(begin, end, limits, matched=matched),)
     except ProblemError:
         if not (begin.values[1:].any() or end.values[1:].any()):
             raise
@@ -140,11 +150,11 @@ def _way(
         near = begin.values[0]
         swing = approach(end, limits, near=near)
         meet = MotionState.at_rest(end.joints, swing.control[0])
-        return transfer(begin, meet, limits), swing
+        return transfer(begin, meet, limits, matched=matched), swing
     near = end.values[0]
     swing = departure(begin, limits, near=near)
     meet = MotionState.at_rest(end.joints, swing.control[-1])
-    return swing, transfer(meet, end, limits)
+    return swing, transfer(meet, end, limits, matched=matched)
 
 
 def _resting(

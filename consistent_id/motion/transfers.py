@@ -30,7 +30,11 @@ Family = Callable[[Vector], Array]
 
 
 def transfer(
-    begin: MotionState, end: MotionState, limits: MotionLimits
+    begin: MotionState,
+    end: MotionState,
+    limits: MotionLimits,
+    *,
+    matched: int = MATCHED,
 ) -> PolynomialPath:
     """Return the shortest polynomial path from one state to another within limits.
 
@@ -44,6 +48,9 @@ def transfer(
     begin, end : MotionState
     limits : MotionLimits
         Of these joints, and maybe others.
+    matched : int
+        How many of position, velocity, acceleration and jerk are met at both ends: 4
+        for a polynomial of degree 7, whose jerk jumps at neither.
 
     Raises
     ------
@@ -62,7 +69,7 @@ def transfer(
     """
 
     def family(duration: Vector) -> Array:
-        return bernstein.hermite(begin.values[:MATCHED], end.values[:MATCHED], duration)
+        return bernstein.hermite(begin.values[:matched], end.values[:matched], duration)
 
     return shortest(family, (begin, end), limits_of(limits, begin.joints))
 

@@ -62,6 +62,19 @@ class BodyTable(Table, frozen=True, kw_only=True):
     cylinder: RodTable | None = None
 
 
+class WorkspaceTable(Table, frozen=True, kw_only=True):
+    """A box in the base frame that a point of a link may not leave; in m.
+
+    A face that is not given is not there.
+    """
+
+    link: str
+    point: Three = (0.0, 0.0, 0.0)
+    x: Pair | None = None
+    y: Pair | None = None
+    z: Pair | None = None
+
+
 class SceneTable(Table, frozen=True, kw_only=True):
     """What must not touch: the robot's own bodies, and what stands around it."""
 
@@ -72,6 +85,7 @@ class SceneTable(Table, frozen=True, kw_only=True):
     ground: float | None = None
     bodies: list[BodyTable] = []
     planning_scene: str | None = None
+    workspaces: list[WorkspaceTable] = []
     clearance: NonNegative = 0.0
     extra: dict[str, NonNegative] = {}
     allowed: list[tuple[str, str]] = []
@@ -84,6 +98,7 @@ class ExcitationTable(Table, frozen=True, kw_only=True):
     harmonics: Annotated[int, Meta(ge=1)] | None = None
     base_frequencies: Annotated[list[Positive], Meta(min_length=1)] | None = None
     rest: bool = True
+    smooth: bool = False
     periods: Annotated[int, Meta(ge=1)] = 1
     objective: Literal["condition", "D", "A", "E"] = "D"
     refine: Literal["D", "A", "E", "none"] | None = None

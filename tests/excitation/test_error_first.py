@@ -167,3 +167,17 @@ def test_a_bound_that_makes_no_sense_is_refused():
         Aim(condition_at_most=0.5)
     with pytest.raises(ProblemError, match="correlation_time"):
         Aim(correlation_time=-1.0)
+
+
+@pytest.mark.slow
+def test_a_smooth_design_begins_and_ends_without_jerk():
+    robot = arm(2)
+    form = PathForm(6.0, 5, smooth=True)
+    options = {"limits": arm_limits(robot), "starts": 1, "workers": 1}
+    design = design_trajectory(robot, form, **options, time_limit=20.0)
+    ends = design.trajectory.evaluate([0.0, 6.0], 3)
+    bounds = np.array([design.trajectory.derivative_bound(k) for k in range(4)])
+    assert (abs(ends[1:]) <= 1e-9 * bounds[1:, None]).all()
+    assert design.proof.holds
+    with pytest.raises(ProblemError, match="rest = true"):
+        PathForm(6.0, 5, rest=False, smooth=True)

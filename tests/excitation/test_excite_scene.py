@@ -464,3 +464,20 @@ def test_a_periodic_path_begins_where_its_run_in_is_free(tmp_path):
     begun = found.move.trajectory.evaluate([found.move.window[0]], 2)[:, 0]
     later = float(found.note.split()[1])
     np.testing.assert_allclose(begun, circle.evaluate([later], 2)[:, 0], atol=1e-9)
+
+
+@pytest.mark.slow
+def test_a_tool_stays_in_its_box_from_rest_to_rest(tmp_path):
+    box = 'workspaces = [{ link = "link3", point = [0.5, 0.0, 0.0], z = [-0.3, 2.0] }]'
+    problem = _problem(tmp_path, ARM, scene=box, excitation="rest = false")
+    found = playable_design(problem, starts=1, workers=1, time_limit=60.0)
+    move = found.moves["trajectory"]
+    time = np.linspace(0.0, move.duration, 2001)
+    q = move.evaluate(time, 0)[0]
+    # Upright joints two and three turn in a plane: heights by hand.
+    height = 0.6 * np.sin(q[:, 1]) + 0.5 * np.sin(q[:, 1] + q[:, 2])
+    assert height.min() >= -0.3
+    free, _ = _blind(problem, found.design)
+    q = free.trajectory.evaluate(np.linspace(0.0, 6.0, 2001), 0)[0]
+    height = 0.6 * np.sin(q[:, 1]) + 0.5 * np.sin(q[:, 1] + q[:, 2])
+    assert height.min() < -0.3

@@ -200,3 +200,22 @@ def test_a_jerk_that_nobody_limits_is_in_nobodys_way(seed):
     move = move_along(path, limits)
     motion = move.evaluate(np.linspace(0.0, move.duration, 4001))
     assert (abs(motion) <= np.array([q, dq, ddq])[:, None] * (1 + 1e-9)).all()
+
+
+def test_smooth_ways_between_poses_have_no_jerk_at_their_ends():
+    path = resting()
+    own = limits_of(path, share=2.0)
+    home = [0.1, -0.2]
+    plain = move_along(path, own, from_pose=home, to_pose=home)
+    assert abs(plain.run_in[0].evaluate([0.0], 3)[3]).max() > 1e-3
+    # The path's own jerk at its ends counts with it; the way meets it.
+    smooth = move_along(
+        path, own, from_pose=home, to_pose=home, from_via=[[0.0, 0.0]], smooth=True
+    )
+    first, second = smooth.run_in
+    for piece, time in ((first, first.start), (first, second.start)):
+        np.testing.assert_allclose(piece.evaluate([time], 3)[1:], 0.0, atol=1e-6)
+    assert abs(jumps(smooth)).max() < 1e-6
+    time = np.linspace(0.0, smooth.duration, 4001)
+    for k, values in enumerate(smooth.evaluate(time, 3)):
+        assert (abs(values) <= own.derivative(k) * (1.0 + 1e-9)).all()
