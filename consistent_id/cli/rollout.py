@@ -56,6 +56,12 @@ def add_rollout(commands: Any) -> None:
         action="store_true",
         help="choose delay, cut-off and shape of friction on the training logs",
     )
+    command.add_argument(
+        "--form",
+        metavar="FORMAT",
+        help="fit friction in the form that a format has (mjcf, mjlab, isaaclab, urdf),"
+        " and print what it costs",
+    )
     add_output(command, None)
     add_accept(command)
     add_time_limit(command)
@@ -79,6 +85,7 @@ def _rollout(options: argparse.Namespace) -> Answer:
         against=options.against,
         refine=options.refine,
         choose=options.choose,
+        form=options.form,
         accepted=tuple(options.accept),
     )
     text = "\n\n".join(table.text() for table in done.tables())

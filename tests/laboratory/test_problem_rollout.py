@@ -282,3 +282,26 @@ def test_the_chosen_problem_is_written_so_that_it_can_be_run(folder, tmp_path):
     with_trust = load_problem(out, trust=True)
     assert with_trust.files["leg.xml"].samefile(folder / "leg.xml")
     assert len(with_trust.training) == 1
+
+
+@pytest.mark.slow
+def test_friction_is_fitted_again_in_the_form_of_a_format(folder, tmp_path, capsys):
+    for name in ("leg.xml", "log.csv"):
+        (tmp_path / name).write_bytes((folder / name).read_bytes())
+    more = "rotor_inertia = true\nfriction_slope = true\nstribeck_velocity = 0.3"
+    text = PROBLEM.replace("rotor_inertia = true", more)
+    text += "[joints.knee]\ndrag = true\n"
+    (tmp_path / "problem.toml").write_text(text)
+    done = rollout_of(load_problem(tmp_path), form="isaaclab")
+    terms = set(done.estimate.model.layout.names[-6:])
+    names = ("viscous", "coulomb", "rotor_inertia")
+    assert terms == {f"{j}.{n}" for j in ("hip", "knee") for n in names}
+    # The robot of the log has no more friction than that.
+    assert done.form.after < 4e-3
+    assert done.form.after <= done.form.before + 1e-3
+    (own,) = done.rollout.replays
+    assert done.rollout.rmse(own) == pytest.approx(done.form.after, rel=1e-9)
+    assert main(["rollout", str(tmp_path), "--form", "mjcf"]) == 0
+    assert "in the form of mjcf" in capsys.readouterr().out
+    with pytest.raises(ProblemError, match="isaaclab"):
+        rollout_of(load_problem(tmp_path), form="gazebo")

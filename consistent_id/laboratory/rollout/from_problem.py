@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from consistent_id._support.arrays import Vector
 from consistent_id._support.tables import Table
@@ -15,11 +15,13 @@ from consistent_id.comparison.block_scatter import (
 from consistent_id.comparison.comparison import compare
 from consistent_id.errors import NotExcitedError
 from consistent_id.estimation.estimate import Estimate
+from consistent_id.laboratory.rollout.format_form import in_form_of
 from consistent_id.laboratory.rollout.refine import RIDGE, Refined, refined
 from consistent_id.laboratory.rollout.ridge import chosen_ridge
 from consistent_id.laboratory.rollout.rollout import Rollout, rollout
 from consistent_id.laboratory.rollout.settings import (
     gains_of,
+    rollout_error,
     torque_fit,
     with_settings,
 )
@@ -29,6 +31,31 @@ from consistent_id.laboratory.rollout.settings_choice import (
 )
 from consistent_id.problems.problem import Problem
 from consistent_id.regression.segments import segment_regressions
+
+
+class FormLoss(NamedTuple):
+    """What the form of friction of a format costs.
+
+    Parameters
+    ----------
+    form : str
+    before, after : float, [rad or m]
+        Error of rollouts of the torque fit as the problem states it, less what MuJoCo
+        lacks, and fitted in the form of the format.
+    """
+
+    form: str
+    before: float
+    after: float
+
+    def table(self) -> Table:
+        """Return the loss, for people."""
+        title = (
+            f"Friction fitted again in the form of {self.form}: error of rollouts "
+            f"{1e3 * self.before:.2f} to {1e3 * self.after:.2f} mrad (mm)"
+        )
+        notes = ("before: as the problem states it, less what MuJoCo lacks",)
+        return Table(title, (), (), notes)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,6 +74,8 @@ class ProblemRollout:
     scatter : BlockScatter, optional
         How sure the torque fit's parameters are; None where blocks of the training
         motion do not determine them by themselves.
+    form : FormLoss, optional
+        If friction was fitted in the form of a format.
     """
 
     problem: Problem
@@ -55,12 +84,15 @@ class ProblemRollout:
     settings: SettingsChoice | None = None
     refinement: Refined | None = None
     scatter: BlockScatter | None = None
+    form: FormLoss | None = None
 
     def tables(self) -> list[Table]:
         """Return what was found, for people."""
         verdict = self.estimate.verdict
         verdict_table = Table(verdict.sentence, (), (), verdict.lines)
         tables = [verdict_table, *self.rollout.tables()]
+        if self.form is not None:
+            tables.append(self.form.table())
         if self.settings is not None:
             s = self.settings.settings
             tables.append(
@@ -97,6 +129,8 @@ class ProblemRollout:
                 "training_error_before": self.refinement.before,
                 "training_error_after": self.refinement.after,
             }
+        if self.form is not None:
+            record["form"] = self.form._asdict()
         if self.scatter is not None:
             record["parameters"] = self.scatter.to_dict()
         if self.settings is not None:
@@ -117,6 +151,7 @@ def rollout_of(
     against: Sequence[str | Path] = (),
     refine: bool = False,
     choose: bool = False,
+    form: str | None = None,
     accepted: Sequence[str] = (),
 ) -> ProblemRollout:
     """Fit a problem's torques, and replay its commands.
@@ -132,6 +167,8 @@ def rollout_of(
     choose : bool
         Choose cut-off, delay and shape of friction on the training logs; and whether to
         refine, and how far, if it is to be refined.
+    form : str, optional
+        Fit friction in the form that a file format has; see `in_form_of`.
     accepted : sequence of str
         Kinds of reasons that the verdict is to overlook.
 
@@ -147,8 +184,12 @@ def rollout_of(
     choice = chosen_settings(problem) if choose else None
     if choice is not None:
         problem = with_settings(problem, choice.settings)
+    stated = problem
+    if form is not None:
+        problem = in_form_of(problem, form)
     gains = gains_of(problem)
     estimate, regression = torque_fit(problem)
+    loss = None if form is None else _loss(stated, problem, estimate, form)
     training, delay = problem.logs("training"), problem.delay_of_commands
     done = None
     ridge = _ridge(problem, refine, choose)
@@ -175,7 +216,13 @@ def rollout_of(
         locked=problem.table.model.locked,
     )
     scatter = _scatter(problem, regression.sigma)
-    return ProblemRollout(problem, judged, replays, choice, done, scatter)
+    return ProblemRollout(problem, judged, replays, choice, done, scatter, loss)
+
+
+def _loss(stated: Problem, formed: Problem, estimate: Estimate, form: str) -> FormLoss:
+    logs = stated.logs("validation") or stated.logs("training")
+    before = rollout_error(stated, torque_fit(stated)[0], logs)
+    return FormLoss(form, before, rollout_error(formed, estimate, logs))
 
 
 def _scatter(problem: Problem, sigma: Vector) -> BlockScatter | None:

@@ -1,0 +1,68 @@
+"""A problem whose friction has the form that a file format can say.
+
+What a format lacks, an export leaves out, and its share of friction is then missing.
+Fitted again without these terms, those that the format has take over what they can.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import msgspec
+
+from consistent_id.errors import ProblemError
+from consistent_id.problems.problem import Problem, problem_of
+from consistent_id.regression.drive.drive_terms import DEFAULTS
+
+_EVERYWHERE = ("viscous", "coulomb", "velocity_scale", "offset", "rotor_inertia")
+
+TERMS: Mapping[str, tuple[str, ...]] = {
+    "mjcf": (*_EVERYWHERE, "spring", "friction_slope"),
+    "mjlab": (*_EVERYWHERE, "spring", "friction_slope"),
+    "isaaclab": _EVERYWHERE,
+    "urdf": _EVERYWHERE,
+}
+"""Drive terms that are fitted for a format.  An offset is fitted for all: without it
+friction would take it up; a format that lacks it says so when it is written."""
+
+
+def in_form_of(problem: Problem, form: str) -> Problem:
+    """Return the problem without drive terms that a format lacks.
+
+    Asymmetric friction becomes Coulomb friction and an offset.
+
+    Parameters
+    ----------
+    problem : Problem
+    form : str
+        One of `TERMS`.
+
+    Raises
+    ------
+    ProblemError
+        If the format is not known.
+    """
+    if form not in TERMS:
+        known = ", ".join(TERMS)
+        raise ProblemError(f"no form of friction {form!r}, expected one of {known}")
+    table, change = problem.table, msgspec.structs.replace
+    lacking = [name for name in DEFAULTS if name not in TERMS[form]]
+
+    def reduced(drive: Any) -> Any:
+        stated = {
+            name: DEFAULTS[name]
+            for name in lacking
+            if getattr(drive, name) is not msgspec.UNSET
+        }
+        if getattr(drive, "asymmetric") is True:  # noqa: B009  fields made by msgspec
+            stated["offset"] = True
+        return change(drive, **stated)
+
+    changed = change(
+        table,
+        drive=reduced(table.drive),
+        joints={name: reduced(joint) for name, joint in table.joints.items()},
+    )
+    made = problem_of(changed, problem.source or problem.folder / "problem.toml")
+    made._read.update(problem._read)
+    return replace(made, source=problem.source)
