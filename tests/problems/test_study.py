@@ -10,7 +10,7 @@ from consistent_id.problems import study as study_module
 from consistent_id.problems.study import Study, identify, run_study
 
 PARTS = (
-    "base_parameters",
+    "base_of_recordings",
     "check_published",
     "compare",
     "constraint_costs",
