@@ -18,6 +18,7 @@ import consistent_id as ci
 from consistent_id.constraints.distances import nominal_distance
 from consistent_id.estimation.best_fit import BestFit, best_fit
 from consistent_id.estimation.penalised import PenalisedFit, penalised_fit
+from consistent_id.estimation.scaled_fit import ScaledFit
 
 PLACES = (0, 1, 2, 3, 4, 7, 5, 9, 8, 6)  # of our ten parameters among theirs
 ROWS = ("nx", "ny", "fz")  # of the base wrench, that plates measure well
@@ -74,12 +75,14 @@ def least_error(data: Person) -> BestFit:
     return best_fit(model, regression, data.constraints, base=base)
 
 
-def at_error(data: Person, error: float, weight: float) -> PenalisedFit:
+def at_error(
+    data: Person, scaled: ScaledFit, error: float, weight: float
+) -> PenalisedFit:
     """Return the compromise with the entropic distance that leaves an error, certified.
 
-    By secants of log error over log weight, from a weight to start with.
+    By secants of log error over log weight, from a weight to start with; of `scaled`,
+    see `least_error`.
     """
-    scaled = least_error(data).scaled
     distance = nominal_distance(data.rows.model, "entropic", scaled.unit)
 
     def excess(fit: PenalisedFit) -> float:
@@ -117,7 +120,7 @@ def main() -> None:
         f"bodies in ellipsoids: {best.misfit**2:.1f}, {optimality.verdict}, relative "
         f"gap {optimality.gap:.1e}, {seconds()}"
     )
-    found = at_error(data, data.errors["entropic"], 3.7)
+    found = at_error(data, best.scaled, data.errors["entropic"], 3.7)
     x = found.solution.u * best.scaled.unit
     masses = x[::10] - data.published["entropic"].reshape(-1, 10)[:, 0]
     print(

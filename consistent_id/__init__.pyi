@@ -218,6 +218,7 @@ from consistent_id.regression.rows.contact_free import (
 from consistent_id.regression.rows.contact_maps import contact_force_left, row_levels
 from consistent_id.regression.rows.generalised_forces import contact_jacobian
 from consistent_id.regression.rows.given_rows import GivenRows, given_rows
+from consistent_id.regression.rows.slip import contact_slip, without_slip
 from consistent_id.regression.rows.wrench_sensor import (
     sensor_motion,
     sensor_regression,
@@ -421,6 +422,7 @@ __all__ = [
     "contact_free_model",
     "contact_free_regression",
     "contact_jacobian",
+    "contact_slip",
     "contradiction",
     "cross_check",
     "cross_validated",
@@ -537,6 +539,7 @@ __all__ = [
     "within_workspaces",
     "without",
     "without_rests",
+    "without_slip",
     "write_report",
     "write_trajectory",
 ]

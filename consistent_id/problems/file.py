@@ -191,6 +191,7 @@ class PreparationTable(Table, frozen=True, kw_only=True):
     trim_standstill: bool | Positive = False
     least_speed: Annotated[float, Meta(gt=0.0, lt=1.0)] | None = None
     least_joint_speed: Positive | None = None
+    most_slip: Positive | None = None
 
 
 class TrackTable(Table, frozen=True, kw_only=True):

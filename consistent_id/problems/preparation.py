@@ -134,6 +134,11 @@ def check_base(data: DataTable, *, floating: bool) -> None:
             f"{what} is of a base that floats, but the robot's is fixed; [model] "
             'base = "floating" makes it float'
         )
+    if data.preparation.most_slip is not None and not data.contacts:
+        raise ProblemError(
+            "[data.preparation]: most_slip is of contacts, but there is no "
+            "[[data.contacts]]; leave it out"
+        )
     method = data.preparation.method
     if floating and method != "butterworth":
         raise ProblemError(

@@ -43,6 +43,7 @@ from consistent_id.recordings.readers import read_recording, read_track
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import DriveCalibration, PDGains, Track
 from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.rows.slip import without_slip
 from consistent_id.regression.rows.wrench_sensor import carried
 from consistent_id.robot.model import RobotModel
 from consistent_id.robot.parameters import did_you_mean
@@ -277,11 +278,12 @@ class Problem:
 
     @property
     def _then(self) -> Callable[[Recording], Recording] | None:
-        """What makes an arm's recording one of what is behind its sensor."""
-        sensor, arm = self.table.wrist_sensor, self.arm
-        if sensor is None or arm is None:
-            return None
-        return lambda log: carried(self.model.robot, arm, log, sensor.frame)
+        """What is done to a prepared part that takes the robot."""
+        sensor, arm, robot = self.table.wrist_sensor, self.arm, self.model.robot
+        slip = self._data().preparation.most_slip
+        if sensor is not None and arm is not None:
+            return lambda log: carried(robot, arm, log, sensor.frame)
+        return None if slip is None else lambda log: without_slip(robot, log, slip)
 
     def _shared_log(self, entry: RecordingTable) -> Log:
         """Return an entry's log; entries of the same log share it."""

@@ -25,7 +25,9 @@ class Motion(NamedTuple):
     """A recording's arrays in the model's order of joints, all of one length.
 
     Torque and weights are those of the model's torque joints.  Where forces of contacts
-    are not measured, the torque is what is left without them, see `ContactMixing`.
+    are not measured, `mixing` takes them out: the torque is what is left, `peaks` are
+    those of the torque before, and `shares` are what is left of each row's squared
+    noise.
     """
 
     q: Array
@@ -200,9 +202,9 @@ def _state(
 
 def _without_contacts(motion: Motion, mixing: ContactMixing) -> Motion:
     """Return a motion whose torque holds no force of unmeasured contacts."""
-    return motion._replace(
-        torque=mixing.mixed(motion.torque),
-        mixing=mixing,
-        peaks=abs(motion.torque).max(axis=0),
-        shares=mixing.shares,
-    )
+    torque, shares = np.empty((2, *motion.torque.shape))
+    for part, maps in mixing.chunks():
+        torque[part] = (maps @ motion.torque[part, :, None])[:, :, 0]
+        shares[part] = np.diagonal(maps, axis1=1, axis2=2)
+    peaks = abs(motion.torque).max(axis=0)
+    return motion._replace(torque=torque, mixing=mixing, peaks=peaks, shares=shares)

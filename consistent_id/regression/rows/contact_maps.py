@@ -96,6 +96,20 @@ def contact_maps(
         yield from _null_spaces(samples, pushes / sigma[:, None], sigma)
 
 
+def contact_pushes(
+    robot: RobotModel,
+    q: Matrix,
+    contacts: Sequence[ContactFlags],
+    rotation: Array | None = None,
+) -> list[Array]:
+    """Return ``J_c^T`` of each contact, shape (samples, 6 + joints, 3 or 6).
+
+    Parameters as of `contact_maps`.
+    """
+    down = _down(robot, contacts, rotation)
+    return [_pushes(robot, q, flags, down) for flags in contacts]
+
+
 def _down(
     robot: RobotModel, contacts: Sequence[ContactFlags], rotation: Array | None
 ) -> Matrix | None:

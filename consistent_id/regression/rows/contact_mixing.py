@@ -89,12 +89,6 @@ class ContactMixing:
         parts = [(M @ values[part, :, None])[:, :, 0] for part, M in self.chunks()]
         return np.concatenate(parts)
 
-    @property
-    def shares(self) -> Matrix:
-        """Part of each row's noise that is left, squared, shape (samples, rows)."""
-        diagonals = [np.diagonal(M, axis1=1, axis2=2) for _, M in self.chunks()]
-        return np.concatenate(diagonals)
-
 
 def unmeasured_contacts(recording: Recording) -> tuple[ContactFlags, ...]:
     """Return the contacts at whose frames no wrench was measured."""
