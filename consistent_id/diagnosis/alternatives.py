@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 
 from consistent_id._support.arrays import IntArray, Matrix, Vector
-from consistent_id._support.minimum import bounded_minimum
 from consistent_id.constraints import FixedMasses
 from consistent_id.diagnosis.channel_factors import ChannelFactors, channel_factors
 from consistent_id.diagnosis.corrections import Cause
@@ -128,6 +127,8 @@ def _other_gain(as_is: FittedLog) -> Iterator[Candidate]:
 
     Several joints carry one body: what they say of it has to agree.
     """
+    from scipy.optimize import minimize_scalar
+
     if as_is.misfit < _EXPLAINED:
         return
     factors = as_is.factors
@@ -146,13 +147,13 @@ def _other_gain(as_is: FittedLog) -> Iterator[Candidate]:
     name, start = min(tried, key=lambda key: tried[key])
     if tried[name, start] * _THRESHOLD > factors.least_misfit():
         return
-    near = bounded_minimum(
+    near = minimize_scalar(
         lambda logarithm: changed(name, logarithm).least_misfit(),
-        start - 0.4,
-        start + 0.4,
-        tolerance=0.005,
+        bounds=(start - 0.4, start + 0.4),
+        method="bounded",
+        options={"xatol": 0.005},
     )
-    factor = float(np.exp(near))
+    factor = float(np.exp(near.x))
     cause = Cause(
         "torque gain",
         name,
@@ -160,7 +161,7 @@ def _other_gain(as_is: FittedLog) -> Iterator[Candidate]:
         f"check the gain and gear ratio of {name}",
         _THRESHOLD,
     )
-    yield Candidate(cause, changed(name, near), as_is.constraints)
+    yield Candidate(cause, changed(name, float(near.x)), as_is.constraints)
 
 
 def _other_clock(as_is: FittedLog) -> Iterator[Candidate]:
@@ -168,6 +169,8 @@ def _other_clock(as_is: FittedLog) -> Iterator[Candidate]:
 
     Gravity knows no time: what weighs in it accelerates in the inertial torque.
     """
+    from scipy.optimize import minimize_scalar
+
     if as_is.misfit < _EXPLAINED:
         return
     model, base = as_is.factors.model, as_is.factors.base
@@ -183,8 +186,8 @@ def _other_clock(as_is: FittedLog) -> Iterator[Candidate]:
         return  # at the ends there is no inertial torque, or nothing else
     if min(tried) * _OF_TIME > tried[_SPEEDS.index(1.0)]:
         return
-    low, high = np.log(_SPEEDS)[[k - 1, k + 1]].tolist()
-    speed = float(np.exp(bounded_minimum(left, low, high)))
+    inner = np.log(_SPEEDS)[[k - 1, k + 1]]
+    speed = float(np.exp(minimize_scalar(left, bounds=inner, method="bounded").x))
     cause = Cause(
         "clock",
         "time",
@@ -232,12 +235,9 @@ def _other_channels(as_is: FittedLog) -> Iterator[Candidate]:
 
 def _cheapest_order(costs: Matrix) -> IntArray:
     """Return the column of each row, all different, with the least sum of costs."""
-    # scipy.optimize has this too, but takes 0.3 s to be imported.
-    from scipy.sparse import csr_matrix
-    from scipy.sparse.csgraph import min_weight_full_bipartite_matching
+    from scipy.optimize import linear_sum_assignment
 
-    below_zero = costs - costs.max() - 1.0  # an entry of zero would be no edge
-    _, order = min_weight_full_bipartite_matching(csr_matrix(below_zero))
+    _, order = linear_sum_assignment(costs)
     return np.asarray(order)
 
 

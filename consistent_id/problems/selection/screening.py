@@ -9,7 +9,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from consistent_id._support.arrays import Array, BoolArray, Matrix, Vector
-from consistent_id._support.nonnegative import nonnegative_least_squares
 from consistent_id.problems.selection.factors import Factors, JointFactors
 from consistent_id.problems.selection.held_out import (
     HeldOut,
@@ -103,6 +102,8 @@ def _drive(A: Array, b: Matrix, nonnegative: BoolArray) -> Matrix:
     b : ndarray, shape (folds, rows)
     nonnegative : ndarray of bool, shape (columns,)
     """
+    from scipy.optimize import nnls
+
     n = A.shape[2]
     norms = np.linalg.norm(A, axis=1)
     unit = np.where(norms > 0.0, norms, 1.0)
@@ -112,10 +113,12 @@ def _drive(A: Array, b: Matrix, nonnegative: BoolArray) -> Matrix:
     sizes = abs(np.diagonal(R[:, :n, :n], axis1=1, axis2=2))
     fine = sizes.min(axis=1, initial=1.0) > _RANK
     y[fine] = np.linalg.solve(R[fine, :n, :n], R[fine, :n, n:])[:, :, 0]
+    free = np.flatnonzero(~nonnegative)
     for fold in np.flatnonzero(~fine | (y[:, nonnegative] < 0.0).any(axis=1)):
-        y[fold] = nonnegative_least_squares(
-            R[fold, :n, :n], R[fold, :n, n], nonnegative, guess=y[fold] > 0.0
-        )
+        columns = R[fold, :n, :n]
+        z, _ = nnls(np.column_stack([columns, -columns[:, free]]), R[fold, :n, n])
+        y[fold] = z[:n]
+        y[fold, free] -= z[n:]
     return y / unit
 
 

@@ -11,19 +11,16 @@ delay maximises the likelihood, ``-sum_j log (sum of squared errors of joint j)`
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector, freeze_arrays
-from consistent_id._support.minimum import bounded_minimum
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.clocks import is_uniform, own_rate, resampled
 from consistent_id.recordings.signals.filters import low_passed
 from consistent_id.recordings.signals.track import Track
-from consistent_id.recordings.signals.uniform_spline import UniformSpline
 
 _ORDER = {"position": 0, "velocity": 1, "acceleration": 2}
 _BAND = 8.0  # sampling rate over the highest cut-off: splines are exact below
@@ -179,9 +176,11 @@ def _filtered_pair(
     longest: float,
     lowest: float,
 ) -> _Pair:
+    from scipy.interpolate import make_interp_spline
+
     smooth = low_passed(first, motion_cutoff=cutoff)
     late = low_passed(second, motion_cutoff=cutoff)
-    spline = UniformSpline.through(smooth.time, smooth.position)
+    spline = make_interp_spline(smooth.time, smooth.position, k=5)
     # What was assumed beyond the ends has died out one period of the cut-off inside.
     margin = 1.0 / lowest
     start = max(first.time[0] + longest, second.time[0]) + margin
@@ -199,7 +198,9 @@ def _filtered_pair(
     return _Pair(
         late.time[inside],
         late.position[inside],
-        *(partial(spline.at, derivative=order + more) for more in range(3)),
+        spline.derivative(order) if order else spline,
+        spline.derivative(order + 1),
+        spline.derivative(order + 2),
     )
 
 
@@ -210,6 +211,8 @@ def _best_shift(
     longest: float,
     near: float | None,
 ) -> Delay:
+    from scipy.optimize import minimize_scalar
+
     y = pair.values - pair.values.mean(axis=0)
     total = np.maximum((y**2).sum(axis=0), np.finfo(np.float64).tiny)
 
@@ -226,8 +229,10 @@ def _best_shift(
         grid = np.unique(np.clip(grid, -longest, longest))
         near = float(grid[np.argmin([cost(shift) for shift in grid])])
     low, high = max(near - step, -longest), min(near + step, longest)
-    best = bounded_minimum(cost, low, high, tolerance=1e-7 / cutoff)
-    delay = _with_error(pair, y, best, joints, cutoff)
+    best = minimize_scalar(
+        cost, bounds=(low, high), method="bounded", options={"xatol": 1e-7 / cutoff}
+    )
+    delay = _with_error(pair, y, float(best.x), joints, cutoff)
     alike = (delay.correlations**2 * total).sum() / total.sum()
     if not alike > _ALIKE:
         raise RecordingError(

@@ -58,20 +58,16 @@ def speed_share(
     top : ndarray, shape (joints,), optional, [rad/s or m/s]
         Top speed of each joint; by default the largest of the recording.
     """
+    from scipy.ndimage import maximum_filter1d
+
     speed = recording.velocity
     if speed is None:
         raise RecordingError(f"{recording.name} has no velocity")
     top = abs(speed).max(axis=0) if top is None else top
     share = np.max(abs(speed) / np.where(top > 0.0, top, np.inf), axis=1)
     step = float(np.median(np.diff(recording.time)))
-    reach = speed_reach(step, window)
-    # The largest within twice as many samples, until there are enough.
-    widest, width = np.pad(share, reach, "edge"), 1
-    while width < 2 * reach + 1:
-        step_on = min(width, 2 * reach + 1 - width)
-        widest = np.maximum(widest[:-step_on], widest[step_on:])
-        width += step_on
-    return np.asarray(widest)
+    width = 2 * speed_reach(step, window) + 1
+    return np.asarray(maximum_filter1d(share, width, mode="nearest"))
 
 
 def speed_reach(step: float, window: float = SPEED_WINDOW) -> int:

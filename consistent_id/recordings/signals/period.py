@@ -3,7 +3,6 @@
 import numpy as np
 
 from consistent_id._support.arrays import IntArray, Matrix, Vector
-from consistent_id._support.minimum import bounded_minimum
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.fourier import fourier_fit, series_columns
@@ -60,6 +59,8 @@ def estimated_period(
 
 def _refined(recording: Recording, guess: float, reach: float, harmonics: int) -> float:
     """Return the period near a guess with which a series leaves least."""
+    from scipy.optimize import minimize_scalar
+
     step = recording.duration / (len(recording) - 1)
     centred = recording.position - recording.position.mean(axis=0)
     scale = np.maximum((centred**2).sum(axis=0), 1e-300)
@@ -72,8 +73,13 @@ def _refined(recording: Recording, guess: float, reach: float, harmonics: int) -
         left = scale - ((Q.T @ centred) ** 2).sum(axis=0)
         return float((left / scale).mean())
 
-    ends = guess - reach, guess + reach
-    return bounded_minimum(misfit, *ends, tolerance=1e-6 * step)
+    best = minimize_scalar(
+        misfit,
+        bounds=(guess - reach, guess + reach),
+        method="bounded",
+        options={"xatol": 1e-6 * step},
+    )
+    return float(best.x)
 
 
 def _self_similar(recording: Recording, low: float, high: float) -> Vector:
