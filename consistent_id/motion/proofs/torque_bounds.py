@@ -18,7 +18,7 @@ from consistent_id.motion.proofs.friction_bounds import (
     directed_friction,
 )
 from consistent_id.motion.proofs.interval import Interval
-from consistent_id.motion.proofs.peaks import Enclosed, Enclosure, peaks
+from consistent_id.motion.proofs.peaks import Enclosed, Enclosure, Peaks, peaks
 from consistent_id.motion.proofs.piecewise import merged, smooth_pieces
 from consistent_id.motion.proofs.torque_motion import SmoothTorque, smooth_torque
 from consistent_id.recordings.paths import JointPath
@@ -137,6 +137,11 @@ def _of_piece(
         cells,
         np.tile(tolerance * scale, 2),
     )
+    return both_ways(found, model)
+
+
+def both_ways(found: Peaks, model: TorqueModel) -> TorqueBounds:
+    """Return peaks of torques, and of their negatives, as bounds of the torques."""
     most, least = np.split(found.reached, 2)
     most_time, least_time = np.split(found.at, 2)
     highest, lowest = np.split(found.bound, 2)

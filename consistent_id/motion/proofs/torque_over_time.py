@@ -11,6 +11,7 @@ from consistent_id.motion.proofs.peaks import peaks
 from consistent_id.motion.proofs.piecewise import merged
 from consistent_id.motion.proofs.torque_bounds import (
     TorqueBounds,
+    both_ways,
     first_cells,
     path_torques,
 )
@@ -44,20 +45,7 @@ def torque_rate_bounds(
             cells,
             np.tile(_TOLERANCE * limit, 2),
         )
-        most, least = np.split(seen.reached, 2)
-        most_time, least_time = np.split(seen.at, 2)
-        highest, lowest = np.split(seen.bound, 2)
-        found.append(
-            TorqueBounds(
-                model.torque_joints,
-                -lowest,
-                highest,
-                -least,
-                most,
-                least_time,
-                most_time,
-            )
-        )
+        found.append(both_ways(seen, model))
     return TorqueBounds(model.torque_joints, *merged(found))
 
 
