@@ -122,6 +122,15 @@ def test_one_gain_that_is_off_is_a_warning_with_its_factor():
     assert "masses" in finding.statement  # which would look the same
 
 
+@pytest.mark.parametrize("load", [0.0, 500.0])
+@pytest.mark.parametrize("gain", [0.7, 1.3])
+def test_a_constant_load_hides_no_gain(load, gain):
+    """A weight that never changes is an offset: it does not make slopes less sure."""
+    (finding,) = _said(lambda g, i, f: gain * (g + i + f) + load)
+    assert (finding.severity, finding.kind) == ("fault", "torque gain")
+    assert _said(lambda g, i, f: g + i + f + load) == []
+
+
 def _tapered():
     """Return the arm with links that differ, as those of a real robot do."""
     model = _arm()
