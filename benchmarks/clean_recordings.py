@@ -1,10 +1,10 @@
 """What is said of real robots' recordings, with default models: none is faulty.
 
 ``python benchmarks/clean_recordings.py [--only ur10e ...] [--results FILE] [--write
-FILE]`` drafts a problem of each recording of ``$CONSISTENT_ID_DATASETS`` and works it through, as
-``consistent-id identify robot.urdf log.parquet`` does: columns, gains and joints are
-stated, the rest is default.  Where drives report no torque, it is made of commands and
-gains, as ``--gains`` does.
+FILE]`` drafts a problem of each recording of ``$CONSISTENT_ID_DATASETS`` and works it
+through, as ``consistent-id identify robot.urdf log.parquet`` does: columns, gains and
+joints are stated, the rest is default.  Where drives report no torque, it is made of
+commands and gains, as ``--gains`` does.
 
 A selected model may be too simple for a robot, and its verdict says so.  But no finding
 may call a recording faulty: nothing is wrong with these.  Nor may a finding say that
