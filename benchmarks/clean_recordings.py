@@ -1,10 +1,10 @@
 """What is said of real robots' recordings, with default models: none is faulty.
 
-``python benchmarks/clean_recordings.py [--only ur10e ...] [--write FILE]`` drafts a
-problem of each recording of ``$CONSISTENT_ID_DATASETS`` and works it through, as
-``consistent-id identify robot.urdf log.parquet`` does: columns, gains and joints are
-stated, the rest is default.  Where drives report no torque, it is made of commands and
-gains, as ``--gains`` does.
+``python benchmarks/clean_recordings.py [--only ur10e ...] [--results FILE] [--write
+FILE]`` drafts a problem of each recording of ``$CONSISTENT_ID_DATASETS`` and works it
+through, as ``consistent-id identify robot.urdf log.parquet`` does: columns, gains and
+joints are stated, the rest is default.  Where drives report no torque, it is made of
+commands and gains, as ``--gains`` does.
 
 A selected model may be too simple for a robot, and its verdict says so.  But no finding
 may call a recording faulty: nothing is wrong with these.  Nor may a finding say that
@@ -17,7 +17,7 @@ import os
 import sys
 import tempfile
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from time import process_time
 from typing import Any
@@ -218,6 +218,16 @@ def _share(value: float | None) -> str:
     return "-" if value is None else percent(value)
 
 
+def kept(file: Path | None) -> dict[str, Answer]:
+    """Return the answers that an earlier run has written."""
+    lines = file.read_text().splitlines() if file and file.exists() else ()
+    records: list[dict[str, Any]] = [json.loads(line) for line in lines]
+    for record in records:
+        for name in ("faults", "warnings", "reasons"):
+            record[name] = tuple(record[name])
+    return {record["recording"]: Answer(**record) for record in records}
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument(
@@ -226,6 +236,7 @@ def main() -> None:
         metavar="PART",
         help="recordings whose name contains one of these",
     )
+    parser.add_argument("--results", type=Path, help="lines of JSON, to resume from")
     parser.add_argument("--write", type=Path, help="write the page here")
     options = parser.parse_args()
     folder = Path(os.environ["CONSISTENT_ID_DATASETS"])
@@ -235,11 +246,14 @@ def main() -> None:
         for robot, path in every
         if any(part in f"{robot.name}/{path.stem}" for part in options.only or [""])
     ]
-    answers = []
+    answers, done = [], kept(options.results)
     with threadpool_limits(1):
         for robot, path in tqdm(cases, file=sys.stderr, disable=None):
-            found = answer(robot, folder, path)
+            found = done.get(f"{robot.name}/{path.stem}") or answer(robot, folder, path)
             answers.append(found)
+            if options.results and found.recording not in done:
+                with options.results.open("a") as stream:
+                    print(json.dumps(asdict(found)), file=stream)
             if options.write is not None:
                 options.write.write_text(page(answers, len(every)))
             print(

@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 from clean_recordings import Robot, completed, draft_of, robots
+from faults import UNNAMED
 from scipy.signal import lfilter
 from threadpoolctl import threadpool_limits
 
@@ -226,7 +227,8 @@ class Outcome:
         """Return how it was answered, beside the error from the whole log."""
         kinds = SPOILS[self.label][0]
         if self.said == "refused" or self.said == "do not use":
-            right = not self.faults or set(self.faults) & set(kinds)
+            causes = set(self.faults) - set(UNNAMED)
+            right = not causes or causes & set(kinds)
             return "refused" if right else "refused, wrong cause"
         if set((*self.faults, *self.warnings)) & set(kinds):
             return "named"

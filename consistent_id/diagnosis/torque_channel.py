@@ -20,6 +20,7 @@ _LOW, _HIGH = 0.8, 1.25
 _ABSENT = 0.2  # slope below which a part is not in the torque
 _THERE = 0.4  # above which it is
 _COMMON = 1.15  # ratio within which the slopes of joints are equal
+_SEVERAL = 3  # joints that do not agree by chance
 _FAR = 2.0  # ratio to one that no drawing's error reaches in all joints
 _CLEAR = 0.1  # standard error over a slope that is a factor of its own
 _EXPLAINED = 0.15  # of the torque, that the nominal model's parts may leave
@@ -46,7 +47,12 @@ def channel_findings(parts: TorqueParts) -> list[Finding]:
     for pattern in _PATTERNS:
         if pattern.applies(parts):
             return [_finding(pattern, parts)]
-    return _common_gain(parts) or _currents(parts) or _single_gains(parts)
+    return (
+        _slow_clock(parts)
+        or _common_gain(parts)
+        or _currents(parts)
+        or _single_gains(parts)
+    )
 
 
 def nothing_findings(parts: TorqueParts) -> list[Finding]:
@@ -180,6 +186,35 @@ _PATTERNS = (
         "bodies can be identified from it; friction and the drives' torque cannot",
     ),
 )
+
+
+def _slow_clock(p: TorqueParts) -> list[Finding]:
+    """Find inertial torque that is too large by one factor, where gravity is right.
+
+    By a clock that runs at a share of its speed, accelerations are too small by its
+    square.  Rotors add to the inertial torque too, but to that of each joint otherwise.
+    """
+    slopes, heavy = p.inertial[p.inertial_shown], p.gravity[p.gravity_error <= _CLEAR]
+    if len(slopes) < _SEVERAL or not len(heavy) or not _explained(p):
+        return []
+    common = float(np.median(slopes))
+    alike = slopes.min() > 0.0 and slopes.max() <= _COMMON**2 * slopes.min()
+    if not alike or common < _HIGH**2 or not _LOW <= np.median(heavy) <= _HIGH:
+        return []
+    speed = 1.0 / np.sqrt(common)
+    return [
+        Finding(
+            "clock",
+            "fault",
+            "time",
+            f"inertial torque is {common:.3g} times the model's in all joints, and "
+            f"gravity is not: the clock runs at some {speed:.2g} of its speed, or "
+            f"rotors add as much to each joint ({_slopes(p)})",
+            f"find out at which rate it was logged: times {speed:.2g}, the time of the "
+            "log would fit",
+            float(np.sqrt(common) / _HIGH),
+        )
+    ]
 
 
 def _common_gain(p: TorqueParts) -> list[Finding]:

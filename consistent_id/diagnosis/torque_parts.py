@@ -20,7 +20,9 @@ from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.scaling import reference_bodies
 
 _CREEP = 0.02  # rad/s or m/s, of the smooth Coulomb term
-_SHOWN = 0.3  # of the torque: a part that is expected to be, or is, so large counts
+# Of what changes in the torque: a part that is expected to be, or is, so large counts.
+# What is constant, as the weight that a sliding trunk carries, is an offset as well.
+_SHOWN = 0.3
 _SURE = 0.15  # standard error of a slope over the slope's scale that can be judged
 
 
@@ -39,9 +41,9 @@ class TorqueParts:
     gravity_shown, inertial_shown, whole_shown : ndarray of bool, shape (joints,)
         Whether the part is large enough, and the slope sure enough, to be judged.
     friction : ndarray, shape (joints,)
-        Root mean square of the friction's part over that of the torque.
+        Root mean square of the friction's part over the torque's standard deviation.
     rest : ndarray, shape (joints,)
-        What no part explains, over the torque.
+        What no part explains, likewise.
     """
 
     joints: tuple[str, ...]
@@ -101,7 +103,7 @@ def _sprung(model: TorqueModel) -> set[str]:
 def _of_joint(
     g: Vector, inertial: Vector, speed: Vector, torque: Vector, spring: Matrix | None
 ) -> tuple[float | bool, ...]:
-    size = float(np.sqrt(np.mean(torque**2))) or 1.0
+    changing = float(np.std(torque)) or 1.0
     friction = [speed, np.tanh(speed / _CREEP), np.ones_like(speed)]
     friction += [] if spring is None else [spring]
     parts = np.column_stack([g, inertial, *friction])
@@ -110,21 +112,22 @@ def _of_joint(
     a, b = fit.solution[:2]
     rubbed = parts[:, 2:4] @ fit.solution[2:4]
     return (
-        *_judged(a, fit.errors[0], float(np.std(g)), size),
-        *_judged(b, fit.errors[1], float(np.std(inertial)), size),
-        *_judged(whole.solution[0], whole.errors[0], float(np.std(g + inertial)), size),
-        float(np.sqrt(np.mean(rubbed**2))) / size,
-        fit.misfit / (size * float(np.sqrt(len(torque)))),
+        *_judged(a, fit.errors[0], g, changing),
+        *_judged(b, fit.errors[1], inertial, changing),
+        *_judged(whole.solution[0], whole.errors[0], g + inertial, changing),
+        float(np.sqrt(np.mean(rubbed**2))) / changing,
+        fit.misfit / (changing * float(np.sqrt(len(torque)))),
     )
 
 
 def _judged(
-    slope: float, error: float, part: float, size: float
+    slope: float, error: float, part: Vector, changing: float
 ) -> tuple[float, float, bool]:
     """Return a slope, its standard error, and whether it can be judged."""
-    large = max(1.0, abs(slope)) * part >= _SHOWN * size
+    size = float(np.std(part))
+    large = max(1.0, abs(slope)) * size >= _SHOWN * changing
     # Of a torque in other units, a slope is known beside what would fill the torque.
-    scale = max(abs(slope), min(1.0, size / part if part > 0.0 else 1.0))
+    scale = max(abs(slope), min(1.0, changing / size if size > 0.0 else 1.0))
     return float(slope), float(error), bool(large and error <= _SURE * scale)
 
 

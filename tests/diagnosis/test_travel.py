@@ -42,7 +42,9 @@ def test_travel_in_degrees_is_far_beyond_the_limits(limits, factor, found):
     assert [f.kind for f in findings] == (["degrees"] if found else [])
 
 
-def test_one_joint_of_four_in_degrees_is_not_all_of_them():
+@pytest.mark.parametrize("factor", [180.0 / np.pi, 100.0, 1e4])
+def test_one_joint_of_four_in_another_unit_is_not_all_of_them(factor):
     log = _swing(1.0)
-    one = replace(log, position=log.position * [180.0 / np.pi, 1.0, 1.0, 1.0])
-    assert travel_findings(_robot(JointLimits(-2.0, 2.0)), one) == []
+    one = replace(log, position=log.position * [1.0, factor, 1.0, 1.0])
+    (finding,) = travel_findings(_robot(JointLimits(-2.0, 2.0)), one)
+    assert (finding.kind, finding.where) == ("encoder scale", log.joints[1])
