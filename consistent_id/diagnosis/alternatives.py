@@ -9,6 +9,7 @@ from consistent_id._support.arrays import IntArray, Matrix, Vector
 from consistent_id._support.minimum import bounded_minimum
 from consistent_id.constraints import FixedMasses
 from consistent_id.diagnosis.channel_factors import ChannelFactors, channel_factors
+from consistent_id.diagnosis.contact import contact
 from consistent_id.diagnosis.corrections import Cause
 from consistent_id.diagnosis.explain import Candidate, FittedLog, thinned
 from consistent_id.diagnosis.jackknife import solution
@@ -44,6 +45,7 @@ def alternatives(as_is: FittedLog) -> list[Candidate]:
         *_other_clock(as_is),
         *late_torque(as_is),
         *missing_parts(as_is),
+        *contact(as_is),
     ]
 
 
