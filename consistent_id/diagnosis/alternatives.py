@@ -16,6 +16,7 @@ from consistent_id.diagnosis.jackknife import solution
 from consistent_id.diagnosis.late_torque import late_torque
 from consistent_id.diagnosis.lost_signs import lost_signs
 from consistent_id.diagnosis.missing_parts import missing_parts
+from consistent_id.diagnosis.other_load import other_loads
 from consistent_id.diagnosis.torque_parts import nominal_parts
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import base_parameters
@@ -39,6 +40,7 @@ def alternatives(as_is: FittedLog) -> list[Candidate]:
     return [
         *_other_gravity(as_is),
         *_other_masses(as_is),
+        *other_loads(as_is),
         *_other_channels(as_is),
         *lost_signs(as_is),
         *_other_gain(as_is),
