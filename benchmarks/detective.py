@@ -41,8 +41,8 @@ stop, steps, noise. Then the torque is regressed on gravity, inertia and
 friction of the nominal robot; the slopes say what the channel is. Nominal
 inertials may be wrong: what follows from wrong masses as well is said so.
 Then candidates are fitted: changes of channels (one entry each in the table
-of `diagnosis/corrections.py`), gravity's direction, other masses, drift,
-coupled joints, contact. Least squares bounds what a physically consistent
+of `diagnosis/corrections.py`), gravity's direction, other masses, another
+load, drift, coupled joints, contact. Least squares bounds what a physically consistent
 robot can explain; only candidates whose bound can win are fitted under
 constraints.
 

@@ -228,8 +228,8 @@ CATALOGUE: dict[str, tuple[tuple[str, ...], Fault]] = {
         (*ROBOT, *GAIN),
         drawn(parts(lambda p, _: {"mass": 2 * p.mass})),
     ),
-    "a mass ten times too small": (
-        (*ROBOT, *GAIN),
+    "a mass ten times too small": (  # of a last link: another load
+        (*ROBOT, *GAIN, "load"),
         drawn(one_part(lambda p, _: {"mass": 0.1 * p.mass})),
     ),
     "a link 30 % too long": (

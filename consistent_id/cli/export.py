@@ -24,7 +24,7 @@ def add_export(commands: Any) -> None:
     command = add_command(
         commands,
         "export",
-        "write the constrained estimate for other programs",
+        "write the estimate that identify delivers for other programs",
         run_export,
         more=_MORE,
         examples=_EXAMPLES,
@@ -39,8 +39,8 @@ def add_export(commands: Any) -> None:
         "--estimate",
         type=Path,
         metavar="FILE",
-        help="an estimate that identify --output wrote (default: the constrained "
-        "one, estimated now)",
+        help="an estimate that identify --output wrote (default: the one that "
+        "identify delivers, estimated now)",
     )
     command.add_argument(
         "--source",
@@ -67,12 +67,11 @@ def run_export(options: argparse.Namespace) -> int:
 
     problem = load_problem(options.problem)
     study = Study(problem, accepted=tuple(options.accept))
-    estimate = (
-        study.constrained
-        if options.estimate is None
-        else Estimate.load(options.estimate, problem.model, study.base)
-    )
-    verdict = study.judged(estimate)
+    if options.estimate is None:
+        estimate, verdict = study.delivered, study.verdict
+    else:
+        estimate = Estimate.load(options.estimate, problem.model, study.base)
+        verdict = study.judged(estimate)
     if not verdict.usable:
         kinds = " ".join(f"--accept {r.kind!r}" for r in verdict.grounds)
         print(
@@ -99,9 +98,10 @@ def run_export(options: argparse.Namespace) -> int:
         "method": estimate.method,
         "verdict": verdict.word,
         "accepted": list(verdict.accepted),
-        "notes": list(export.notes),
+        "notes": [*estimate.notes, *export.notes],
         "written": written and str(written),
     }
-    lines = [verdict.sentence, *(f"  {n}" for n in (*verdict.lines, *export.notes))]
+    notes = (*verdict.lines, *estimate.notes, *export.notes)
+    lines = [verdict.sentence, *(f"  {note}" for note in notes)]
     lines.append(f"written: {written}" if written else "nothing was written")
     return show(options, Answer(0, "\n".join(lines), record))

@@ -124,6 +124,19 @@ def add_draft_options(command: argparse.ArgumentParser) -> None:
     )
     add_band(chosen)
     chosen.add_argument(
+        "--friction-velocity",
+        type=positive,
+        metavar="V",
+        help="width of friction's change of sign, rad/s or m/s",
+    )
+    chosen.add_argument(
+        "--keep",
+        nargs="+",
+        default=(),
+        metavar="WHAT",
+        help="leave as in the plain model: drive terms, least_speed, delay, coupling",
+    )
+    chosen.add_argument(
         "--no-select",
         action="store_true",
         help="viscous and Coulomb friction, an offset; only a cut-off is chosen",
@@ -172,6 +185,8 @@ def draft_of(options: argparse.Namespace, model: Path, logs: Sequence[Path]) -> 
         drive=options.drive,
         cutoff=options.cutoff,
         band=options.band,
+        friction_velocity=options.friction_velocity,
+        keep=options.keep,
         select=not options.no_select,
         progress=shows_progress(options),
         **known_of(options),

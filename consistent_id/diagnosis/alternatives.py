@@ -8,12 +8,14 @@ import numpy as np
 from consistent_id._support.arrays import IntArray, Matrix, Vector
 from consistent_id.constraints import FixedMasses
 from consistent_id.diagnosis.channel_factors import ChannelFactors, channel_factors
+from consistent_id.diagnosis.contact import contact
 from consistent_id.diagnosis.corrections import Cause
 from consistent_id.diagnosis.explain import Candidate, FittedLog, thinned
 from consistent_id.diagnosis.jackknife import solution
 from consistent_id.diagnosis.late_torque import late_torque
 from consistent_id.diagnosis.lost_signs import lost_signs
 from consistent_id.diagnosis.missing_parts import missing_parts
+from consistent_id.diagnosis.other_load import other_loads
 from consistent_id.diagnosis.torque_parts import nominal_parts
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import base_parameters
@@ -37,12 +39,14 @@ def alternatives(as_is: FittedLog) -> list[Candidate]:
     return [
         *_other_gravity(as_is),
         *_other_masses(as_is),
+        *other_loads(as_is),
         *_other_channels(as_is),
         *lost_signs(as_is),
         *_other_gain(as_is),
         *_other_clock(as_is),
         *late_torque(as_is),
         *missing_parts(as_is),
+        *contact(as_is),
     ]
 
 

@@ -40,6 +40,9 @@ _MOST = 0.12  # of the torque: misfit that explains nothing, least squares or no
 _SURE = 0.999  # of a bound on a misfit: what fits are not exact to
 _RIVAL = 1.25  # ratio of misfits within which two causes explain a log alike
 _MIRRORED = ("torque sign", "position sign")  # one and the same at the last joint
+LOAD = "load"
+"""Kind of a load that the model does not have."""
+_NESTED = {LOAD, "masses or gain"}  # the first is one of the second, and says more
 _UNUSUAL = 0.06  # of the torque: clean logs without noise leave 0.5 to 3 %
 # Of friction, that laws with constant coefficients miss: of a UR10e's recordings up to
 # 0.15, as drives warm up, and as gears mesh.
@@ -154,6 +157,8 @@ class Explanations:
             kinds = {e.cause.kind for e in rivals}
             if kinds == set(_MIRRORED) and len({e.cause.where for e in rivals}) == 1:
                 return next(e for e in rivals if e.cause.kind == _MIRRORED[0])
+            if kinds == _NESTED:
+                return next(e for e in rivals if e.cause.kind == LOAD)
             if rivals:
                 beaten = excuse and _RIVAL * explained[0].misfit < rivals[0].misfit
                 return rivals[0] if len(kinds) == 1 and not beaten else None

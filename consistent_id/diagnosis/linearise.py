@@ -93,9 +93,9 @@ def linearised(
     predicted = np.einsum("jps,p->js", columns, x)
     lag = -np.gradient(predicted, 1.0 / rate, axis=1)
     speed = np.asarray(driven.velocity).T
-    friction = _of_own_row(_frictions(speed, predicted))
+    friction = _of_own_row(frictions(speed, predicted))
     known = [columns[:, list(base.independent)], friction]
-    late = _of_own_row(np.gradient(_frictions(speed, predicted), axis=2))
+    late = _of_own_row(np.gradient(frictions(speed, predicted), axis=2))
     unknown = [late, lag[:, None], _by_position(model, x, *states)]
     gains = _of_own_row(predicted[:, None])
     rows = np.concatenate([*known, *unknown, gains, torque[:, None]], axis=1)
@@ -120,7 +120,7 @@ def _phase(recording: Recording) -> Vector | None:
     return np.asarray(recording.time / period % 1.0)
 
 
-def _frictions(speed: Matrix, torque: Matrix) -> Array:
+def frictions(speed: Matrix, torque: Matrix) -> Array:
     """Return shapes of friction that models may lack, (joints, shapes, samples).
 
     Friction at several speeds, whose differences are that of Stribeck, and friction

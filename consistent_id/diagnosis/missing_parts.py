@@ -1,4 +1,4 @@
-"""Causes that residuals look like: drift, springs, coupled joints, contact.
+"""Causes that residuals look like: drift, springs, coupled joints.
 
 What least squares leaves of each joint's torque is regressed on what the model may
 lack.  What takes up most of it is taken off the torque, and the log is fitted again.
@@ -10,11 +10,10 @@ from itertools import combinations
 
 import numpy as np
 
-from consistent_id._support.arrays import BoolArray, Matrix, Vector
+from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.diagnosis.channel_factors import channel_factors
 from consistent_id.diagnosis.corrections import Cause
 from consistent_id.diagnosis.explain import Candidate, FittedLog
-from consistent_id.recordings.recording import Recording
 from consistent_id.regression.motion_arrays import motion_of
 
 _THRESHOLD = 1.3  # ratio of misfits, as in the table of corrections
@@ -23,9 +22,6 @@ _OF_DRIFT = 2.0
 _SHARE = 0.5  # of the squared residual, that what is missing has to take up
 _BOTH = 0.25  # in each of two joints
 _MATTERS = 0.1  # of the largest squared residual: the others' are not looked at
-_WINDOW = 0.3  # of the log, at the most, that a contact lasts
-_INSIDE = 0.8  # of the squared residuals, that are within it
-_FELT = 0.03  # of the torque: misfit of a log in which nothing is touched
 _CREEP = 0.02  # rad/s or m/s, of the smooth Coulomb term
 
 
@@ -93,7 +89,6 @@ def missing_parts(as_is: FittedLog) -> list[Candidate]:
     return [
         *_of_one_joint(as_is, left, matter),
         *_of_pairs(as_is, left, matter),
-        *of_a_while(as_is, left),
     ]
 
 
@@ -153,63 +148,6 @@ def _of_pairs(
         )
         parts = {names[k]: left[k].taken_up(both) for k in (i, j)}
         yield _without(as_is, cause, parts)
-
-
-def of_a_while(as_is: FittedLog, left: list[Residual]) -> Iterator[Candidate]:
-    """Yield the log without the while in which nearly all residuals are.
-
-    A while at either end of a log, nearer than half its length, is when filters settle:
-    no contact is seen in it.
-    """
-    log = as_is.recording
-    if as_is.misfit < _FELT:
-        return
-    weight = np.sum([(r.rest / r.size) ** 2 for r in left], axis=0)
-    inside = window(weight)
-    if inside is None:
-        return
-    near = int(inside.sum()) // 2
-    if inside[: near + 1].any() or inside[len(inside) - near - 1 :].any():
-        return
-    start, stop = log.time[inside][[0, -1]]
-    cause = Cause(
-        "contact",
-        "all joints",
-        f"without {start:.4g} s to {stop:.4g} s",
-        "leave this while out: contact, a load or a fault of the log",
-        _THRESHOLD,
-    )
-    model, base = as_is.factors.model, as_is.factors.base
-    (factors,) = channel_factors(model, base, [_kept(log, ~inside)])
-    yield Candidate(cause, factors, as_is.constraints)
-
-
-def window(weight: Vector) -> BoolArray | None:
-    """Return the shortest while that holds most of a weight, if it is short."""
-    sums = np.concatenate([[0.0], np.cumsum(weight)])
-    most = int(_WINDOW * len(weight))
-    ends = np.searchsorted(sums, sums + _INSIDE * sums[-1])
-    lengths = np.where(ends < len(sums), ends - np.arange(len(sums)), len(sums))
-    first = int(np.argmin(lengths))
-    if lengths[first] > most or lengths[first] < 2:
-        return None
-    inside = np.zeros(len(weight), dtype=np.bool_)
-    # What filters spread, and what least squares took up, is around it.
-    wider = max(int(0.1 * lengths[first]), 2)
-    inside[max(first - wider, 0) : first + int(lengths[first]) + wider] = True
-    return inside
-
-
-def _kept(log: Recording, rows: BoolArray) -> Recording:
-    """Return the samples of a mask."""
-    return replace(
-        log,
-        time=log.time[rows],
-        position=log.position[rows],
-        velocity=np.asarray(log.velocity)[rows],
-        acceleration=np.asarray(log.acceleration)[rows],
-        torque=np.asarray(log.torque)[rows],
-    )
 
 
 def _without(as_is: FittedLog, cause: Cause, parts: dict[str, Vector]) -> Candidate:

@@ -237,9 +237,10 @@ def _common_gain(p: TorqueParts) -> list[Finding]:
             return [_gain("torque unit", "fault", "all joints", statement, 1 / unit, p)]
     if gain > 1.0 and not len(heavy):
         return []
+    load = "the robot carries a load that the model does not have, " * (gain > 1.0)
     statement = (
         f"all torques are {gain:.3g} times the model's: a gain or a gear ratio is "
-        "missing, or all masses of the model are wrong by this factor"
+        f"missing, {load}or all masses of the model are wrong by this factor"
     )
     return [_gain("torque gain", "fault", "all joints", statement, 1 / gain, p)]
 

@@ -1,6 +1,6 @@
 """From a robot and logs to the draft of a problem: what is guessed, and how."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -26,7 +26,7 @@ from consistent_id.problems.log_entries import with_torque
 from consistent_id.problems.model import DEFAULT_DRIVE
 from consistent_id.problems.robot_logs import RobotLogs, robot_logs
 from consistent_id.problems.selection.select import select_model
-from consistent_id.problems.selection.setup import DRIVE
+from consistent_id.problems.selection.setup import DRIVE, KINDS
 from consistent_id.recordings.readers.units import Units
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import PDGains
@@ -53,6 +53,8 @@ def draft_problem(
     drive: Sequence[str] | None = None,
     cutoff: float | None = None,
     band: float | None = None,
+    friction_velocity: float | None = None,
+    keep: Sequence[str] = (),
     select: bool = True,
     progress: bool = False,
     gains: PDGains | None = None,
@@ -95,6 +97,10 @@ def draft_problem(
         Of the motion; by default chosen.
     band : float, optional, [Hz]
         Up to which torque is to be predicted; see `select_model`.
+    friction_velocity : float, optional, [rad/s or m/s]
+        Width of friction's change of sign (`velocity_scale`); by default chosen.
+    keep : sequence of str
+        Of what `select_model` chooses, what stays as in the plain model.
     select : bool
         Whether a model is chosen; else it is viscous and Coulomb friction with an
         offset, and a cut-off of `best_cutoff`.
@@ -118,6 +124,7 @@ def draft_problem(
     training, held_out = [Path(file) for file in given], [Path(f) for f in validation]
     _require_distinct(training, held_out)
     _require_known_bodies(bodies, masses)
+    _require_kinds(keep)
     logs = robot_logs(
         model,
         training[0],
@@ -133,6 +140,8 @@ def draft_problem(
     clock = clock_of(list(raws.values()))
     split = split_logs(raws, clock, whole=bool(held_out))
     table = _plain_drive(gains) if drive is None else _drive_table(drive)
+    if friction_velocity is not None:
+        table = msgspec.structs.replace(table, velocity_scale=friction_velocity)
     chosen = _plain_cutoff(logs, table, split.training, clock, cutoff, select)
     draft = Draft(
         model=model,
@@ -158,7 +167,8 @@ def draft_problem(
     if gains is not None:
         draft = _with_delay(draft)
     if select:
-        draft = _with_model(draft, _fixed(masses, cutoff, drive), band, progress)
+        fixed = {*keep, *_fixed(masses, cutoff, drive, friction_velocity)}
+        draft = _with_model(draft, fixed, band, progress)
     return _with_validation(draft, held_out, logs, clock)
 
 
@@ -192,10 +202,17 @@ def _masses(
 
 
 def _fixed(
-    masses: str | None, cutoff: float | None, drive: Sequence[str] | None
+    masses: str | None,
+    cutoff: float | None,
+    drive: Sequence[str] | None,
+    friction_velocity: float | None,
 ) -> list[str]:
     """Return what is given, and not chosen."""
-    given = {"masses": masses, "motion_cutoff": cutoff}
+    given = {
+        "masses": masses,
+        "motion_cutoff": cutoff,
+        "velocity_scale": friction_velocity,
+    }
     fixed = [kind for kind, value in given.items() if value is not None]
     if drive is not None:
         fixed += [kind for kind in DRIVE if kind != "velocity_scale"]
@@ -247,7 +264,7 @@ def _with_delay(draft: Draft) -> Draft:
 
 
 def _with_model(
-    draft: Draft, fixed: Sequence[str], band: float | None, progress: bool
+    draft: Draft, fixed: Collection[str], band: float | None, progress: bool
 ) -> Draft:
     """Return a draft with the model that its training rows ask for, if they do."""
     try:
@@ -267,6 +284,14 @@ def _require_known_bodies(bodies: str, masses: str | None) -> None:
             "masses are free and bodies are those of the model, which have masses; "
             "leave one of the two out"
         )
+
+
+def _require_kinds(keep: Sequence[str]) -> None:
+    for kind in keep:
+        if kind not in KINDS:
+            raise ProblemError(
+                f"keep: nothing {kind!r} is chosen; {did_you_mean(kind, KINDS)}"
+            )
 
 
 def _plain_drive(gains: PDGains | None) -> DriveTable:

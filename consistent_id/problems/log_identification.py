@@ -27,6 +27,8 @@ def identify_log(
     drive: Sequence[str] | None = None,
     cutoff: float | None = None,
     band: float | None = None,
+    friction_velocity: float | None = None,
+    keep: Sequence[str] = (),
     select: bool = True,
     gains: PDGains | None = None,
     bodies: Literal["identified", "model"] = "identified",
@@ -46,7 +48,7 @@ def identify_log(
         To judge by; by default the last 30 % of each log's motion.
     columns, units, torque_joints, gains, bodies
         See `draft_problem`.
-    masses, drive, cutoff, band, select
+    masses, drive, cutoff, band, friction_velocity, keep, select
         What of the model is given and not chosen; see `draft_problem`.
     base, tip : str, optional
         Links between which the robot moves.
@@ -85,6 +87,8 @@ def identify_log(
         drive=drive,
         cutoff=cutoff,
         band=band,
+        friction_velocity=friction_velocity,
+        keep=keep,
         select=select,
         progress=progress,
         gains=gains,

@@ -99,6 +99,7 @@ def robot_logs(
         currents=len(torque_gain) > 0,
         commands=gains is not None,
         held=_every_joint(model, selection),
+        chains=chains_of(robot),
     )
     require_torque(guess.columns.torque, torque_gain)
     absent = [name for name in robot.joint_names if name not in guess.joints]
@@ -107,6 +108,22 @@ def robot_logs(
         robot = load_robot(model, **asdict(replace(selection, locked=locked)))
     gain = gains_of(torque_gain, len(robot.joint_names))
     return RobotLogs(robot, guess.columns, locked, gain, guess.notes, gains)
+
+
+def chains_of(robot: RobotModel) -> dict[int, tuple[str, ...]] | None:
+    """Return the only chain of so many joints from the base on, by their number.
+
+    None, if the robot has no branches: the first joints are one chain then.
+    """
+    driven = set(robot.joint_names)
+    chains: list[tuple[str, ...]] = []
+    for joint in robot.joints:
+        before = chains[joint.parent] if joint.parent >= 0 else ()
+        chains.append((*before, joint.name) if joint.name in driven else before)
+    if len(max(chains, key=len)) == len(driven):
+        return None
+    numbers = [len(chain) for chain in dict.fromkeys(chains)]
+    return {len(c): c for c in chains if c and numbers.count(len(c)) == 1}
 
 
 def _every_joint(model: Path, selection: Selection) -> tuple[str, ...]:

@@ -75,6 +75,7 @@ def guess_columns(
     currents: bool = False,
     commands: bool = False,
     held: Sequence[str] = (),
+    chains: Mapping[int, Sequence[str]] | None = None,
 ) -> ColumnGuess:
     """Find a log's columns and their units.
 
@@ -96,6 +97,9 @@ def guess_columns(
     held : sequence of str
         All joints in their order, where some are held and are not among `joints`:
         numbered columns may count these as well.
+    chains : mapping of int to sequence of str, optional
+        Of a robot with branches, the only chain of so many joints: the others are
+        proposed to be held, where the log has columns of another number.
 
     Raises
     ------
@@ -131,7 +135,7 @@ def guess_columns(
         if channel == "velocity" and not patterns:
             continue
         if not patterns:
-            raise _not_found(log, channel, names, joints)
+            raise _not_found(log, channel, names, joints, chains)
         best, *others = patterns
         found = _with(found, channel, best)
         if channel == "position":
@@ -272,14 +276,18 @@ def _by_number(
 
 
 def _not_found(
-    log: Path, channel: str, names: Sequence[str], joints: Sequence[str]
+    log: Path,
+    channel: str,
+    names: Sequence[str],
+    joints: Sequence[str],
+    chains: Mapping[int, Sequence[str]] | None,
 ) -> RecordingError:
     example = _EXAMPLES[channel]
     runs = numbered_columns(names)
     others = [run for run in runs if channel_of(run.pattern) == channel]
     more = ""
     if others:
-        more = _of_another_number(others[0], joints)
+        more = _of_another_number(others[0], joints, chains)
     elif channel == "torque" and (currents := _patterns("current", names, joints)):
         more = (
             f" {currents[0].text} are motor currents: the N m per ampere of each "
@@ -293,12 +301,23 @@ def _not_found(
     )
 
 
-def _of_another_number(run: NumberedColumns, joints: Sequence[str]) -> str:
+def _of_another_number(
+    run: NumberedColumns,
+    joints: Sequence[str],
+    chains: Mapping[int, Sequence[str]] | None,
+) -> str:
     """Return what to type where a log has columns of another number of joints."""
     said = (
         f" {run} are {len(run)} columns, the robot has {len(joints)} joints that move"
     )
     if len(run) > len(joints):
         return f"{said}."
-    rest = " ".join(joints[len(run) :])
-    return f"{said}: if the log has the first {len(run)}, hold the rest: --lock {rest}"
+    if chains is None:
+        rest = " ".join(joints[len(run) :])
+        first = f"the first {len(run)}"
+        return f"{said}: if the log has {first}, hold the rest: --lock {rest}"
+    if moved := chains.get(len(run)):
+        rest = " ".join(joint for joint in joints if joint not in moved)
+        ends = f"those from {moved[0]} to {moved[-1]}"
+        return f"{said}: if the log has {ends}, hold the rest: --lock {rest}"
+    return f"{said}: say which stand still: --lock JOINT ... (or --base, --tip LINK)"

@@ -37,6 +37,8 @@ class LogFormat:
         Whether a log may be a folder.
     streams : bool
         Whether it can be read piece by piece, in memory that does not grow with it.
+    states_units : bool
+        Whether arrays may state units: its module has ``array_units(path, names)``.
     """
 
     name: str
@@ -48,6 +50,7 @@ class LogFormat:
     lists_names: bool = True
     folders: bool = False
     streams: bool = False
+    states_units: bool = False
 
     def reader(self, where: object) -> Any:
         """Return the module that reads it.
@@ -71,6 +74,7 @@ HDF5 = LogFormat(
     extra="hdf5",
     lists_names=False,
     streams=True,
+    states_units=True,
 )
 
 LOG_FORMATS = (

@@ -149,6 +149,19 @@ def test_an_estimate_is_exported_for_other_programmes(form, rx60_estimate, capsy
     assert file.stat().st_size > 1000
 
 
+@pytest.mark.slow
+def test_what_is_exported_is_what_identify_delivers(tmp_path, capsys):
+    assert main(["identify", RX60, "--output", str(tmp_path)]) == 0
+    capsys.readouterr()
+    delivered = json.loads((tmp_path / "delivered.json").read_text())["parameters"]
+    arguments = ["export", RX60, "--format", "json", "--output"]
+    assert main([*arguments, str(tmp_path / "robot.json")]) == 0
+    assert "fitted again, after it was judged" in capsys.readouterr().out
+    links = json.loads((tmp_path / "robot.json").read_text())["links"]
+    for link in links:
+        assert link["mass"] == delivered[f"{link['name']}.m"]["value"]
+
+
 def test_a_source_is_for_formats_that_have_one(rx60_estimate, capsys):
     arguments = ["--format", "c", "--output", "x", "--estimate", str(rx60_estimate)]
     assert main(["export", RX60, *arguments, "--source", "robot.urdf"]) == 2

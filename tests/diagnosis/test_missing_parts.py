@@ -7,9 +7,9 @@ import pytest
 from faulty_logs import arm, clean_log, logs
 
 from consistent_id import base_parameters
+from consistent_id.diagnosis.contact import JointResidual, contact, standing_out
 from consistent_id.diagnosis.explain import datasheet_constraints, fitted_log
 from consistent_id.diagnosis.lost_signs import lost_signs
-from consistent_id.diagnosis.missing_parts import Residual, of_a_while
 
 
 def _as_is(log):
@@ -28,19 +28,59 @@ def _pushed(log, start, stop):
     return replace(log, torque=torque)
 
 
-@pytest.mark.parametrize(
-    ("start", "stop", "kinds"),
-    [(0.45, 0.47, ["contact"]), (0.0, 0.03, []), (0.97, 1.0, [])],
-)
-def test_residuals_of_a_while_are_contact_but_at_the_ends_filters_settle(
-    start, stop, kinds
-):
-    as_is = _as_is(_pushed(clean_log(4), start, stop))
-    samples = len(as_is.recording)
-    rest = np.full(samples, 1e-3)
-    rest[int(start * samples) : int(stop * samples)] = 1.0
-    left = [Residual(np.zeros((samples, 0)), rest, 1.0)]
-    assert [c.cause.kind for c in of_a_while(as_is, left)] == kinds
+@pytest.mark.parametrize(("start", "stop"), [(0.45, 0.47), (0.3, 0.45)])
+def test_a_stretch_in_which_something_pushes_is_contact(start, stop):
+    log = _pushed(clean_log(4), start, stop)
+    (found,) = contact(_as_is(log))
+    assert found.cause.kind == "contact"
+    words = found.cause.statement.split()
+    first, last = float(words[1]), float(words[4])
+    pushed = log.time[[int(start * len(log)), int(stop * len(log)) - 1]]
+    assert first <= pushed[0] and last >= pushed[1]
+    # Lengths are whole cells, each half as long again as the one before at the most.
+    assert last - first <= 1.5 * (pushed[1] - pushed[0]) + 4.0 * log.duration / 64
+
+
+@pytest.mark.parametrize(("start", "stop"), [(0.0, 0.03), (0.97, 1.0)])
+def test_at_the_ends_filters_settle_and_nothing_touches(start, stop):
+    assert list(contact(_as_is(_pushed(clean_log(4), start, stop)))) == []
+
+
+def test_friction_that_the_model_lacks_and_a_delay_are_no_contact():
+    log = clean_log(4)
+    speed, torque = np.gradient(log.position, axis=0), np.array(log.torque)
+    load = abs(torque) * np.tanh(speed / (0.05 * abs(speed).max(axis=0)))
+    late = np.roll(torque + 0.2 * load, 3, axis=0)
+    as_is = _as_is(replace(log, torque=late))
+    assert as_is.misfit > 0.03  # else it would not be looked for
+    assert list(contact(as_is)) == []
+
+
+def test_noise_of_its_own_length_and_amplitude_makes_no_contact():
+    rng = np.random.default_rng(0)
+    samples, found = 1000, 0
+    spanned, _ = np.linalg.qr(rng.normal(size=(samples, 12)))
+    smooth = np.exp(-0.5 * (np.arange(-30, 31) / 10.0) ** 2)
+    for _ in range(40):
+        noise = np.convolve(rng.normal(size=samples + 60), smooth, mode="valid")
+        noise *= np.exp(0.5 * np.sin(np.linspace(0.0, 20.0, samples)))
+        rest = noise - spanned @ (spanned.T @ noise)
+        found += standing_out([JointResidual(spanned, rest)]) is not None
+    assert found == 0
+
+
+def test_a_residual_without_samples_is_that_of_the_fit_to_the_others():
+    rng = np.random.default_rng(1)
+    columns, torque = rng.normal(size=(60, 5)), rng.normal(size=60)
+    Q, _ = np.linalg.qr(columns)
+    rest = torque - Q @ (Q.T @ torque)
+    left, others = np.arange(20, 27), np.delete(np.arange(60), np.arange(20, 27))
+    _, squared, _, _ = np.linalg.lstsq(columns[others], torque[others])
+    one = JointResidual(Q, rest)
+    np.testing.assert_allclose(rest @ rest - one.left_out(left), squared[0])
+    without = one.without(left)
+    np.testing.assert_allclose(without.rest @ without.rest, squared[0])
+    assert not without.rest[left].any()
 
 
 @pytest.mark.parametrize("joint", [0, 1])

@@ -7,7 +7,6 @@ import pytest
 from faulty_logs import clean_log
 
 from consistent_id.diagnosis.clock import velocity_findings
-from consistent_id.diagnosis.missing_parts import window
 from consistent_id.diagnosis.signal_faults import (
     frozen_findings,
     jump_findings,
@@ -87,15 +86,6 @@ def test_a_clock_of_another_speed_and_a_late_velocity_are_told_apart():
     (finding,) = velocity_findings(late.samples(slice(20, -20)))
     assert finding.kind == "lag"
     assert "70 ms later" in finding.statement
-
-
-def test_the_while_that_holds_most_of_a_weight_is_found_if_it_is_short():
-    weight = np.full(1000, 1e-3)
-    weight[400:500] = 1.0
-    inside = np.flatnonzero(window(weight))
-    assert 380 <= inside[0] <= 400
-    assert 480 <= inside[-1] <= 520
-    assert window(np.ones(1000)) is None
 
 
 def test_a_joint_at_rest_does_not_jump():

@@ -62,6 +62,24 @@ def test_a_draft_without_a_selection_chooses_its_cutoff_from_the_training_rows(a
     assert "predict each other best" in draft.cutoff_reason
 
 
+def test_what_is_given_is_kept_and_what_is_to_be_plain_is_not_chosen(arm):
+    folder, free = arm
+    chosen = {step.move.kind for step in free.selection.steps}
+    assert chosen  # else nothing would be kept from being chosen
+    files = folder / "arm.urdf", folder / "log.csv"
+    draft = draft_problem(*files, friction_velocity=0.037, keep=sorted(chosen))
+    assert chosen.isdisjoint(step.move.kind for step in draft.selection.steps)
+    terms = draft.problem().model.terms
+    assert {
+        term.velocity_scale
+        for each in terms
+        for term in each.terms
+        if hasattr(term, "velocity_scale")
+    } == {0.037}
+    with pytest.raises(ProblemError, match=r"'lod_friction'.*load_friction"):
+        draft_problem(*files, keep=["lod_friction"])
+
+
 def test_the_file_loads_as_the_problem_that_was_drafted(arm):
     folder, draft = arm
     (folder / "problem.toml").write_text(draft.text(folder))

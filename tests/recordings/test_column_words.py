@@ -238,3 +238,12 @@ def test_what_a_lerobot_follower_is_told_is_a_command_of_position():
     # Policies of legged robots log scaled steps, which no name says to be positions.
     assert channel_of("actions_{index}") == ""
     assert channel_of("observation.state.{joint}.pos") == "position"
+
+
+def test_of_a_robot_with_branches_what_is_not_of_the_chain_is_proposed(tmp_path):
+    names = ["time", *numbered("q_{}", "tau_{}", first=0, count=4)]
+    arm = ("axis_b", "axis_c", "axis_d", "axis_e")
+    with pytest.raises(RecordingError, match=r"from axis_b to axis_e.*axis_a axis_f$"):
+        guessed(tmp_path, names, chains={4: arm})
+    with pytest.raises(RecordingError, match=r"which stand still: --lock JOINT"):
+        guessed(tmp_path, names, chains={})

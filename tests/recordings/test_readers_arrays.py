@@ -12,6 +12,7 @@ import scipy.io
 
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers import Columns, read_recording
+from consistent_id.recordings.readers.log_rows import LogRows
 
 JOINTS = ("elbow", "wrist")
 SAMPLES = 5
@@ -262,14 +263,43 @@ def test_an_array_that_stands_twice_in_npz_is_refused(tmp_path):
         read_recording(tmp_path / "log.npz", ["elbow"])
 
 
-@pytest.mark.parametrize("unit", ["deg", "degrees", b"ms", "rpm", "deg/s"])
-def test_a_dataset_in_another_unit_is_refused(tmp_path, unit):
-    save_hdf5(tmp_path / "log.h5", {"time": TIME, "q_elbow": TIME})
-    with h5py.File(tmp_path / "log.h5", "a") as file:
-        file["q_elbow"].attrs["units"] = unit
-        file["time"].attrs["units"] = "s"
-    with pytest.raises(RecordingError, match=r"'q_elbow' is in .* not converted"):
+def _stating(path, units):
+    """Write a log whose datasets state units."""
+    save_hdf5(path, {"time": TIME, "q_elbow": TIME})
+    with h5py.File(path, "a") as file:
+        for name, unit in units.items():
+            file[name].attrs["units"] = unit
+
+
+@pytest.mark.parametrize("unit", ["ms", "rpm", "deg/s"])
+def test_a_position_that_is_none_by_its_unit_is_refused(tmp_path, unit):
+    _stating(tmp_path / "log.h5", {"q_elbow": unit, "time": "s"})
+    with pytest.raises(RecordingError, match=r"'q_elbow': no unit .* of position"):
         read_recording(tmp_path / "log.h5", ["elbow"])
+
+
+@pytest.mark.parametrize(
+    ("unit", "factor"), [("deg", np.pi / 180), (b"degrees", np.pi / 180), ("AU", 1.0)]
+)
+def test_a_unit_that_a_dataset_states_is_converted(tmp_path, unit, factor):
+    file = tmp_path / "log.h5"
+    _stating(file, {"q_elbow": unit, "time": "ms"})
+    log = read_recording(file, ["elbow"])
+    np.testing.assert_allclose(log.position[:, 0], factor * TIME, rtol=1e-15)
+    np.testing.assert_allclose(log.time, 1e-3 * np.asarray(TIME), rtol=1e-15)
+    rows = LogRows(file, ("elbow",), Columns())
+    (part,) = rows.windows([(0, len(TIME))])
+    np.testing.assert_array_equal(part.position, log.position)
+    np.testing.assert_array_equal(np.concatenate(list(rows.times())), log.time)
+
+
+def test_a_unit_is_not_converted_twice_and_not_contradicted(tmp_path):
+    file = tmp_path / "log.h5"
+    _stating(file, {"q_elbow": "deg"})
+    log = read_recording(file, ["elbow"], Columns(units={"position": "deg"}))
+    np.testing.assert_allclose(log.position[:, 0], np.radians(TIME), rtol=1e-15)
+    with pytest.raises(RecordingError, match=r"'deg', says the file, and in 'rev'"):
+        read_recording(file, ["elbow"], Columns(units={"position": "rev"}))
 
 
 def test_a_group_is_no_dataset(tmp_path):

@@ -13,6 +13,12 @@ from consistent_id.errors import RecordingError
 _PART = re.compile(r"(?P<name>.+)\[(?P<first>\d*):(?P<end>\d*)\]")
 
 
+def stored_name(name: str) -> str:
+    """Return the name of the array that a name is, or is a part, of."""
+    part = _PART.fullmatch(name)
+    return name if part is None else part["name"]
+
+
 def read_parts(
     reader: Any, path: Path, names: Sequence[str]
 ) -> dict[str, NDArray[Any]]:
@@ -31,7 +37,7 @@ def read_parts(
         If there is no such array, or it has no such columns.
     """
     parts = {name: _PART.fullmatch(name) for name in names}
-    stored = [m["name"] if m else name for name, m in parts.items()]
+    stored = [stored_name(name) for name in parts]
     arrays = reader.read_arrays(path, list(dict.fromkeys(stored)))
     found: dict[str, NDArray[Any]] = {}
     for (name, part), source in zip(parts.items(), stored, strict=True):

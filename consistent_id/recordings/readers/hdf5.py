@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from consistent_id._support.inputs import require_unpacked
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers.named_arrays import Arrays
-from consistent_id.recordings.readers.units import refuse_units_of_an_attribute
 from consistent_id.robot.parameters import did_you_mean
 
 _NUMBERS = (
@@ -37,6 +36,32 @@ def read_arrays(path: Path, names: Sequence[str]) -> Arrays:
         If the file is not HDF5, or a path is missing or leads to something else.
     """
     return _datasets(path, {name: name for name in names})
+
+
+def array_units(path: Path, names: Sequence[str]) -> dict[str, str]:
+    """Return what attributes state as the units of the named datasets.
+
+    Raises
+    ------
+    RecordingError
+        As `read_arrays`.
+    """
+    import h5py
+
+    said: dict[str, str] = {}
+    try:
+        with h5py.File(path, "r") as file:
+            for name in names:
+                attributes = _dataset(path, file, name, name).attrs
+                for key in ("units", "unit"):
+                    unit = attributes.get(key)
+                    if isinstance(unit, bytes):
+                        unit = unit.decode(errors="replace")
+                    if isinstance(unit, str):
+                        said[name] = unit
+    except _UNREADABLE as cause:
+        raise RecordingError(f"{path}: not readable as HDF5: {cause}") from None
+    return said
 
 
 def read_batches(path: Path, names: Sequence[str], first: int) -> Iterator[Arrays]:
@@ -114,10 +139,6 @@ def _dataset(path: Path, file: Any, name: str, place: str) -> Any:
     if not isinstance(found, h5py.Dataset):
         near = did_you_mean(place, (f"{place}/{key}" for key in found))
         raise RecordingError(f"{where} is a group, expected a dataset; {near}")
-    for key in ("units", "unit"):
-        if isinstance(unit := found.attrs.get(key), str | bytes):
-            text = unit.decode(errors="replace") if isinstance(unit, bytes) else unit
-            refuse_units_of_an_attribute(where, text)
     kind = found.attrs.get("MATLAB_class", b"double")
     kind = kind.decode(errors="replace") if isinstance(kind, bytes) else str(kind)
     if kind not in _NUMBERS or found.attrs.get("MATLAB_empty", 0):

@@ -10,13 +10,13 @@ from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Vector
 from consistent_id.errors import RecordingError
-from consistent_id.recordings.readers.columns import Columns, wanted
+from consistent_id.recordings.readers.columns import Columns
 from consistent_id.recordings.readers.named_arrays import (
     Arrays,
     recording_of,
     vector_of,
 )
-from consistent_id.recordings.readers.recording_file import reader_of
+from consistent_id.recordings.readers.recording_file import reader_of, wanted_of
 from consistent_id.recordings.readers.units import factors
 from consistent_id.recordings.recording import Recording
 
@@ -45,7 +45,8 @@ class LogRows:
     def times(self) -> Iterator[Vector]:
         """Yield the times of all rows, some at a time [s]."""
         name = self.columns.time
-        (unit,) = set(factors(self.columns.units, "time", self.joints[:1]).tolist())
+        units = wanted_of(self.path, self.columns, self.joints).units
+        (unit,) = set(factors(units, "time", self.joints[:1]).tolist())
         for arrays in self._batches([name], 0):
             yield vector_of(arrays, name, str(self.path)) * unit
 
@@ -54,7 +55,7 @@ class LogRows:
 
         Neither the first nor the last rows of the ranges may decrease.
         """
-        want = wanted(self.columns, self.joints, str(self.path))
+        want = wanted_of(self.path, self.columns, self.joints)
         held: deque[Arrays] = deque()
         batches: Iterator[Arrays] | None = None
         begin = end = 0

@@ -9,13 +9,19 @@ from numpy.typing import ArrayLike
 from consistent_id._support.inputs import require_regular
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.log_formats import LOG_FORMATS, log_format
-from consistent_id.recordings.readers.array_parts import read_parts
-from consistent_id.recordings.readers.columns import JOINT_STATE, Columns, wanted
+from consistent_id.recordings.readers.array_parts import read_parts, stored_name
+from consistent_id.recordings.readers.columns import (
+    JOINT_STATE,
+    Columns,
+    Wanted,
+    wanted,
+)
 from consistent_id.recordings.readers.jointstate import (
     joint_state_fields,
     recording_of_messages,
 )
 from consistent_id.recordings.readers.named_arrays import recording_of
+from consistent_id.recordings.readers.stated_units import in_stated_units
 from consistent_id.recordings.recording import Recording
 
 
@@ -40,7 +46,8 @@ def read_recording(
     joints : sequence of str
         Names of the joints to read.
     columns : Columns
-        Names of the columns, in SI units (s, rad, m, N m, N); by default
+        Names of the columns, in SI units (s, rad, m, N m, N) or in those that it
+        states; attributes ``units`` of HDF5 datasets are read.  By default
         ``Columns()`` and, of a bag, `JOINT_STATE`.
     torque_gain : array_like, shape () or (joints,)
         Factor from the torque column to torque, such as a drive's N m per ampere.
@@ -79,7 +86,7 @@ def read_recording(
         raise RecordingError(
             f"{path}: topic {topic!r} is asked for, but only bags have topics"
         )
-    want = wanted(columns or Columns(), joints, str(path))
+    want = wanted_of(path, columns or Columns(), joints)
     return recording_of(
         read_parts(reader_of(path), path, want.names),
         want,
@@ -88,6 +95,23 @@ def read_recording(
         torque_gain=torque_gain,
         omit=omit,
     )
+
+
+def wanted_of(path: Path, columns: Columns, joints: Sequence[str]) -> Wanted:
+    """Return what is wanted of a file of arrays, in the units that it states.
+
+    Raises
+    ------
+    RecordingError
+        As `wanted` and `in_stated_units`.
+    """
+    want = wanted(columns, joints, str(path))
+    if not log_format(path).states_units:
+        return want
+    stored = {name: stored_name(name) for name in want.names}
+    said = reader_of(path).array_units(path, list(dict.fromkeys(stored.values())))
+    of_names = {name: said[at] for name, at in stored.items() if at in said}
+    return in_stated_units(want, of_names, str(path))
 
 
 def column_names(path: Path) -> tuple[str, ...]:

@@ -220,16 +220,6 @@ def refuse_units_of_a_name(where: str, channel: str, pattern: str) -> None:
         )
 
 
-def refuse_units_of_an_attribute(where: str, unit: str) -> None:
-    """Refuse an array whose file says that its unit is not SI.
-
-    Raises
-    ------
-    RecordingError
-        If the unit is one of time or motion that is not SI.
-    """
-    if _UNIT.fullmatch(unit.strip()):
-        raise RecordingError(
-            f"{where} is in {unit!r}, says the file; values are read in s, "
-            "rad and m, not converted. Convert them first: recording_from takes arrays"
-        )
+def is_other_unit(text: str) -> bool:
+    """Return whether a text is a unit of time or motion that is not SI."""
+    return _UNIT.fullmatch(text.strip()) is not None

@@ -1,0 +1,198 @@
+"""Contact: a stretch of the log whose torque the model with friction does not explain.
+
+The log is cut into cells.  What least squares leaves of a stretch that it did not learn
+from is compared with what it leaves of each other cell, all by the model with friction
+that the model may lack and with a lag: what these explain is no contact.  Residuals of
+real robots differ from cell to cell, so that the other cells say how much is usual.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from consistent_id._support.arrays import BoolArray, IntArray, Matrix, Vector
+from consistent_id.diagnosis.channel_factors import channel_factors
+from consistent_id.diagnosis.corrections import Cause
+from consistent_id.diagnosis.explain import Candidate, FittedLog
+from consistent_id.diagnosis.linearise import frictions
+from consistent_id.recordings.recording import Recording
+from consistent_id.regression.motion_arrays import motion_of
+
+_THRESHOLD = 1.3  # ratio of misfits, as in the table of corrections
+_FELT = 0.03  # of the torque: misfit of a log in which nothing is touched
+_CELLS = 64
+_LENGTHS = (1, 2, 3, 4, 6, 8, 12, 16)  # cells of a stretch: a quarter at the most
+_TRIED = 6  # stretches of each length, those of the largest residuals
+_TINY = 1e-300  # instead of a residual of zero, of which there is no logarithm
+_RANK = 1e-6  # of what a direction is told by, below which the rest does not tell it
+# Bound on the chance that one of all stretches stands out so far by itself.  In the
+# recordings of the UR10e, the KR300, the TX40 and TIAGo, in which nothing is touched,
+# it is 0.04 or more, whatever delay of 0 to 8 ms the UR10e's torque is given.
+_CHANCE = 1e-4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointResidual:
+    """What least squares leaves of a joint's torque.
+
+    Parameters
+    ----------
+    spanned : ndarray, shape (samples, columns)
+        Orthonormal columns of the model.
+    rest : ndarray, shape (samples,)
+        Relative to the norm of the torque.
+    """
+
+    spanned: Matrix
+    rest: Vector
+
+    def left_out(self, samples: IntArray) -> float:
+        """Return by how much the squared residual falls if samples are left out.
+
+        ``r' (I - Q Q')^-1 r``: the squared error of their prediction from the others,
+        over the variance factor of that prediction.
+        """
+        Q, r = self.spanned[samples], self.rest[samples]
+        seen = Q.T @ r
+        told, directions = np.linalg.eigh(np.eye(Q.shape[1]) - Q.T @ Q)
+        kept = told > _RANK
+        along = directions[:, kept].T @ seen
+        return float(r @ r + along @ (along / told[kept]))
+
+    def without(self, samples: IntArray) -> "JointResidual":
+        """Return the residual of a fit without samples; theirs is set to zero."""
+        others = np.delete(np.arange(len(self.rest)), samples)
+        U, s, _ = np.linalg.svd(self.spanned[others], full_matrices=False)
+        U = U[:, s**2 > _RANK]
+        spanned = np.zeros((len(self.rest), U.shape[1]))
+        spanned[others] = U
+        rest = np.zeros_like(self.rest)
+        rest[others] = self.rest[others] - U @ (U.T @ self.rest[others])
+        return JointResidual(spanned, rest)
+
+
+def contact(as_is: FittedLog) -> Iterator[Candidate]:
+    """Yield the log without the stretch that stands out, if one does.
+
+    A stretch at either end of a log, nearer than half its length, is when filters
+    settle: no contact is seen in it.
+    """
+    log = as_is.recording
+    if as_is.misfit < _FELT or len(log) < 2 * _CELLS:
+        return
+    inside = standing_out(joint_residuals(as_is))
+    if inside is None:
+        return
+    start, stop = log.time[inside][[0, -1]]
+    cause = Cause(
+        "contact",
+        "all joints",
+        f"without {start:.4g} s to {stop:.4g} s",
+        "leave this stretch out: contact, a load or a fault of the log",
+        _THRESHOLD,
+    )
+    model, base = as_is.factors.model, as_is.factors.base
+    (factors,) = channel_factors(model, base, [_kept(log, ~inside)])
+    yield Candidate(cause, factors, as_is.constraints)
+
+
+def joint_residuals(as_is: FittedLog) -> list[JointResidual]:
+    """Return what the model leaves with a lag and friction that it may lack."""
+    model = as_is.factors.model
+    motion = motion_of(model, as_is.recording, None)
+    Y = model.regressor(motion.q, motion.dq, motion.ddq)
+    torque = np.einsum("jps,p->js", Y, as_is.fit.parameters)
+    speed = np.asarray(as_is.recording.of(model.torque_joints).velocity).T
+    lacking = np.concatenate(
+        [frictions(speed, torque), np.gradient(torque, axis=1)[:, None]], axis=1
+    )
+    found = []
+    for row, more, tau in zip(Y, lacking, motion.torque.T, strict=True):
+        columns = np.vstack([row[list(as_is.factors.base.independent)], more]).T
+        norms = np.linalg.norm(columns, axis=0)
+        unit = columns[:, norms > 0.0] / norms[norms > 0.0]
+        U, s, _ = np.linalg.svd(unit, full_matrices=False)
+        spanned = U[:, s > _RANK * s.max(initial=0.0)]
+        rest = tau - spanned @ (spanned.T @ tau)
+        size = max(float(np.linalg.norm(tau)), _TINY)
+        found.append(JointResidual(spanned, rest / size))
+    return found
+
+
+def standing_out(residuals: list[JointResidual]) -> BoolArray | None:
+    """Return the samples of the stretch that stands out; None if there is none."""
+    samples = len(residuals[0].rest)
+    cells = np.array_split(np.arange(samples), _CELLS)
+    first, stop = _likeliest(residuals, cells)
+    stretch = np.concatenate(cells[first:stop])
+    if _chance(residuals, cells, first, stop) > _CHANCE:
+        return None
+    inside = np.zeros(samples, dtype=np.bool_)
+    # What filters spread is in half a cell on either side.
+    wider = max(len(cells[0]) // 2, 1)
+    inside[max(stretch[0] - wider, 0) : stretch[-1] + 1 + wider] = True
+    return inside
+
+
+def _likeliest(
+    residuals: list[JointResidual], cells: list[IntArray]
+) -> tuple[int, int]:
+    """Return the cells between which the residual most likely has another variance.
+
+    The likelihood ratio of two variances, one inside and one outside, to one variance.
+    """
+    energy = np.array(
+        [sum(float(r.rest[c] @ r.rest[c]) for r in residuals) for c in cells]
+    )
+    sums = np.concatenate([[0.0], np.cumsum(energy)])
+    whole = max(float(sums[-1]), _TINY)
+    best, found = -np.inf, (0, 1)
+    for count in _LENGTHS:
+        near = max(count // 2, 1)
+        firsts = np.arange(near, len(cells) - count - near + 1, near)
+        largest = np.argsort(sums[firsts] - sums[firsts + count])[:_TRIED]
+        for first in firsts[largest]:
+            stretch = np.concatenate(cells[first : first + count])
+            part = sum(r.left_out(stretch) for r in residuals) / whole
+            share, outside = count / len(cells), max(1.0 - part, _TINY)
+            gain = -share * np.log(max(part, _TINY) / share)
+            gain -= (1.0 - share) * np.log(outside / (1.0 - share))
+            if part > share and gain > best:
+                best, found = gain, (int(first), int(first + count))
+    return found
+
+
+def _chance(
+    residuals: list[JointResidual], cells: list[IntArray], first: int, stop: int
+) -> float:
+    """Return the chance that some stretch has so large a residual by itself.
+
+    Logarithms of the residuals of cells are taken to be normal, with the mean and the
+    variance that the cells outside have: Student's t, times the number of stretches.
+    """
+    from scipy.special import stdtr
+
+    stretch = np.concatenate(cells[first:stop])
+    others = [r.without(stretch) for r in residuals]
+    outside = [*cells[: max(first - 1, 0)], *cells[stop + 1 :]]
+    usual = np.log(
+        [max(sum(r.left_out(cell) for r in others), _TINY) for cell in outside]
+    )
+    most = sum(r.left_out(stretch) for r in residuals) / (stop - first)
+    n = len(usual)
+    spread = max(float(usual.std(ddof=1)), _TINY) * np.sqrt(1.0 + 1.0 / n)
+    t = (np.log(max(most, _TINY)) - usual.mean()) / spread
+    return float(len(_LENGTHS) * len(cells) * stdtr(n - 1, -t))
+
+
+def _kept(log: Recording, rows: BoolArray) -> Recording:
+    """Return the samples of a mask."""
+    return replace(
+        log,
+        time=log.time[rows],
+        position=log.position[rows],
+        velocity=np.asarray(log.velocity)[rows],
+        acceleration=np.asarray(log.acceleration)[rows],
+        torque=np.asarray(log.torque)[rows],
+    )
