@@ -1,7 +1,8 @@
 """What compiled code saves, and after how many samples it has paid for itself.
 
-``python benchmarks/compiled.py [--samples 200000]``.  Processor seconds, one thread,
-the least of several runs; look at the ratios.
+``python benchmarks/compiled.py [--samples 200000] [--chunk 4072]``.  Processor seconds,
+one thread, the least of several runs; look at the ratios.  ``--chunk`` concerns the
+regressor alone.
 """
 
 import argparse
@@ -14,6 +15,7 @@ from speed import arm, log
 
 import consistent_id as ci
 from consistent_id.regression.compiled import compiler, entries
+from consistent_id.regression.regressor import CHUNK
 
 
 def least(call: Callable[[], object], runs: int = 5) -> float:
@@ -26,7 +28,7 @@ def least(call: Callable[[], object], runs: int = 5) -> float:
     return min(times)
 
 
-def measured(samples: int) -> str:
+def measured(samples: int, chunk: int) -> str:
     """Return a table, after checking that a compiler was at hand."""
     os.environ[compiler.SWITCH] = "0"
     model = arm()
@@ -34,7 +36,7 @@ def measured(samples: int) -> str:
     state = data.position, data.velocity, data.acceleration
 
     def regressor() -> None:
-        for _ in model.chunks(*state):
+        for _ in model.chunks(*state, chunk):
             pass
 
     calls = {
@@ -97,10 +99,11 @@ def main() -> None:
     """Measure with a folder of compiled files of its own."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--samples", type=int, default=200_000)
-    samples = parser.parse_args().samples
+    parser.add_argument("--chunk", type=int, default=CHUNK)
+    options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         os.environ["XDG_CACHE_HOME"] = folder
-        print(measured(samples))
+        print(measured(options.samples, options.chunk))
 
 
 if __name__ == "__main__":

@@ -43,8 +43,12 @@ from consistent_id.regression.row_names import (
 from consistent_id.robot.model import RobotModel
 from consistent_id.robot.parameters import ParameterLayout
 
-CHUNK = 4096
-"""Samples per chunk: keeps the recursion's arrays in the processor's cache."""
+CHUNK = 4072
+"""Samples per chunk: keeps the recursion's arrays in the processor's cache.
+
+An odd multiple of a line of the cache, which holds 8 numbers.  Columns that lie a power
+of two apart share few places there: try ``benchmarks/compiled.py --chunk 4096``.
+"""
 
 
 _Room = TypeVar("_Room", Array, KeptColumns)

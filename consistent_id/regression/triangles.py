@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from consistent_id._support.arrays import Matrix
+from consistent_id.regression.compiled.triangle import eliminator
 
 _PANEL = 8  # columns that a QR eliminates at a time: 4 to 16 are equally fast
 
@@ -22,7 +23,13 @@ def extended(R: Matrix, rows: Matrix) -> Matrix:
     if len(R) < width:
         R, above = np.zeros((width, width), order="F"), R
         R[: len(above)] = above
-    factor, *_ = _tpqrt()(0, min(_PANEL, width), R, rows, overwrite_a=1, overwrite_b=1)
+    eliminated = eliminator(len(rows), _by_lapack) or _by_lapack
+    return eliminated(R, rows)
+
+
+def _by_lapack(R: Matrix, rows: Matrix) -> Matrix:
+    panel = min(_PANEL, R.shape[1])
+    factor, *_ = _tpqrt()(0, panel, R, rows, overwrite_a=1, overwrite_b=1)
     return np.asarray(factor)
 
 

@@ -24,7 +24,10 @@ SWITCH = "CONSISTENT_ID_COMPILED"
 
 _COMPILERS = ("cc", "gcc", "clang")
 # Sums and products are never fused, so that bits are those of NumPy.
-_FLAGS = ("-std=gnu99", "-O1", "-ffp-contract=off", "-shared", "-fPIC", "-w")
+_FLAGS = (
+    *("-std=gnu99", "-ffp-contract=off", "-fno-math-errno"),
+    *("-shared", "-fPIC", "-w"),
+)
 _PATIENCE = 120.0  # s: above, something is wrong with the compiler
 _KEPT = 64  # compiled files, the youngest
 _DIGITS = 24  # of digests in names of files
@@ -37,12 +40,12 @@ def switched_on() -> bool:
     return os.environ.get(SWITCH, "1") != "0" and os.name == "posix"
 
 
-def loaded(source: str, name: str) -> Any | None:
-    """Return a function that was compiled before, or None."""
+def loaded(source: str, name: str, effort: str = "-O1") -> Any | None:
+    """Return a function that was compiled before with as much effort, or None."""
     folder = _folder()
     if folder is None:
         return None
-    for path in folder.glob(f"{_key(source)}-*.so"):
+    for path in folder.glob(f"{_key(source, effort)}-*.so"):
         try:
             data = path.read_bytes() if _is_own(path) else b""
             if path.stem.endswith(f"-{_digest(data)}"):
@@ -52,8 +55,11 @@ def loaded(source: str, name: str) -> Any | None:
     return None
 
 
-def compiled(source: str, name: str) -> Any | None:
-    """Return a function of C source, compiled now; None if that is not possible."""
+def compiled(source: str, name: str, effort: str = "-O1") -> Any | None:
+    """Return a function of C source, compiled now; None if that is not possible.
+
+    The effort is the compiler's option for how much it optimises.
+    """
     folder, compiler = _folder(), _compiler()
     if folder is None or compiler is None:
         return None
@@ -61,21 +67,21 @@ def compiled(source: str, name: str) -> Any | None:
         with tempfile.TemporaryDirectory(dir=folder) as scratch:
             code, result = Path(scratch, "code.c"), Path(scratch, "code.so")
             code.write_text(source)
-            call = [compiler, *_FLAGS, *_of_this_machine()[0], str(code), "-o"]
+            call = [compiler, effort, *_FLAGS, *_of_this_machine()[0]]
             subprocess.run(
-                [*call, str(result)],
+                [*call, str(code), "-o", str(result)],
                 stdin=subprocess.DEVNULL,
                 capture_output=True,
                 timeout=_PATIENCE,
                 check=True,
             )
-            named = f"{_key(source)}-{_digest(result.read_bytes())}.so"
+            named = f"{_key(source, effort)}-{_digest(result.read_bytes())}.so"
             os.replace(result, folder / named)
         _forget_oldest(folder)
     except (OSError, subprocess.SubprocessError) as cause:
         _log.debug("not compiled: %s", cause)
         return None
-    return loaded(source, name)
+    return loaded(source, name, effort)
 
 
 @cache
@@ -96,8 +102,8 @@ def _of_this_machine() -> tuple[Sequence[str], str]:
     return (("-march=native",), machine + abilities) if abilities else ((), machine)
 
 
-def _key(source: str) -> str:
-    return _digest("\0".join([source, *_FLAGS, _of_this_machine()[1]]).encode())
+def _key(source: str, effort: str) -> str:
+    return _digest("\0".join([source, effort, *_FLAGS, _of_this_machine()[1]]).encode())
 
 
 def _digest(data: bytes) -> str:
