@@ -322,3 +322,21 @@ def test_a_tool_stays_in_its_box_from_rest_to_rest(tmp_path):
     q = free.trajectory.evaluate(np.linspace(0.0, 6.0, 2001), 0)[0]
     height = 0.6 * np.sin(q[:, 1]) + 0.5 * np.sin(q[:, 1] + q[:, 2])
     assert height.min() < -0.3
+
+
+@pytest.mark.slow
+def test_a_tool_points_into_its_cone_from_rest_to_rest(tmp_path):
+    cone = (
+        'cones = [{ link = "link3", angle_deg = 40.0, axis = [0.0, 0.0, 1.0], '
+        "direction = [1.0, 0.0, 0.0] }]"
+    )
+    problem = scene_problem(tmp_path, ARM, scene=cone, excitation="rest = false")
+    found = playable_design(problem, starts=1, workers=1, time_limit=60.0)
+    move = found.moves["trajectory"]
+    q = move.evaluate(np.linspace(0.0, move.duration, 2001), 0)[0]
+    # Joints two and three turn in one plane: the forearm's elevation is their sum.
+    steepness = np.degrees(np.arccos(np.sin(q[:, 1] + q[:, 2])))
+    assert steepness.max() <= 40.0
+    free, _ = _blind(problem, found.design)
+    q = free.trajectory.evaluate(np.linspace(0.0, 6.0, 2001), 0)[0]
+    assert np.sin(q[:, 1] + q[:, 2]).min() < np.cos(np.radians(40.0))
