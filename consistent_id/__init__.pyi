@@ -106,6 +106,10 @@ from consistent_id.motion.collisions.bodies import (
     plane,
 )
 from consistent_id.motion.collisions.clearance import ClearanceReport, prove_clearance
+from consistent_id.motion.collisions.orientation_cones import (
+    OrientationCone,
+    within_cones,
+)
 from consistent_id.motion.collisions.planning_scene import planning_scene_bodies
 from consistent_id.motion.collisions.scene import Scene
 from consistent_id.motion.collisions.scene_building import build_scene
@@ -352,6 +356,7 @@ __all__ = [
     "NonNegativeDrive",
     "NotExcitedError",
     "Orientation",
+    "OrientationCone",
     "PDGains",
     "ParameterBounds",
     "PathError",
@@ -536,6 +541,7 @@ __all__ = [
     "validation_trajectory",
     "weighted_least_squares",
     "with_shapes",
+    "within_cones",
     "within_workspaces",
     "without",
     "without_rests",

@@ -8,6 +8,7 @@ from typing import Any
 from consistent_id.cli.answers import Answer, answered, shows_progress
 from consistent_id.cli.excite_options import (
     add_motion_options,
+    add_parameters,
     add_part,
     motion_changes,
 )
@@ -21,6 +22,7 @@ consistent-id excite robot.urdf --acceleration 5 --duration 20
 consistent-id excite problems/rx60 --time-limit 3 --output results/motion
 consistent-id excite problems/rx60 --objective D --output results/least-errors
 consistent-id excite problems/ur10e --sequential --starts 8 --seed 1
+consistent-id excite problems/arm --earlier regression.json
 """
 
 
@@ -59,14 +61,15 @@ def add_excite(commands: Any) -> None:
         help="count the information of the problem's training recordings",
     )
     command.add_argument(
-        "--parameters",
+        "--earlier",
         type=Path,
         nargs="+",
         default=(),
-        metavar="ESTIMATE",
-        help="estimates that identify wrote, such as delivered.json: torque limits are "
-        "kept by the worst of them, in place of the robot's file without friction",
+        metavar="REGRESSION",
+        help="count the information of recordings that compress wrote, such as "
+        "regression.json, too",
     )
+    add_parameters(command)
     command.add_argument(
         "--format",
         default="csv,yaml",
@@ -99,6 +102,7 @@ def _excite(options: argparse.Namespace) -> Answer:
     from consistent_id.excitation.playable import TRAINING, playable_design
     from consistent_id.excitation.replay import require_viewer
     from consistent_id.excitation.sources import (
+        earlier_recordings,
         estimated_parameters,
         problem_to_excite,
         with_open_parameters,
@@ -110,6 +114,7 @@ def _excite(options: argparse.Namespace) -> Answer:
     problem = problem_to_excite(options.problem, motion_changes(options), part)
     problem = with_open_parameters(problem, options.parameters)
     parameters = estimated_parameters(problem, options.parameters)
+    earlier = earlier_recordings(problem, options.earlier)
     folder = options.output or Path("results") / problem.name
     if options.replay:
         require_viewer(folder / output.REPLAY)
@@ -126,6 +131,7 @@ def _excite(options: argparse.Namespace) -> Answer:
         seed=options.seed,
         workers=options.workers,
         sequential=options.sequential,
+        earlier=earlier,
         progress=shows_progress(options),
     )
     written = [*_drafted(options, folder)]

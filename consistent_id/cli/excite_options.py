@@ -114,6 +114,20 @@ def _words(text: str) -> list[str]:
     return [word.strip() for word in text.split(",")]
 
 
+def add_parameters(command: argparse.ArgumentParser, more: str = "") -> None:
+    """Take files of estimates."""
+    command.add_argument(
+        "--parameters",
+        type=Path,
+        nargs="+",
+        default=(),
+        metavar="ESTIMATE",
+        help="estimates that identify wrote, such as delivered.json: torque limits are "
+        "kept by the worst of them, in place of the robot's file without friction"
+        + more,
+    )
+
+
 def add_part(command: argparse.ArgumentParser) -> None:
     """Take the part of a robot's file that moves."""
     command.add_argument(

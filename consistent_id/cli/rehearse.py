@@ -6,6 +6,7 @@ from typing import Any
 from consistent_id.cli.answers import Answer, answered, shows_progress
 from consistent_id.cli.excite_options import (
     add_motion_options,
+    add_parameters,
     add_part,
     motion_changes,
 )
@@ -20,6 +21,7 @@ _EXAMPLES = """
 consistent-id rehearse problems/rx60
 consistent-id rehearse robot.urdf --acceleration 5 --robots 5
 consistent-id rehearse robot.urdf --rivals
+consistent-id rehearse problems/arm --for open --parameters delivered.json
 """
 
 
@@ -36,6 +38,7 @@ def add_rehearse(commands: Any) -> None:
     add_problem(command)
     add_part(command)
     add_motion_options(command)
+    add_parameters(command, "; robots are planted near the first")
     for name, default, text in (
         ("robots", 3, "planted robots"),
         ("seed", 0, "of the planted robots and of the search"),
@@ -74,15 +77,22 @@ def run_rehearse(options: argparse.Namespace) -> int:
 
 
 def _rehearse(options: argparse.Namespace) -> Answer:
-    from consistent_id.excitation.sources import problem_to_excite
+    from consistent_id.excitation.sources import (
+        estimated_parameters,
+        problem_to_excite,
+        with_open_parameters,
+    )
     from consistent_id.export.mjcf_body import require_mujoco
     from consistent_id.laboratory.rehearsal.dry_run import dry_run
     from consistent_id.robot.chains import Selection
 
     require_mujoco()
     part = Selection(options.base, options.tip)
+    problem = problem_to_excite(options.problem, motion_changes(options), part)
+    problem = with_open_parameters(problem, options.parameters)
     found = dry_run(
-        problem_to_excite(options.problem, motion_changes(options), part),
+        problem,
+        parameters=estimated_parameters(problem, options.parameters),
         robots=options.robots,
         rivals=options.rivals,
         currents=options.currents,

@@ -162,6 +162,8 @@ def drawn_bodies(server: Any, scene: Scene, shown: Callable[[Body], bool]) -> Sh
     """
     robot, moving = scene.robot, []
     for number, body in enumerate(scene.bodies):
+        if body.turning:  # a direction has no place
+            continue
         place = place_of(robot, body)
         folder = "obstacles" if body.frame is None else "bodies"
         name = f"/{folder}/{number} {body.name.replace('/', ' ')}"

@@ -36,11 +36,7 @@ def parameters_named(layout: ParameterLayout, words: Sequence[str]) -> tuple[int
     """
     found: set[int] = set()
     for word in words:
-        named = {
-            i
-            for i, name in enumerate(layout.names)
-            if _is_named(name, word) or _is_named(name.rpartition(".")[0], word)
-        }
+        named = _named(layout, word)
         if not named:
             owners = dict.fromkeys(n.rpartition(".")[0] for n in layout.names)
             near = did_you_mean(word, [*owners, *layout.names])
@@ -106,5 +102,18 @@ def places_of_interest(base: BaseParameters, words: Sequence[str]) -> tuple[int,
     return tuple(k for k, i in enumerate(base.independent) if i in named)
 
 
-def _is_named(name: str, word: str) -> bool:
+def is_named(layout: ParameterLayout, word: str) -> bool:
+    """Return whether a word names a parameter, or a link or joint that has some."""
+    return bool(_named(layout, word))
+
+
+def _named(layout: ParameterLayout, word: str) -> set[int]:
+    return {
+        i
+        for i, name in enumerate(layout.names)
+        if _fits(name, word) or _fits(name.rpartition(".")[0], word)
+    }
+
+
+def _fits(name: str, word: str) -> bool:
     return name == word or fnmatchcase(name, word)

@@ -1,8 +1,9 @@
 """From a problem to motions that are ready to play, each proven as a whole."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id.errors import InfeasibleError, ProblemError
@@ -17,8 +18,10 @@ from consistent_id.motion.move import Move
 from consistent_id.motion.move_along import move_along
 from consistent_id.problems.problem import Problem
 from consistent_id.recordings.trajectory import FourierTrajectory
+from consistent_id.regression.base import base_parameters
 from consistent_id.regression.noise import joint_noise
-from consistent_id.regression.regression import build_regression
+from consistent_id.regression.regression import Regression, build_regression
+from consistent_id.regression.same_model import require_same_model
 
 TRAINING, VALIDATION = "trajectory", "validation"
 
@@ -59,6 +62,7 @@ def playable_design(
     seed: int = 0,
     workers: int | None = None,
     sequential: bool = False,
+    earlier: Sequence[Regression] = (),
     progress: bool = False,
 ) -> PlayableDesign:
     """Design the motions that a problem's ``[excitation]`` table requests.
@@ -71,6 +75,9 @@ def playable_design(
     sequential : bool
         Count the information of the problem's training recordings; where the table
         gives no noise, theirs is taken.
+    earlier : sequence of Regression
+        Of other recordings, such as those that `save_regression` wrote, counted in the
+        same way.
 
     Raises
     ------
@@ -79,7 +86,8 @@ def playable_design(
         cannot keep the limits, costs no design: it is among the refusals.
     """
     request = design_request(problem)
-    aim = _with_recordings(problem, request.aim) if sequential else request.aim
+    known = [*earlier, *([_training(problem)] if sequential else [])]
+    aim = _with_recordings(problem, request.aim, known) if known else request.aim
     design = design_trajectory(
         problem.model,
         request.forms,
@@ -148,14 +156,22 @@ def _advice(path: FourierTrajectory, demands: Demands, request: DesignRequest) -
     return f"{other}, or none: from {start} this path can be reached as it is"
 
 
-def _with_recordings(problem: Problem, aim: Aim) -> Aim:
+def _training(problem: Problem) -> Regression:
     if problem.table.data is None:
         raise ProblemError(
             f"problem {problem.name!r} has no recordings to go on from; leave out "
             "sequential, or add a [data] table"
         )
-    regression = build_regression(problem.model, problem.training)
-    noise = aim.noise
+    return build_regression(problem.model, problem.training)
+
+
+def _with_recordings(problem: Problem, aim: Aim, known: Sequence[Regression]) -> Aim:
+    """Return the aim with what recordings tell, and their noise if none is stated."""
+    model, noise = problem.model, aim.noise
+    base = base_parameters(model)
+    for regression in known:
+        require_same_model(model, regression, base)
     if noise is None:
-        noise = joint_noise(problem.model, regression)
-    return replace(aim, noise=noise, earlier=regression)
+        alike = [one.weighted(np.ones(len(one.joints))) for one in known]
+        noise = joint_noise(model, alike[0].joined(alike[1:]), base=base)
+    return replace(aim, noise=noise, earlier=tuple(known))

@@ -13,6 +13,10 @@ from consistent_id.motion.collisions.bodies import (
     Sphere,
     plane,
 )
+from consistent_id.motion.collisions.orientation_cones import (
+    OrientationCone,
+    within_cones,
+)
 from consistent_id.motion.collisions.planning_scene import planning_scene_bodies
 from consistent_id.motion.collisions.scene import Scene
 from consistent_id.motion.collisions.scene_building import build_scene
@@ -22,6 +26,7 @@ from consistent_id.motion.collisions.workspaces import Workspace, within_workspa
 from consistent_id.problems.excitation_tables import (
     BodyTable,
     BoxTable,
+    ConeTable,
     RodTable,
     SceneTable,
     SphereTable,
@@ -51,9 +56,19 @@ def requested_scene(problem: Problem) -> Scene | None:
             bodies += planning_scene_bodies(file, problem.model.robot)
         of = _of_urdf if table.robot == "urdf" else _of_bodies
         boxes = [_workspace(box) for box in table.workspaces]
-        return within_workspaces(of(problem, table, bodies), boxes)
+        scene = within_workspaces(of(problem, table, bodies), boxes)
+        return within_cones(scene, [_cone(cone) for cone in table.cones])
     except ConsistentIdError as cause:
         raise ProblemError(f"{_WHERE}: {cause}") from None
+
+
+def _cone(table: ConeTable) -> OrientationCone:
+    return OrientationCone(
+        table.link,
+        float(np.radians(table.angle_deg)),
+        np.array(table.axis),
+        np.array(table.direction),
+    )
 
 
 def _workspace(table: WorkspaceTable) -> Workspace:

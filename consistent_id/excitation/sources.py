@@ -19,6 +19,9 @@ from consistent_id.problems.paths import names_outside
 from consistent_id.problems.problem import Problem, load_problem, problem_of
 from consistent_id.problems.robot_draft import ROBOT_ENDINGS, robot_draft
 from consistent_id.regression.base import base_parameters
+from consistent_id.regression.regression import Regression
+from consistent_id.regression.regression_file import load_regression
+from consistent_id.regression.same_model import require_same_model
 from consistent_id.robot.chains import Selection
 
 _LIMITS = (
@@ -101,6 +104,39 @@ def estimated_parameters(problem: Problem, files: Sequence[Path]) -> Matrix | No
     model = problem.model
     base = base_parameters(model)
     return np.array([Estimate.load(f, model, base).parameters for f in files])
+
+
+def earlier_recordings(
+    problem: Problem, files: Sequence[Path]
+) -> tuple[Regression, ...]:
+    """Return the regressions of a problem's torque model that files hold.
+
+    Parameters
+    ----------
+    problem : Problem
+    files : sequence of Path
+        Written by `save_regression` or ``compress``.
+
+    Raises
+    ------
+    ProblemError
+        If one is no regression, or of another torque model.
+    """
+    found = []
+    for file in files:
+        try:
+            regression = load_regression(file)
+            require_same_model(
+                problem.model, regression, base_parameters(problem.model)
+            )
+        except ProblemError as cause:
+            raise ProblemError(
+                f"earlier recordings {file}: {cause}. consistent-id compress PROBLEM "
+                "writes them, for the same robot and drive terms; an estimate does not "
+                "hold what its data told"
+            ) from None
+        found.append(regression)
+    return tuple(found)
 
 
 def with_open_parameters(problem: Problem, files: Sequence[Path]) -> Problem:

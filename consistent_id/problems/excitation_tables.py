@@ -75,6 +75,15 @@ class WorkspaceTable(Table, frozen=True, kw_only=True):
     z: Pair | None = None
 
 
+class ConeTable(Table, frozen=True, kw_only=True):
+    """A cone about an axis of the base frame that a link's direction may not leave."""
+
+    link: str
+    angle_deg: Annotated[float, Meta(ge=1.0, le=179.0)]
+    axis: Three = (0.0, 0.0, -1.0)
+    direction: Three = (0.0, 0.0, 1.0)
+
+
 class SceneTable(Table, frozen=True, kw_only=True):
     """What must not touch: the robot's own bodies, and what stands around it."""
 
@@ -86,6 +95,7 @@ class SceneTable(Table, frozen=True, kw_only=True):
     bodies: list[BodyTable] = []
     planning_scene: str | None = None
     workspaces: list[WorkspaceTable] = []
+    cones: list[ConeTable] = []
     clearance: NonNegative = 0.0
     extra: dict[str, NonNegative] = {}
     allowed: list[tuple[str, str]] = []

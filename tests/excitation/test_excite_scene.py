@@ -8,17 +8,9 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from robots_in_scenes import ARM, LEVER, WALL, scene_problem
 
-from consistent_id import (
-    Body,
-    FourierTrajectory,
-    ProblemError,
-    Sphere,
-    build_scene,
-    load_problem,
-    move_along,
-    prove_clearance,
-)
+from consistent_id import ProblemError, prove_clearance
 from consistent_id.cli import main
 from consistent_id.excitation.design import design_trajectory
 from consistent_id.excitation.output import (
@@ -27,69 +19,12 @@ from consistent_id.excitation.output import (
     write_design,
 )
 from consistent_id.excitation.playable import playable_design
-from consistent_id.excitation.proven_moves import proven_move
-from consistent_id.excitation.request import design_request
 from consistent_id.excitation.request_scene import requested_scene
-from consistent_id.excitation.verification import demands
 from consistent_id.motion.collisions.separation import nearest
 from consistent_id.motion.proofs.margins import motion_margins
-from consistent_id.recordings.trajectory import harmonics_of
 
 SHARE = Path(pin.__file__).parents[4] / "share"
 ROBOTS = SHARE / "example-robot-data" / "robots"
-
-ARM = """
-name = "arm"
-[model]
-modified_dh = [
-    {{ alpha_deg = 0.0, a = 0.0, lower = -3.0, upper = 3.0, velocity = 2.0 }},
-    {{ alpha_deg = 90.0, a = 0.0, lower = -1.5, upper = 1.5, velocity = 2.0 }},
-    {{ alpha_deg = 0.0, a = 0.6, lower = -2.5, upper = 2.5, velocity = 2.0 }},
-]
-[constraints]
-masses = "free"
-[excitation]
-duration = 6.0
-harmonics = 3
-refine = "none"
-{excitation}
-[excitation.limits]
-acceleration = 6.0
-[excitation.scene]
-robot = "bodies"
-clearance = 0.01
-{scene}
-bodies = [
-    {{ name = "upper arm", link = "link2", capsule = {{ radius = 0.05, ends = [[0.0, 0.0, 0.0], [0.6, 0.0, 0.0]] }} }},
-    {{ name = "forearm", link = "link3", capsule = {{ radius = 0.04, length = 0.5 }}, position = [0.25, 0.0, 0.0], rpy_deg = [0.0, 90.0, 0.0] }},
-    {bodies}
-]
-"""  # noqa: E501
-WALL = '{ name = "wall", box = { size = [0.1, 3.0, 3.0] }, position = [0.75, 0, 0] },'
-
-# One joint that lifts an arm past a post which stands in its way at zero.
-LEVER = """
-name = "lever"
-[model]
-modified_dh = [
-    {{ alpha_deg = 90.0, a = 0.0, lower = -3.0, upper = 3.0, velocity = 2.0 }},
-]
-[constraints]
-masses = "free"
-[excitation]
-duration = 4.0
-harmonics = 2
-refine = "none"
-{excitation}
-[excitation.limits]
-acceleration = 6.0
-[excitation.scene]
-robot = "bodies"
-bodies = [
-    {{ name = "arm", link = "link1", capsule = {{ radius = 0.02, ends = [[0.1, 0.0, 0.0], [0.6, 0.0, 0.0]] }} }},
-    {{ name = "post", cylinder = {{ radius = 0.05, length = 1.0 }}, position = [0.5, 0.0, 0.0], rpy_deg = [90.0, 0.0, 0.0] }},
-]
-"""  # noqa: E501
 
 
 def _blind(problem, design):
@@ -130,17 +65,11 @@ def _with_free_run_ins(problem):
     pytest.fail(f"no run-in is free: {found.refusals}")
 
 
-def _problem(folder, text, **parts):
-    defaults = {"excitation": "", "scene": "", "bodies": ""}
-    (folder / "problem.toml").write_text(text.format(**defaults | parts))
-    return load_problem(folder, trust=True)
-
-
 @pytest.mark.slow
 def test_a_wall_is_kept_clear_of_which_the_same_design_without_it_runs_through(
     tmp_path,
 ):
-    problem = _problem(tmp_path, ARM, bodies=WALL)
+    problem = scene_problem(tmp_path, ARM, bodies=WALL)
     found = playable_design(problem, starts=1, workers=1, time_limit=60.0)
     report = found.design.proof.clearance
     assert report.holds and report.proven >= 0.01
@@ -152,7 +81,7 @@ def test_a_wall_is_kept_clear_of_which_the_same_design_without_it_runs_through(
 
 def test_rods_reach_from_one_end_to_the_other(tmp_path):
     post = '{ name = "post", sphere = { radius = 0.1 }, position = [0, 0, 1] },'
-    scene = requested_scene(_problem(tmp_path, ARM, bodies=post))
+    scene = requested_scene(scene_problem(tmp_path, ARM, bodies=post))
     pairs = {scene.names(p): k for k, p in enumerate(scene.pairs)}
     near = nearest(scene, [[0.0, np.pi / 2, 0.0], [0.0, 0.0, np.pi / 2]])
     first = near.distance[:, pairs["upper arm", "post"]]
@@ -182,20 +111,20 @@ def test_rods_reach_from_one_end_to_the_other(tmp_path):
 )
 def test_errors_name_the_key(tmp_path, parts, said):
     with pytest.raises(ProblemError, match=said):
-        planned_tables(_problem(tmp_path, ARM, **parts))
+        planned_tables(scene_problem(tmp_path, ARM, **parts))
 
 
 def test_shapes_of_a_urdf_need_a_urdf(tmp_path):
     text = LEVER.replace('robot = "bodies"', 'robot = "urdf"')
     with pytest.raises(ProblemError, match=r"scene\]: robot = \"urdf\", but \[model\]"):
-        planned_tables(_problem(tmp_path, text))
+        planned_tables(scene_problem(tmp_path, text))
 
 
 def test_a_start_pose_in_an_obstacle_is_refused_before_any_search(tmp_path):
-    problem = _problem(tmp_path, LEVER, excitation="start_pose = { joint1 = 0.0 }")
+    problem = scene_problem(tmp_path, LEVER, excitation="start_pose = { joint1 = 0.0 }")
     with pytest.raises(ProblemError, match="start_pose: bodies 'arm' and 'post' are -"):
         planned_tables(problem)
-    problem = _problem(tmp_path, LEVER, excitation="start_pose = { joint7 = 0.0 }")
+    problem = scene_problem(tmp_path, LEVER, excitation="start_pose = { joint7 = 0.0 }")
     with pytest.raises(ProblemError, match="start_pose: no joint 'joint7'"):
         planned_tables(problem)
 
@@ -203,11 +132,13 @@ def test_a_start_pose_in_an_obstacle_is_refused_before_any_search(tmp_path):
 @pytest.mark.slow
 def test_a_run_in_through_an_obstacle_is_refused_with_a_pose_that_would_do(tmp_path):
     options = {"starts": 1, "workers": 1, "time_limit": 60.0}
-    free = playable_design(_problem(tmp_path, LEVER), **options)
+    free = playable_design(scene_problem(tmp_path, LEVER), **options)
     side = float(free.design.trajectory.evaluate([0.0])[0, 0, 0])
     beyond = -1.5 * np.sign(side)
     pose = f"start_pose = {{ joint1 = {beyond} }}"
-    excited = playable_design(_problem(tmp_path, LEVER, excitation=pose), **options)
+    excited = playable_design(
+        scene_problem(tmp_path, LEVER, excitation=pose), **options
+    )
     assert "trajectory" not in excited.moves and excited.design.proof.holds
     told = excited.refusals[0]
     assert "run-in: bodies 'arm' and 'post' at " in told
@@ -237,7 +168,7 @@ def test_every_piece_is_proven_once(tmp_path, monkeypatch):
         return motion_margins(path, *others, **options)
 
     monkeypatch.setattr("consistent_id.excitation.verification.motion_margins", counted)
-    problem = _problem(tmp_path, ARM, excitation="rest = false")
+    problem = scene_problem(tmp_path, ARM, excitation="rest = false")
     excited = playable_design(problem, starts=1, workers=1, time_limit=60.0)
     assert list(excited.moves) == ["trajectory", "validation"]
     assert len(set(proven)) == len(proven)
@@ -247,7 +178,7 @@ def test_every_piece_is_proven_once(tmp_path, monkeypatch):
 
 @pytest.mark.slow
 def test_a_validation_motion_has_its_own_clearance_where_it_alone_is_played(tmp_path):
-    problem = _problem(tmp_path, ARM, bodies=WALL, excitation="rest = false")
+    problem = scene_problem(tmp_path, ARM, bodies=WALL, excitation="rest = false")
     excited = playable_design(problem, starts=1, workers=1, time_limit=60.0)
     alone = replace(
         excited,
@@ -262,7 +193,7 @@ def test_a_validation_motion_has_its_own_clearance_where_it_alone_is_played(tmp_
 
 @pytest.mark.slow
 def test_all_that_is_played_is_proven_and_lasts_as_designed(tmp_path):
-    problem = _problem(tmp_path, ARM, bodies=WALL, excitation="rest = false")
+    problem = scene_problem(tmp_path, ARM, bodies=WALL, excitation="rest = false")
     excited = _with_free_run_ins(problem)
     assert list(excited.moves) == ["trajectory", "validation"]
     demands = excited.design.demands
@@ -288,7 +219,9 @@ def test_all_that_is_played_is_proven_and_lasts_as_designed(tmp_path):
 
 @pytest.mark.slow
 def test_the_proof_of_one_period_is_that_of_all(tmp_path):
-    twice = _problem(tmp_path, ARM, bodies=WALL, excitation="rest = false\nperiods = 2")
+    twice = scene_problem(
+        tmp_path, ARM, bodies=WALL, excitation="rest = false\nperiods = 2"
+    )
     excited = _with_free_run_ins(twice)
     move, whole = excited.moves["trajectory"], excited.proofs["trajectory"]
     assert move.trajectory.duration == pytest.approx(12.0)
@@ -310,13 +243,13 @@ def test_the_proof_of_one_period_is_that_of_all(tmp_path):
     ],
 )
 def test_what_cannot_be_played_is_refused_before_the_search(tmp_path, excitation, says):
-    problem = _problem(tmp_path, ARM, excitation=excitation)
+    problem = scene_problem(tmp_path, ARM, excitation=excitation)
     with pytest.raises(ProblemError, match=says):
         playable_design(problem, starts=1, workers=1, time_limit=60.0)
 
 
 def test_a_dry_run_shows_limits_and_pairs_and_writes_nothing(tmp_path, capsys):
-    _problem(tmp_path, ARM, bodies=WALL)
+    scene_problem(tmp_path, ARM, bodies=WALL)
     output = tmp_path / "out"
     asked = ["excite", str(tmp_path), "--dry-run", "--output", str(output)]
     assert main(asked) == 0
@@ -333,7 +266,7 @@ def test_a_dry_run_shows_limits_and_pairs_and_writes_nothing(tmp_path, capsys):
 
 @pytest.mark.slow
 def test_formats_are_checked_before_the_search_and_written_after(tmp_path, capsys):
-    _problem(tmp_path, LEVER)
+    scene_problem(tmp_path, LEVER)
     output = tmp_path / "out"
     asked = ["excite", str(tmp_path), "--output", str(output), "--starts", "1"]
     assert main([*asked, "--format", "csv,pdf"]) == 2
@@ -368,108 +301,16 @@ ground = 0.0
 clearance = 0.02
 allowed = [["ground", "base_link"], ["ground", "shoulder_link"]]
 """
-    problem = _problem(tmp_path, text.replace("{", "{{").replace("}", "}}"))
+    problem = scene_problem(tmp_path, text.replace("{", "{{").replace("}", "}}"))
     found = playable_design(problem, starts=1, workers=1, time_limit=60.0).design
     assert found.proof.clearance.proven >= 0.0
     assert _blind(problem, found)[1].violated
 
 
-# An arm in a plane, on the other side of a post: two joints, so that there is a way
-# around it, but not the straight one.
-PLANAR = """
-name = "planar"
-[model]
-modified_dh = [
-    {{ alpha_deg = 0.0, a = 0.0, lower = -3.0, upper = 3.0, velocity = 2.0 }},
-    {{ alpha_deg = 0.0, a = 0.5, lower = -2.9, upper = 2.9, velocity = 2.0 }},
-]
-[constraints]
-masses = "free"
-[excitation]
-duration = 4.0
-harmonics = 2
-refine = "none"
-{excitation}
-[excitation.limits]
-acceleration = 6.0
-{limits}
-[excitation.scene]
-robot = "bodies"
-clearance = 0.01
-bodies = [
-    {{ name = "upper arm", link = "link1", capsule = {{ radius = 0.04, ends = [[0.0, 0.0, 0.0], [0.5, 0.0, 0.0]] }} }},
-    {{ name = "forearm", link = "link2", capsule = {{ radius = 0.04, ends = [[0.0, 0.0, 0.0], [0.5, 0.0, 0.0]] }} }},
-    {{ name = "post", cylinder = {{ radius = 0.05, length = 1.0 }}, position = [0.75, 0.0, 0.0] }},
-]
-"""  # noqa: E501
-
-
-def _planar(folder, ends):
-    """A problem, the proof of a path beyond the post, and a pose before it."""
-    limits = "position = { joint1 = [-3.0, 3.0], joint2 = [-2.9, 2.9] }"
-    problem = _problem(folder, PLANAR, limits=limits)
-    request = design_request(problem)
-    required = demands(problem.model, request.limits, None, request.scene)
-    frequencies = harmonics_of(0.25, 2)
-    cosine = np.array([[0.4], [-0.1]]) * [0.3, 0.3]
-    sine = np.zeros((2, 2)) if ends == "rest" else 0.1 * np.ones((2, 2))
-    path = FourierTrajectory(
-        ("joint1", "joint2"), frequencies, [1.2, 0.3], sine, cosine, 4.0
-    )
-    pose = {"joint1": -1.2, "joint2": 0.0}
-    return path, required.proof(path), required, pose
-
-
-@pytest.mark.parametrize("ends", ["rest", "periodic"])
-def test_a_run_in_goes_around_what_stands_in_the_straight_way(tmp_path, ends):
-    path, proof, required, pose = _planar(tmp_path, ends)
-    assert proof.holds
-    straight = move_along(path, required.limits, from_pose=pose, to_pose=pose)
-    assert prove_clearance(required.scene, straight.run_in).violated
-    found = proven_move(path, proof, required, pose)
-    assert "by other poses" in found.note
-    assert found.proof.holds and required.proof(found.move.pieces).holds
-    ends = found.move.evaluate([0.0, found.move.duration])
-    np.testing.assert_allclose(ends[0], [[-1.2, 0.0]] * 2, atol=1e-9)
-    # Truth of its own: distances at many poses of the whole move.
-    time = np.linspace(0.0, found.move.duration, 3001)
-    apart = nearest(required.scene, found.move.evaluate(time, 0)[0])
-    assert apart.slack.min() >= 0.0
-
-
-def test_a_periodic_path_begins_where_its_run_in_is_free(tmp_path):
-    """The way to its far side sweeps over a stone, with the arm stretched out."""
-    path, _, required, _ = _planar(tmp_path, "rest")
-    shares = {"sine": [[0.0, 0.6], [0, 0]], "cosine": [[0.6, 0.0], [0, 0]]}
-    circle = replace(path, offset=[1.2, 1.2], **shares)
-    home = {"joint1": -1.2, "joint2": 0.0}
-    place = 0.97 * np.array([np.cos(0.9), np.sin(0.9), 0.0])
-    stone = Body("stone", Sphere(0.02), None, None, place)
-    arm = required.scene.bodies[:2]
-    scene = build_scene(required.scene.robot, [*arm, stone])
-    among = replace(required, scene=scene)
-    proof = among.proof(circle)
-    straight = move_along(circle, among.limits, from_pose=home, to_pose=home)
-    assert proof.holds and prove_clearance(scene, straight.run_in).violated
-    found = proven_move(circle, proof, among, home)
-    assert found.note.startswith("begun ")
-    direct = among.proof(found.move.pieces)
-    assert direct.holds
-    # What was proven of one phase is what holds of another, at its own time.
-    assert len(direct.margins.margins) == len(found.proof.margins.margins)
-    for mine, theirs in zip(
-        found.proof.margins.margins, direct.margins.margins, strict=True
-    ):
-        assert mine.bound == pytest.approx(theirs.bound, abs=1e-3)
-    begun = found.move.trajectory.evaluate([found.move.window[0]], 2)[:, 0]
-    later = float(found.note.split()[1])
-    np.testing.assert_allclose(begun, circle.evaluate([later], 2)[:, 0], atol=1e-9)
-
-
 @pytest.mark.slow
 def test_a_tool_stays_in_its_box_from_rest_to_rest(tmp_path):
     box = 'workspaces = [{ link = "link3", point = [0.5, 0.0, 0.0], z = [-0.3, 2.0] }]'
-    problem = _problem(tmp_path, ARM, scene=box, excitation="rest = false")
+    problem = scene_problem(tmp_path, ARM, scene=box, excitation="rest = false")
     found = playable_design(problem, starts=1, workers=1, time_limit=60.0)
     move = found.moves["trajectory"]
     time = np.linspace(0.0, move.duration, 2001)
@@ -481,3 +322,21 @@ def test_a_tool_stays_in_its_box_from_rest_to_rest(tmp_path):
     q = free.trajectory.evaluate(np.linspace(0.0, 6.0, 2001), 0)[0]
     height = 0.6 * np.sin(q[:, 1]) + 0.5 * np.sin(q[:, 1] + q[:, 2])
     assert height.min() < -0.3
+
+
+@pytest.mark.slow
+def test_a_tool_points_into_its_cone_from_rest_to_rest(tmp_path):
+    cone = (
+        'cones = [{ link = "link3", angle_deg = 40.0, axis = [0.0, 0.0, 1.0], '
+        "direction = [1.0, 0.0, 0.0] }]"
+    )
+    problem = scene_problem(tmp_path, ARM, scene=cone, excitation="rest = false")
+    found = playable_design(problem, starts=1, workers=1, time_limit=60.0)
+    move = found.moves["trajectory"]
+    q = move.evaluate(np.linspace(0.0, move.duration, 2001), 0)[0]
+    # Joints two and three turn in one plane: the forearm's elevation is their sum.
+    steepness = np.degrees(np.arccos(np.sin(q[:, 1] + q[:, 2])))
+    assert steepness.max() <= 40.0
+    free, _ = _blind(problem, found.design)
+    q = free.trajectory.evaluate(np.linspace(0.0, 6.0, 2001), 0)[0]
+    assert np.sin(q[:, 1] + q[:, 2]).min() < np.cos(np.radians(40.0))

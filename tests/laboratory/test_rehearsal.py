@@ -6,10 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
+from estimates import estimate_of
 from excited import arm, arm_limits
 
 from consistent_id import (
+    DriveTerms,
     ModelError,
+    ProblemError,
     TorqueModel,
     base_parameters,
 )
@@ -17,8 +20,10 @@ from consistent_id.cli.tool import main
 from consistent_id.excitation.accuracy import predicted_accuracy
 from consistent_id.excitation.aims import Aim, PathForm
 from consistent_id.excitation.search_problem import search_problem
+from consistent_id.excitation.sources import problem_to_excite
 from consistent_id.laboratory.rehearsal.holding import HELD, held_poses
 from consistent_id.laboratory.rehearsal.identified import identified
+from consistent_id.laboratory.rehearsal.modelled import as_rehearsed
 from consistent_id.laboratory.rehearsal.mujoco_robot import mujoco_robot
 from consistent_id.laboratory.rehearsal.planted import planted_robot
 from consistent_id.laboratory.rehearsal.playing import _averaged, play
@@ -100,6 +105,71 @@ def test_mujocos_robot_has_the_planted_dynamics():
     model.gravity.linear[:] = arm(3).gravity
     expected = pin.aba(model, model.createData(), q, dq, torque)
     assert np.allclose(data.qacc[simulated.velocities], expected, rtol=1e-6)
+
+
+def _estimated(drive):
+    """A problem's torque model, and parameters that tell its terms apart."""
+    model = TorqueModel(arm(3), drive)
+    x = np.arange(1.0, len(model.layout) + 1.0)
+    x[:30] = 1.1 * np.ravel(arm(3).nominal)
+    return model, x
+
+
+def test_estimates_are_rehearsed_by_what_rehearsed_robots_have():
+    model, x = _estimated(DriveTerms(viscous=True, offset=True))
+    words = ("link2", "joint1.offset", "joint3.rotor_inertia")
+    found = as_rehearsed(model, words, x[None])
+    assert found.interest == ("link2", "joint3.rotor_inertia")
+    layout = found.model.layout
+    for j in (1, 2, 3):
+        name = f"joint{j}.viscous"
+        assert found.parameters[0][layout.index(name)] == x[model.layout.index(name)]
+        assert found.parameters[0][layout.index(f"joint{j}.coulomb")] == 0.0
+    np.testing.assert_array_equal(np.ravel(found.model.robot.nominal), x[:30])
+    assert [note.split(":")[0] for note in found.notes] == ["interest", "torque"]
+    assert "joint2.offset" in found.notes[1]
+    # What was found is planted to some percent; what was not, as without an estimate.
+    rng = np.random.default_rng(0)
+    robot = planted_robot(found.model.robot, limits(), rng, None, found.parameters[0])
+    plain = planted_robot(found.model.robot, limits(), np.random.default_rng(0))
+    for j, name in enumerate(layout.names[30:], start=30):
+        known = found.parameters[0][j]
+        if known > 0.0:
+            assert 0.6 < robot.parameters[j] / known < 1.6
+        else:
+            assert robot.parameters[j] == plain.parameters[j], name
+
+
+def test_what_cannot_be_rehearsed_is_refused():
+    model, x = _estimated(DriveTerms(viscous=True, offset=True))
+    with pytest.raises(ProblemError, match="name some of theirs"):
+        as_rehearsed(model, ("*.offset",))
+    with pytest.raises(ProblemError, match="no parameter, link or joint 'link9'"):
+        as_rehearsed(model, ("link2", "link9"))
+    x[4] = -1.0
+    with pytest.raises(ProblemError, match="body of 'link1' is not physically"):
+        as_rehearsed(model, (), x[None])
+
+
+@pytest.mark.slow
+def test_what_an_estimate_left_open_is_rehearsed(tmp_path, capsys):
+    file = tmp_path / "two.urdf"
+    file.write_text(URDF)
+    problem = problem_to_excite(file, {})
+    links = [link.nominal for link in problem.model.robot.links]
+    made = estimate_of(problem.model, links, 0.1)
+    left = tuple(
+        "loose" if name.startswith("two.") else "data"
+        for name in problem.model.layout.names
+    )
+    delivered = replace(made, origins=left).save(tmp_path / "delivered.json")
+    call = ["rehearse", str(file), "--acceleration", "5", "--duration", "6"]
+    call += ["--harmonics", "4", "--starts", "1", "--workers", "1", "--robots", "1"]
+    call += ["--for", "open", "--parameters", str(delivered), "--json"]
+    code = main(call)
+    record = json.loads(capsys.readouterr().out)
+    assert code == (0 if record["came_true"] else 1)
+    assert record["motions"]["design"]["robots"][0]["covered"] > 0.5
 
 
 @pytest.mark.slow

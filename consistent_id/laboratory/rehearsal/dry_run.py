@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Matrix, Vector
 from consistent_id._support.tables import Table
@@ -19,11 +20,8 @@ from consistent_id.excitation.limit_rows import limit_rows
 from consistent_id.excitation.request import DesignRequest, design_request
 from consistent_id.excitation.search_problem import search_problem
 from consistent_id.excitation.validating import validation_trajectory
-from consistent_id.laboratory.rehearsal.planted import (
-    DRIVE,
-    PlantedRobot,
-    planted_robot,
-)
+from consistent_id.laboratory.rehearsal.modelled import as_rehearsed
+from consistent_id.laboratory.rehearsal.planted import PlantedRobot, planted_robot
 from consistent_id.laboratory.rehearsal.rehearsal import (
     Rehearsal,
     rehearsal_table,
@@ -58,6 +56,8 @@ class DryRun:
         limit.
     share : float
         Of the limits, that the design was allowed to use.
+    notes : tuple of str
+        On what of the problem is not rehearsed.
     """
 
     design: ExcitationDesign
@@ -65,6 +65,7 @@ class DryRun:
     conditions: Mapping[str, float]
     peaks: Matrix
     share: float = 1.0
+    notes: tuple[str, ...] = ()
 
     @property
     def share_to_use(self) -> float:
@@ -104,6 +105,7 @@ class DryRun:
         return [table, limits]
 
     def _notes(self) -> Iterator[str]:
+        yield from self.notes
         yield "proven is the wanted motion; a controller lags behind it"
         if self.share_to_use < self.share:
             share = np.floor(100.0 * self.share_to_use) / 100.0
@@ -159,6 +161,7 @@ def _kept(share: float) -> str:
 def dry_run(
     problem: Problem,
     *,
+    parameters: ArrayLike | None = None,
     robots: int = 3,
     rivals: bool = False,
     currents: float | None = None,
@@ -176,6 +179,9 @@ def dry_run(
     Parameters
     ----------
     problem : Problem
+    parameters : array_like, shape (parameters,) or (members, parameters), optional
+        Of estimates of the problem's torque model: the worst of them keeps the limits
+        of torque, and robots are planted near the first.
     robots : int
         Planted at random, see `planted_robot`.
     rivals : bool
@@ -191,19 +197,25 @@ def dry_run(
     ------
     ModelError
         If MuJoCo is not installed, or nominal inertias are missing.
+    ProblemError
+        If nothing of interest is rehearsed, or no robot has an estimate's bodies.
     """
     request = design_request(problem)
-    model = TorqueModel(problem.model.robot, DRIVE)
+    given = None if parameters is None else np.atleast_2d(np.asarray(parameters, float))
+    rehearsed = as_rehearsed(problem.model, tuple(request.aim.interest), given)
+    model = rehearsed.model
     if model.robot.nominal is None:
         raise ModelError(
             f"robot {model.robot.name!r}: some links have no nominal inertia, so that "
-            "no robot like it can be planted; give the file inertias"
+            "no robot like it can be planted; give the file inertias, or an estimate"
         )
-    aim = _with_noise(request.aim, model, request.limits)
+    aim = replace(request.aim, interest=rehearsed.interest)
+    aim = _with_noise(aim, model, request.limits)
 
     def designed(aim: Aim, forms: tuple[PathForm, ...]) -> ExcitationDesign:
         return design_trajectory(
             model, forms, aim, limits=request.limits, scene=request.scene,
+            parameters=rehearsed.parameters,
             friction_share=request.friction_share, starts=starts,
             time_limit=time_limit, seed=seed, workers=workers, progress=progress,
         )  # fmt: skip
@@ -220,14 +232,20 @@ def dry_run(
             for name, stage in zip(names, rival.stages, strict=True)
         }
         paths |= _simple_motions(design, aim, seed)
+    known = None if rehearsed.parameters is None else rehearsed.parameters[0]
     planted = [
         planted_robot(
-            model.robot, request.limits, np.random.default_rng((seed, k)), currents
+            model.robot,
+            request.limits,
+            np.random.default_rng((seed, k)),
+            currents,
+            known,
         )
         for k in range(robots)
     ]
     share = problem.table.excitation.limits.share
-    return _played(design, request, paths, planted, seed, share)
+    found = _played(design, request, paths, planted, seed, share)
+    return replace(found, notes=rehearsed.notes)
 
 
 def _played(

@@ -100,6 +100,7 @@ def planted_robot(
     limits: MotionLimits,
     rng: np.random.Generator,
     currents: float | None = None,
+    known: Vector | None = None,
 ) -> PlantedRobot:
     """Return a robot near the nominal one.
 
@@ -114,6 +115,9 @@ def planted_robot(
     currents : float, optional
         If it logs motor currents: the share, one standard deviation, to which their
         torque constants are known.
+    known : ndarray, shape (parameters,), optional
+        Of an estimate by bodies and `DRIVE`: friction and rotors that it found are
+        planted to some percent, instead of made-up ones.
 
     Raises
     ------
@@ -144,7 +148,12 @@ def planted_robot(
     for j, name in enumerate(robot.joint_names):
         for term, values in drives.items():
             x[model.layout.index(f"{name}.{term}")] = values[j]
-        rotor = _DRIVES * drives["rotor_inertia"][j]
+    if known is not None:
+        own = slice(model.layout.inertial_size, None)
+        near = known[own] * np.exp(_SPREAD * rng.normal(size=len(x[own])))
+        x[own] = np.where(known[own] > 0.0, near, x[own])
+    for name in robot.joint_names:
+        rotor = _DRIVES * x[model.layout.index(f"{name}.rotor_inertia")]
         believed[controlled.layout.index(f"{name}.rotor_inertia")] = rotor
     sensors = TorqueSensors(np.ones(len(robot)), np.zeros(len(robot)))
     if currents is not None:

@@ -198,6 +198,9 @@ class Body:
         Orientation of the shape in the frame.
     translation : array_like, shape (3,), optional, [m]
         Origin of the shape in the frame.
+    turning : bool
+        Whether it only turns with the frame, about the base's origin: a direction, not
+        a place.
     """
 
     name: str
@@ -205,6 +208,7 @@ class Body:
     frame: str | None = None
     rotation: Matrix | None = None
     translation: Vector | None = None
+    turning: bool = False
 
     def __post_init__(self) -> None:
         where = f"body {self.name!r}"

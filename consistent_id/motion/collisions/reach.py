@@ -3,7 +3,8 @@
 Turn one joint by ``s``: the bodies on its far side turn rigidly about its axis, or,
 seen from them, those on its near side do.  So the distance of one on each side changes
 by at most ``s min(R_a, R_b)``, ``R`` being how far a body reaches from the axis; if the
-joint slides, by at most ``s``.
+joint slides, by at most ``s``.  Of directions, all axes go through one point, and a
+joint that slides changes nothing.
 
 Let the joints between bodies a and b move one after another, those next to a first.
 Each finds b in reach as it was, and a farther off by no more than what the joints
@@ -79,16 +80,18 @@ def _reaches(
     places: BodyPlaces, body: int, joints: tuple[int, ...], sample: IntArray
 ) -> Array:
     """How far a body reaches from joints' axes, shape (joints, queries)."""
-    reaches = np.ones((len(joints), len(sample)))
+    turning = bool(places.turning[body])
+    reaches = np.full((len(joints), len(sample)), 0.0 if turning else 1.0)
     for i, joint in enumerate(joints):
         if places.links.robot.joints[joint].kind != "prismatic":
-            centre = places.centre[sample, body]
-            off = _off_axis(places.links, joint, sample, centre)
+            arm = places.centre[sample, body]
+            if not turning:
+                arm = arm - places.links.translation[sample, joint]
+            off = _off_axis(places.links, joint, sample, arm)
             reaches[i] = off + places.radius[body]
     return reaches
 
 
-def _off_axis(links: LinkPlaces, joint: int, sample: IntArray, points: Array) -> Array:
-    arm = points - links.translation[sample, joint]
+def _off_axis(links: LinkPlaces, joint: int, sample: IntArray, arm: Array) -> Array:
     off = np.linalg.norm(np.cross(arm, links.axis[sample, joint]), axis=1)
     return np.asarray(off)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from consistent_id._support.arrays import Array, freeze
+from consistent_id._support.arrays import Array, BoolArray, freeze
 from consistent_id.errors import ProblemError
 from consistent_id.motion.collisions.bodies import Body
 from consistent_id.robot.chains import Place
@@ -81,6 +81,11 @@ class Scene:
         for pair in self.pairs:
             if not (0 <= pair.first < len(names) and 0 <= pair.second < len(names)):
                 raise ProblemError(f"scene: {pair} of {len(names)} bodies")
+            if self.bodies[pair.first].turning != self.bodies[pair.second].turning:
+                raise ProblemError(
+                    f"scene: {names[pair.first]!r} and {names[pair.second]!r}: a "
+                    "direction and a place have no distance"
+                )
             if not 0.0 <= pair.wanted < np.inf:
                 raise ProblemError(
                     f"scene: {names[pair.first]!r} and {names[pair.second]!r} are to "
@@ -119,6 +124,8 @@ class BodyPlaces:
     centre : ndarray, shape (samples, bodies, 3), [m]
         Of a ball around each body.
     radius : ndarray, shape (bodies,), [m]
+    turning : ndarray of bool, shape (bodies,)
+        Whether only the link's orientation moves it.
     """
 
     links: LinkPlaces
@@ -127,6 +134,7 @@ class BodyPlaces:
     translation: Array
     centre: Array
     radius: Array
+    turning: BoolArray
 
 
 def body_places(scene: Scene, links: LinkPlaces) -> BodyPlaces:
@@ -137,6 +145,8 @@ def body_places(scene: Scene, links: LinkPlaces) -> BodyPlaces:
     for b, place in enumerate(places):
         frame = links.of(place)
         rotation[:, b], translation[:, b] = frame.rotation, frame.translation
+        if scene.bodies[b].turning and place.link >= 0:
+            translation[:, b] -= links.translation[:, place.link]
     balls = [body.shape.ball for body in scene.bodies]
     middle = np.array([ball[0] for ball in balls]).reshape(bodies, 3)
     return BodyPlaces(
@@ -146,6 +156,7 @@ def body_places(scene: Scene, links: LinkPlaces) -> BodyPlaces:
         translation=translation,
         centre=np.einsum("nbij,bj->nbi", rotation, middle) + translation,
         radius=np.array([ball[1] for ball in balls]),
+        turning=np.array([body.turning for body in scene.bodies], dtype=bool),
     )
 
 
@@ -153,4 +164,6 @@ def place_of(robot: RobotModel, body: Body) -> Place:
     """Return a body's place on the link that carries it, or in the base frame."""
     base = Place(-1, np.eye(3), np.zeros(3))
     frame = base if body.frame is None else fixed_place(robot, body.frame)
+    if body.turning:
+        frame = Place(frame.link, frame.rotation, np.zeros(3))
     return frame.beyond(np.asarray(body.rotation), np.asarray(body.translation))

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._support.arrays import Array, IntArray
+from consistent_id._support.arrays import Array, BoolArray, IntArray
 from consistent_id.motion.collisions.bodies import HalfSpace, coal_geometry
 from consistent_id.motion.collisions.scene import BodyPlaces, Pair, Scene, body_places
 from consistent_id.robot.kinematics import LinkPlaces, ancestors, link_places
@@ -133,6 +133,7 @@ def separation_slopes(
             places.links,
             sample,
             carriers[ends[:, side]],
+            places.turning[ends[:, side]],
             found.points[side],
             found.normal,
         )
@@ -142,19 +143,26 @@ def separation_slopes(
 
 
 def _along(
-    links: LinkPlaces, sample: IntArray, carrier: IntArray, points: Array, n: Array
+    links: LinkPlaces,
+    sample: IntArray,
+    carrier: IntArray,
+    turning: BoolArray,
+    points: Array,
+    n: Array,
 ) -> Array:
-    """``n^T J`` of points of links, shape (queries, joints)."""
+    """``n^T J`` of points of links, or of directions, shape (queries, joints)."""
     rates = np.zeros((len(sample), len(links.robot)))
     moves = np.zeros((len(links.robot) + 1, len(links.robot)), dtype=bool)
     for link in np.unique(carrier[carrier >= 0]).tolist():
         moves[link, list(ancestors(links.robot, link))] = True
     for j, joint in enumerate(links.robot.joints):
         on = np.flatnonzero(moves[carrier, j])  # the last row is for no link at all
-        push, at = n[on], sample[on]
+        push, at, placed = n[on], sample[on], ~turning[on, None]
         if joint.kind != "prismatic":
             # n.(e x r) = e.(r x n)
-            push = np.cross(points[on] - links.translation[at, j], push)
+            push = np.cross(points[on] - placed * links.translation[at, j], push)
+        else:
+            push = placed * push
         rates[on, j] = np.einsum("ni,ni->n", links.axis[at, j], push)
     return rates
 
