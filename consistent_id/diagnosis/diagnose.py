@@ -275,7 +275,7 @@ def _dynamic(
     best = found.best
     if best is not None and not best.cause.excuse:
         return [explanation_finding(best)]
-    missing = unexplained_findings(as_is, found, noise)
+    missing = unexplained_findings(as_is, found)
     if missing and parts is not None and (nothing := nothing_findings(parts)):
         return nothing
     excuse = [] if best is None else [explanation_finding(best)]

@@ -39,6 +39,7 @@ _BEYOND = 1.5  # times least squares: clean logs have 1.0 to 1.1, here and in ro
 _MOST = 0.12  # of the torque: misfit that explains nothing, least squares or not
 _SURE = 0.999  # of a bound on a misfit: what fits are not exact to
 _RIVAL = 1.25  # ratio of misfits within which two causes explain a log alike
+_CLEARLY = 2.0  # ratio beyond which other masses explain a log better than a fault
 _MIRRORED = ("torque sign", "position sign")  # one and the same at the last joint
 LOAD = "load"
 """Kind of a load that the model does not have."""
@@ -47,6 +48,7 @@ _UNUSUAL = 0.06  # of the torque: clean logs without noise leave 0.5 to 3 %
 # Of friction, that laws with constant coefficients miss: of a UR10e's recordings up to
 # 0.15, as drives warm up, and as gears mesh.
 _OF_FRICTION = 0.15
+_RUBS = 0.9  # share of friction beside which bodies tell no cause from another
 _BAD = 0.3  # of the torque: misfit of which no good comes
 _SHOWN = 3  # candidates that are worth mention
 
@@ -137,31 +139,39 @@ class Explanations:
         Those that leave less unexplained than their thresholds ask for.
     floor : float
         Misfit, relative to the torque, below which a log counts as explained.
+    usual : float
+        Misfit that clean logs have, by which a cause that stands in for others is
+        judged.
     """
 
     tried: tuple[Explanation, ...]
     floor: float
+    usual: float
 
     @property
     def best(self) -> Explanation | None:
         """The one cause that explains the log; None if there is none, or several.
 
         Of causes that explain it about as well, none is known to be the one, unless
-        they are of one kind.  Nor is one that stands in for others, where something
-        explains the log clearly better.
+        they are of one kind.  Nor is one of which much more stays unexplained than of
+        others.
         """
-        explained = [e for e in self.tried if e.misfit <= self.floor]
-        for excuse in (0, 1):
+        bound = {0: self.floor, 1: self.usual, 2: self.floor}
+        explained = [e for e in self.tried if e.misfit <= bound[e.cause.excuse]]
+        for excuse, others, margin in ((0, (0, 1), _CLEARLY), (1, (0, 1, 2), _RIVAL)):
             causes = [e for e in explained if e.cause.excuse == excuse]
+            least = min(
+                (e.misfit for e in explained if e.cause.excuse in others), default=0.0
+            )
             rivals = [e for e in causes if e.misfit <= _RIVAL * causes[0].misfit]
+            if not rivals or rivals[0].misfit > margin * least:
+                continue
             kinds = {e.cause.kind for e in rivals}
             if kinds == set(_MIRRORED) and len({e.cause.where for e in rivals}) == 1:
                 return next(e for e in rivals if e.cause.kind == _MIRRORED[0])
             if kinds == _NESTED:
                 return next(e for e in rivals if e.cause.kind == LOAD)
-            if rivals:
-                beaten = excuse and _RIVAL * explained[0].misfit < rivals[0].misfit
-                return rivals[0] if len(kinds) == 1 and not beaten else None
+            return rivals[0] if len(kinds) == 1 else None
         return None
 
 
@@ -213,6 +223,9 @@ def explanations(
         free of all constraints, leaves of the best candidate, each with a margin; what
         a model of friction that is not quite right leaves is in the second one.
     """
+    usual = max(_UNUSUAL, _WHITE * noise, _OF_FRICTION * as_is.friction)
+    if as_is.friction >= _RUBS and as_is.misfit <= usual:
+        candidates = ()
     factors = [c.factors.joined() for c in candidates]
     bounds = [least_within(R, ()) for R in factors]
     own = [b for b, c in zip(bounds, candidates, strict=True) if c.cause.excuse < 2]
@@ -238,7 +251,7 @@ def explanations(
         misfit = candidate.factors.relative(fit.misfit)
         if misfit <= asked:
             found.append(Explanation(candidate.cause, misfit, as_is.misfit))
-    return Explanations(tuple(sorted(found, key=lambda e: e.misfit)), floor)
+    return Explanations(tuple(sorted(found, key=lambda e: e.misfit)), floor, usual)
 
 
 def _same_robots(as_is: FittedLog, candidate: Candidate) -> bool:
@@ -309,11 +322,9 @@ def explanation_finding(explanation: Explanation) -> Finding:
     )
 
 
-def unexplained_findings(
-    as_is: FittedLog, found: Explanations, noise: float
-) -> list[Finding]:
+def unexplained_findings(as_is: FittedLog, found: Explanations) -> list[Finding]:
     """Report a log that no robot of the datasheet explains, with the candidates."""
-    usual = max(_UNUSUAL, _WHITE * noise, _OF_FRICTION * as_is.friction)
+    usual = found.usual
     rivals = any(e.misfit <= found.floor and e.cause.excuse < 2 for e in found.tried)
     if as_is.misfit <= usual and not rivals:
         return []

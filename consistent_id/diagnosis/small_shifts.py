@@ -30,6 +30,7 @@ SURE = 5.0
 # model's.
 _ANGLE = np.radians(3.0)
 _SLIDE = 0.015  # m
+_HALF_TURN = np.pi  # a zero that is off by more is off by less
 _LARGEST = np.radians(30.0)  # beyond, a linearisation has to prove itself:
 _FACTORS = (0.25, 4.0)  # of a torque; beyond, it is another quantity
 _SETTLED = 0.1  # of the zero, that it may still move about the corrected log
@@ -150,7 +151,7 @@ def moved_channels(
         elif settled[off].all():
             break
         sizes[off] = found[off]
-    shown = (abs(found) <= _LARGEST) | settled
+    shown = (abs(found) <= _LARGEST) | (settled & (abs(found) <= _HALF_TURN))
     low, high = _FACTORS
     shown[joints:] = (found[joints:] > low - 1.0) & (found[joints:] < high - 1.0)
     sure = np.isin(range(len(least)), off) & (scores >= 1.0) & shown

@@ -231,6 +231,8 @@ def _common_gain(p: TorqueParts) -> list[Finding]:
     alike = min(near.mean(), _agreeing(p)[p.whole_shown].mean())
     if gain <= 0.0 or alike < 0.75 or _LOW <= gain <= _HIGH:
         return []
+    if len(heavy) and not 1 / _COMMON <= np.median(heavy) / gain <= _COMMON:
+        return []  # a load adds to the gravity of some joints
     for unit, name in _UNITS.items():
         if 1 / _UNIT < gain / unit < _UNIT:
             statement = f"all torques are {gain:.3g} times the model's: they are {name}"
