@@ -24,6 +24,7 @@ consistent-id excite problems/rx60 --objective D --output results/least-errors
 consistent-id excite problems/ur10e --sequential --starts 8 --seed 1
 consistent-id excite problems/arm --earlier regression.json
 """
+_FILE = "problem.toml"
 
 
 def add_excite(commands: Any) -> None:
@@ -98,6 +99,7 @@ def run_excite(options: argparse.Namespace) -> int:
 
 
 def _excite(options: argparse.Namespace) -> Answer:
+    from consistent_id._support.files import write_atomically
     from consistent_id.excitation import output
     from consistent_id.excitation.playable import TRAINING, playable_design
     from consistent_id.excitation.replay import require_viewer
@@ -123,6 +125,9 @@ def _excite(options: argparse.Namespace) -> Answer:
         text = "\n\n".join(table.text() for table in plan)
         return Answer(0, text, [asdict(table) for table in plan])
     output.require_places(folder, formats)
+    draft = _draft(options, folder)
+    if draft is not None:
+        _require_place(folder, draft)
     playable = playable_design(
         problem,
         parameters=parameters,
@@ -134,7 +139,9 @@ def _excite(options: argparse.Namespace) -> Answer:
         earlier=earlier,
         progress=shows_progress(options),
     )
-    written = [*_drafted(options, folder)]
+    written = []
+    if draft is not None:
+        written.append(write_atomically(folder / _FILE, draft))
     written += output.write_design(playable, folder, formats, options.thin)
     if options.replay and TRAINING in playable.moves:
         written.append(output.replay_design(problem, playable, folder))
@@ -144,17 +151,29 @@ def _excite(options: argparse.Namespace) -> Answer:
     return Answer(1 if playable.refusals else 0, text, record)
 
 
-def _drafted(options: argparse.Namespace, folder: Path) -> list[Path]:
-    """Write the problem file of a robot that has none; return it."""
-    from consistent_id._support.files import write_atomically
+def _draft(options: argparse.Namespace, folder: Path) -> str | None:
+    """Return the problem file of a robot that has none."""
     from consistent_id.excitation.sources import changed, is_robot
     from consistent_id.problems.excitation_tables import ExcitationTable
     from consistent_id.problems.robot_draft import robot_draft
     from consistent_id.robot.chains import Selection
 
     if not is_robot(options.problem):
-        return []
+        return None
     table = changed(ExcitationTable(), motion_changes(options))
     part = Selection(options.base, options.tip)
-    text = robot_draft(options.problem, table, part).text(folder)
-    return [write_atomically(folder / "problem.toml", text)]
+    return robot_draft(options.problem, table, part).text(folder)
+
+
+def _require_place(folder: Path, draft: str) -> None:
+    """Refuse, before the search, to replace a file that may have been edited."""
+    from consistent_id._support.files import require_replaceable
+    from consistent_id.errors import ProblemError
+
+    try:
+        require_replaceable(folder / _FILE, draft.encode())
+    except ProblemError as cause:
+        raise ProblemError(
+            f"{cause}. To design another motion for that problem: consistent-id excite "
+            f"{folder}, with the same options"
+        ) from None

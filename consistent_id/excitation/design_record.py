@@ -113,8 +113,7 @@ def design_tables(
         (
             f"condition number of {design.condition.basis}; column scaling: "
             f"{design.condition.scaling}",
-            f"{design.starts} starts from seed {design.seed}, {design.seconds:.1f} s",
-            *_tried(design),
+            _searched(design),
             *([] if design.relative is None else [design.relative.note]),
             *design.notes,
         ),
@@ -145,11 +144,12 @@ def used_limits(design: ExcitationDesign) -> Table:
             if (margin := margins.get((joint, quantity))) is not None:
                 cells[k] = f"{100.0 * margin.bound / margin.limit:.0f} %"
         rows.append((joint, *cells))
+    whose = _torque_of(design)
     return Table(
         "Share of each limit that is used",
         ("joint", "range", *quantities),
         tuple(rows),
-        (f"torque: {_torque_of(design)}",),
+        () if any(whose in note for note in design.notes) else (f"torque: {whose}",),
     )
 
 
@@ -160,11 +160,14 @@ def _torque_of(design: ExcitationDesign) -> str:
     return design.demands.torque_of
 
 
-def _tried(design: ExcitationDesign) -> list[str]:
+def _searched(design: ExcitationDesign) -> str:
+    """Say what was searched, for how long."""
+    starts = f"{design.starts} start" + "s" * (design.starts != 1)
+    searched = f"{starts} from seed {design.seed}, {design.seconds:.1f} s"
     if len(design.tried) < 2:
-        return []
+        return searched
     counts = ", ".join(str(len(form.frequencies)) for form in design.tried)
-    return [f"of {counts} frequencies the number that promised most"]
+    return f"{searched}; of {counts} frequencies the number that promised most"
 
 
 def _clearances(design: ExcitationDesign, proofs: Mapping[str, Proof]) -> list[Table]:

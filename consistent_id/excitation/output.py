@@ -166,8 +166,8 @@ def playable_tables(playable: PlayableDesign) -> list[Table]:
     header = ("motion", "lasts", "least margin", "joint", "limit of")
     what = "run-in and run-out included; proven for all times"
     notes = (what, *playable.notes, *playable.refusals)
-    tables = design_tables(playable.design, playable.proofs)
-    return [*tables, Table("What is played", header, rows, notes)]
+    found, *others = design_tables(playable.design, playable.proofs)
+    return [found, Table("What is played", header, rows, notes), *others]
 
 
 def _rows(playable: PlayableDesign) -> Iterator[tuple[str, ...]]:

@@ -15,9 +15,7 @@ def request_tables(
 ) -> list[Table]:
     """Return form, aim, limits and demands of a path that is requested."""
     form, aim = request.form, request.aim
-    tried = " Hz; or ".join(
-        ", ".join(f"{f:.4g}" for f in one.frequencies) for one in request.forms
-    )
+    tried = "; or ".join(_frequencies(one) for one in request.forms)
     bound = f", condition number up to {aim.growth:g} times the least"
     if aim.condition_at_most is not None:
         bound = f", condition number up to {aim.condition_at_most:g}"
@@ -25,7 +23,7 @@ def request_tables(
     pose, times = request.start_pose, request.periods or 1
     rows = [
         ("duration", f"{form.duration:g} s"),
-        ("frequencies", f"{tried} Hz"),
+        ("frequencies", tried),
         ("ends", _ends(form)),
         ("played", "once" if times == 1 else f"{times} times"),
         ("start pose", "any" if pose is None else _pose(pose)),
@@ -43,6 +41,14 @@ def request_tables(
         (*required.notes, *request.notes),
     )
     return [plan, limits_table(request.limits), *_scene(required)]
+
+
+def _frequencies(form: PathForm) -> str:
+    """Say which frequencies a form has: harmonics of one, or all of them."""
+    every = form.frequencies
+    if np.allclose(every, every[0] * np.arange(1, len(every) + 1)):
+        return f"{len(every)} harmonics of {every[0]:.4g} Hz"
+    return ", ".join(f"{f:.4g}" for f in every) + " Hz"
 
 
 def _ends(form: PathForm) -> str:

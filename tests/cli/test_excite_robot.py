@@ -62,6 +62,25 @@ def test_a_robot_alone_gets_a_motion_and_a_problem_file(urdf, tmp_path, capsys):
     assert again.limits.acceleration == 5.0
 
 
+def test_an_edited_problem_file_is_not_replaced_and_no_search_is_lost(
+    urdf, tmp_path, capsys, monkeypatch
+):
+    def searched(*given, **options):
+        pytest.fail("searched before the file was looked at")
+
+    monkeypatch.setattr("consistent_id.excitation.playable.playable_design", searched)
+    folder = tmp_path / "motion"
+    folder.mkdir()
+    mine = folder / "problem.toml"
+    mine.write_text('name = "mine"\n')
+    call = ["excite", str(urdf), "--acceleration", "5", "--output", str(folder)]
+    assert main(call) == 2
+    told = capsys.readouterr().err
+    assert "problem.toml is there already" in told
+    assert f"consistent-id excite {folder}" in told
+    assert mine.read_text() == 'name = "mine"\n'
+
+
 def test_init_without_a_log_says_what_to_record(urdf, tmp_path, capsys):
     file = tmp_path / "study.toml"
     assert main(["init", str(urdf), "--output", str(file)]) == 0
