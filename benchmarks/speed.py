@@ -12,6 +12,7 @@ import statistics
 import subprocess
 import sys
 from collections.abc import Callable
+from datetime import date
 from pathlib import Path
 from time import perf_counter
 
@@ -267,7 +268,8 @@ def page(quick: bool) -> str:
         solve = solve_table(3 if quick else 10)
     return f"""# How fast it is
 
-Measured in one run by `python benchmarks/speed.py`, on {os.cpu_count()} cores, Python
+Measured on {date.today()} in one run by `python benchmarks/speed.py`, on
+{os.cpu_count()} cores, Python
 {platform.python_version()}, {versions}.
 BLAS runs in one thread throughout.
 Medians of {runs} run(s) in processes of their own; other machines differ, so read the

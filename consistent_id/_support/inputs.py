@@ -12,6 +12,7 @@ from consistent_id._support.run import current_run, note_input
 from consistent_id.errors import ConsistentIdError
 
 MEBIBYTE = 2**20
+GIBIBYTE = 2**30
 LARGEST_MODEL = 32 * MEBIBYTE  # bytes; URDF and MJCF of robots have less than 1 MiB
 LARGEST_PROBLEM = MEBIBYTE  # bytes; the longest of this repository has 8 kB
 LARGEST_TREE = 1000  # joints and bodies; a humanoid with two hands has about 150
@@ -24,6 +25,14 @@ _UNPACKED = 256 * MEBIBYTE
 _RAISE = (
     "say --large-files (in Python: with consistent_id.large_files()) if it is meant"
 )
+
+
+def memory_of_this_computer() -> int | None:
+    """Return its memory in bytes, or None where the system does not tell."""
+    try:
+        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, OSError, ValueError):
+        return None
 
 
 def require_regular(path: Path, error: type[ConsistentIdError]) -> int:

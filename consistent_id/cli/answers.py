@@ -118,8 +118,8 @@ def warnings_unless(quiet: bool) -> Iterator[None]:
 
 
 def shows_progress(options: argparse.Namespace) -> bool:
-    """Return whether somebody watches long work."""
-    return sys.stderr.isatty() and not options.quiet
+    """Return whether to say how far long work is, on the standard error."""
+    return not options.quiet
 
 
 def _each(

@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from consistent_id.cli.answers import Answer, answered, show
+from consistent_id.cli.answers import Answer, answered, show, shows_progress
 from consistent_id.cli.log_options import (
     add_columns,
     add_gains,
@@ -64,6 +64,7 @@ def run_check(options: argparse.Namespace) -> int:
 
 
 def _check(options: argparse.Namespace) -> Answer:
+    from consistent_id._support.progress import stages
     from consistent_id.cli.checks import check_log
     from consistent_id.diagnosis.diagnosis_table import (
         diagnosis_record,
@@ -75,12 +76,14 @@ def _check(options: argparse.Namespace) -> Answer:
     from consistent_id.problems.robot_logs import robot_logs
 
     notes: tuple[str, ...] = ()
-    if options.log is None:
-        found = check_problem(load_problem(options.problem))
-    else:
-        logs = robot_logs(options.problem, options.log, **known_of(options))
-        found = check_log(logs, options.log, cutoff=options.cutoff)
-        notes = logs.notes
+    with stages(1, shows_progress(options)) as begin:
+        begin("faults of the recordings")
+        if options.log is None:
+            found = check_problem(load_problem(options.problem))
+        else:
+            logs = robot_logs(options.problem, options.log, **known_of(options))
+            found = check_log(logs, options.log, cutoff=options.cutoff)
+            notes = logs.notes
     faults = [fault for fault in found.faults if fault.kind not in options.accept]
     table = diagnosis_table(found)
     text = replace(table, notes=(*table.notes, *notes)).text()

@@ -78,16 +78,17 @@ def run_identify(options: argparse.Namespace) -> int:
 
 def _identify(options: argparse.Namespace) -> Answer:
     from consistent_id.problems.problem import load_problem
-    from consistent_id.problems.study import Study
+    from consistent_id.problems.study import run_study
     from consistent_id.report.summary import excitation_table, headline_tables
 
     _refuse_drafting(options)
     _require_writable(options)
-    study = Study(
+    study = run_study(
         load_problem(options.problem),
         seed=options.seed,
         progress=shows_progress(options),
-        accepted=tuple(options.accept),
+        accepted=options.accept,
+        costs=False,
     )
     tables = [
         *headline_tables(study),

@@ -16,6 +16,7 @@ import numpy as np
 from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays
 from consistent_id._support.executors import Executor
 from consistent_id._support.interrupts import note_stop
+from consistent_id._support.progress import counted
 from consistent_id._support.threads import single_threaded, worker_threads
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.priors import Prior
@@ -196,10 +197,11 @@ def _collected(
     executor: Executor | None,
 ) -> list[_Replicate | None]:
     """Return the results in order; those so far, if interrupted after two or more."""
-    from tqdm import tqdm
-
     found: list[_Replicate | None] = []
-    with worker_threads(_WORKERS) as pool:
+    with (
+        worker_threads(_WORKERS) as pool,
+        counted(total or 0, "replicates", total is not None) as count,
+    ):
         if executor is None:
             results = pool.map(estimate, draws)
         else:
@@ -207,8 +209,9 @@ def _collected(
             each = executor.map(partial(_estimated, estimate), some)
             results = chain.from_iterable(each)
         try:
-            for result in tqdm(results, "bootstrap", total, disable=total is None):
+            for result in results:
                 found.append(result)
+                count(len(found))
         except KeyboardInterrupt as cause:
             if len(found) < 2:
                 raise

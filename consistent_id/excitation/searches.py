@@ -12,6 +12,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from consistent_id._support.interrupts import Interrupted
+from consistent_id._support.progress import counted
 from consistent_id.excitation.lanes import helped, run_lane
 from consistent_id.excitation.reports import read_reports
 from consistent_id.excitation.search import Candidate
@@ -45,20 +46,18 @@ def run_searches(
     progress : bool
         Show a bar with the best value so far.
     """
-    from tqdm import tqdm
-
     with (
         TemporaryDirectory(prefix="excitation-") as name,
-        tqdm(total=len(starts), disable=not progress, unit="start") as bar,
+        counted(len(starts), "starts", progress) as count,
     ):
         folder = Path(name)
 
         def show() -> None:
             found = list(read_reports(folder))
-            bar.update(sum(one.complete for one in found) - bar.n)
             if found:
-                best = min(one.score for one in found)
-                bar.set_postfix_str(f"best {problem.objective}: {np.exp(best):.4g}")
+                best = np.exp(min(one.score for one in found))
+                complete = sum(one.complete for one in found)
+                count(complete, f"(best {problem.objective}: {best:.4g})")
 
         lanes = [list(starts[k::workers]) for k in range(min(workers, len(starts)))]
         with helped(problem, lanes[1:], work, folder) as helpers:

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
+from consistent_id.regression.triangles import triangle
 
 STRUCTURAL_TOLERANCE = 1e-9
 """A unit column nearer than this to the span of those before it is dependent.
@@ -73,7 +74,7 @@ def split_at_gap(W: Matrix, kinds: Sequence[str]) -> NearSplit:
     kinds : sequence of str
         Of the columns: parameters of one kind have one unit.
     """
-    norms, unit = _unit(W, STRUCTURAL_TOLERANCE)
+    norms, unit = _unit(_shortened(W), STRUCTURAL_TOLERANCE)
     largest: dict[str, float] = {}
     for kind, norm in zip(kinds, norms.tolist(), strict=True):
         largest[kind] = max(norm, largest.get(kind, 0.0))
@@ -122,7 +123,7 @@ def independent_columns(
         or below which it counts as dependent.  Columns whose norm is below this
         fraction of the largest count as zero.
     """
-    return _split(*_unit(W, tolerance), tolerance)
+    return _split(*_unit(_shortened(W), tolerance), tolerance)
 
 
 def _split(norms: Vector, unit: Matrix, tolerance: float | Vector) -> ColumnSplit:
@@ -137,6 +138,11 @@ def _split(norms: Vector, unit: Matrix, tolerance: float | Vector) -> ColumnSpli
     nearest = np.round(K)
     K = np.asarray(np.where(abs(K - nearest) < _ROUND, nearest, K))
     return ColumnSplit(tuple(independent), tuple(dependent), K)
+
+
+def _shortened(W: Matrix) -> Matrix:
+    """Return no more rows than columns, of which norms and angles are the same."""
+    return triangle(np.array(W, order="F")) if len(W) > W.shape[1] else W
 
 
 def _unit(W: Matrix, tolerance: float) -> tuple[Vector, Matrix]:

@@ -257,3 +257,11 @@ def test_progress_is_shown_to_whoever_watches(monkeypatch, capsys):
     captured = capsys.readouterr()
     json.loads(captured.out)
     assert "shadow prices" in captured.err
+
+
+@pytest.mark.slow
+def test_a_pipe_gets_a_line_for_each_stage_and_none_where_quiet_is_wanted(capsys):
+    assert main(["check", "problems/rx60"]) in (0, 1, 2)
+    assert capsys.readouterr().err.startswith("0/1 faults of the recordings [0 s]\n")
+    main(["check", "problems/rx60", "--quiet"])
+    assert "faults of the recordings" not in capsys.readouterr().err

@@ -6,7 +6,12 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from consistent_id._support.inputs import require_regular
+from consistent_id._support.inputs import (
+    GIBIBYTE,
+    memory_of_this_computer,
+    require_regular,
+)
+from consistent_id._support.run import current_run
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.log_formats import LOG_FORMATS, log_format
 from consistent_id.recordings.readers.array_parts import read_parts, stored_name
@@ -23,6 +28,8 @@ from consistent_id.recordings.readers.jointstate import (
 from consistent_id.recordings.readers.named_arrays import recording_of
 from consistent_id.recordings.readers.stated_units import in_stated_units
 from consistent_id.recordings.recording import Recording
+
+_COPIES = 2  # of a file's size that reading it as a whole takes, at the least
 
 
 def read_recording(
@@ -87,8 +94,11 @@ def read_recording(
             f"{path}: topic {topic!r} is asked for, but only bags have topics"
         )
     want = wanted_of(path, columns or Columns(), joints)
+    reader = reader_of(path)
+    if hasattr(reader, "read_batches"):
+        _require_room(path)
     return recording_of(
-        read_parts(reader_of(path), path, want.names),
+        read_parts(reader, path, want.names),
         want,
         where=str(path),
         name=path.name,
@@ -112,6 +122,19 @@ def wanted_of(path: Path, columns: Columns, joints: Sequence[str]) -> Wanted:
     said = reader_of(path).array_units(path, list(dict.fromkeys(stored.values())))
     of_names = {name: said[at] for name, at in stored.items() if at in said}
     return in_stated_units(want, of_names, str(path))
+
+
+def _require_room(path: Path) -> None:
+    """Refuse a file that is too large for this computer, but can be streamed."""
+    size, room = path.stat().st_size, memory_of_this_computer()
+    if room is not None and _COPIES * size > room and not current_run().large_files:
+        raise RecordingError(
+            f"{path}: {size / GIBIBYTE:.1f} GiB, to be read as a whole into a computer "
+            f"with {room / GIBIBYTE:.1f} GiB of memory; read it piece by piece: "
+            "consistent-id compress (in Python: stream_regression), and identify from "
+            "what that writes; or say --large-files (in Python: with "
+            "consistent_id.large_files()) if it fits after all"
+        )
 
 
 def column_names(path: Path) -> tuple[str, ...]:

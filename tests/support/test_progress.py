@@ -1,0 +1,42 @@
+"""Progress: lines for a pipe, a bar for a terminal, nothing for who did not ask."""
+
+import sys
+
+import pytest
+
+from consistent_id._support import progress
+from consistent_id._support.progress import counted, stages
+
+
+def test_a_pipe_gets_a_line_as_each_stage_begins(capsys):
+    with stages(2, True) as begin:
+        begin("one")
+        assert capsys.readouterr().err == "0/2 one [0 s]\n"
+        begin("two")
+    assert capsys.readouterr().err == "1/2 two [0 s]\n"
+
+
+def test_what_is_counted_has_a_line_at_once_and_then_after_pauses(capsys, monkeypatch):
+    clock = iter([0.0, 0.1, 0.1, 1.0, 6.0, 6.0])
+    monkeypatch.setattr(progress, "monotonic", lambda: next(clock))
+    with counted(9, "starts", True) as count:
+        count(1)  # a second later: not yet
+        count(2, "(best: 3)")
+    assert capsys.readouterr().err == "0/9 starts [0 s]\n2/9 starts (best: 3) [6 s]\n"
+
+
+def test_nobody_who_did_not_ask_sees_anything(capsys):
+    with stages(1, False) as begin, counted(3, "starts", False) as count:
+        begin("one")
+        count(2)
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize("shown", [stages, counted])
+def test_a_terminal_has_a_bar(shown, capsys, monkeypatch):
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    with stages(4, True) if shown is stages else counted(4, "ones", True) as say:
+        say("one") if shown is stages else say(3)
+    error = capsys.readouterr().err
+    assert "\r" in error
+    assert ("0/4" if shown is stages else "3/4") in error
