@@ -14,6 +14,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
 from consistent_id._support.threads import single_threaded
+from consistent_id.comparison.floating_blocks import FloatingBlocks, floating_blocks
 from consistent_id.comparison.intervals import ConsistentIntervals, consistent_intervals
 from consistent_id.comparison.recording_scatter import (
     RecordingScatter,
@@ -39,6 +40,8 @@ from consistent_id.regression.residual_noise import ResidualNoise, residual_nois
 from consistent_id.regression.segments import lengthened, merged
 from consistent_id.robot.parameters import did_you_mean
 
+NORMAL = 1.96
+"""Standard errors either way that hold 95 % if their number of data is large."""
 LONG = 10.0
 """Length of a segment, in correlation lengths, from which on segments are independent:
 their scatter then shows the noise, whatever it is like."""
@@ -89,7 +92,9 @@ class Uncertainty:
     """What is known of all parameters, and how it was found.
 
     `scatter` says what standard errors rest on, and `recordings` what recordings differ
-    by; None of one recording, or of several that do not tell by themselves.
+    by; None of one recording, or of several that do not tell by themselves.  `blocks`
+    is what parameters of a floating base's one recording differ by between its blocks,
+    and `quantile` of the standard errors either way hold 95 %.
     """
 
     parameters: tuple[ParameterUncertainty, ...]
@@ -97,6 +102,8 @@ class Uncertainty:
     intervals: ConsistentIntervals
     scatter: str = ""
     recordings: RecordingScatter | None = None
+    blocks: FloatingBlocks | None = None
+    quantile: float = NORMAL
 
     def __getitem__(self, name: str) -> ParameterUncertainty:
         for parameter in self.parameters:
@@ -119,6 +126,7 @@ class Uncertainty:
             "slack": self.intervals.slack,
             "level": self.intervals.level,
             "scatter": self.scatter,
+            "quantile": self.quantile,
             "recordings": 1 if self.recordings is None else self.recordings.recordings,
         }
 
@@ -179,6 +187,12 @@ def uncertainty(
         noise = recordings.added_to(noise, parts, base)
         variance = variance + _moved(fitted, parts, base, recordings)
         between = _root(_moved(fitted, [whole], base, recordings))
+    blocks = None
+    if recordings is None and model.robot.floating:
+        blocks = floating_blocks(model, segments, constraints, base)
+    if blocks is not None:
+        variance = variance + blocks.variance
+        scores = scores.beside(blocks)
     resampled = bootstrap(
         model,
         segments,
@@ -210,6 +224,8 @@ def uncertainty(
         intervals=intervals,
         scatter=scores.sentence,
         recordings=recordings,
+        blocks=blocks,
+        quantile=scores.quantile,
     )
 
 
@@ -284,6 +300,14 @@ class _Scores(NamedTuple):
 
     rows: Matrix
     sentence: str
+    quantile: float = NORMAL
+
+    def beside(self, blocks: FloatingBlocks) -> "_Scores":
+        """Say what scatter between blocks adds."""
+        return self._replace(
+            sentence=f"{self.sentence}. {blocks.sentence}",
+            quantile=max(self.quantile, blocks.scatter.quantile),
+        )
 
 
 def _scores(
@@ -308,6 +332,7 @@ def _scores(
             segment_scores(fitted, segments, base, sources),
             f"scatter is that between {count} segments, each {LONG:.0f} correlation "
             f"lengths long or longer: 95 % are {t:.2f} standard errors either way{few}",
+            t,
         )
     longest = float(noise.length.max())
     return _Scores(

@@ -23,6 +23,7 @@ from consistent_id.errors import (
     SolverError,
 )
 from consistent_id.estimation.constrained_fit import constrained_fit
+from consistent_id.estimation.torque_error import stacked_of_kinds
 from consistent_id.estimation.verdict import percent
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.noise import joint_noise
@@ -141,7 +142,7 @@ def recommend(
             fit = constrained_fit(model, rest, constraints, candidate.prior, base)
         except (InfeasibleError, NotExcitedError, SolverError):
             return np.inf
-        return _relative_error(tested, fit.parameters)
+        return _relative_error(model, tested, fit.parameters)
 
     errors = np.array([[left_out(c, fold) for fold in folds] for c in candidates])
     names = tuple(candidate.method for candidate in candidates)
@@ -175,8 +176,9 @@ def _simplest(errors: Matrix) -> int:
     return int(np.argmax(mean <= mean[best] + spread))
 
 
-def _relative_error(regression: Regression, x: Vector) -> float:
+def _relative_error(model: TorqueModel, regression: Regression, x: Vector) -> float:
+    """Return the torque error over the torque; see `stacked_of_kinds`."""
     counts = np.array(regression.counts, dtype=np.float64)
-    size = float(counts @ regression.torque_rms**2)
-    error = float(counts @ regression.residual_rms(x) ** 2)
-    return float(np.sqrt(error / size)) if size > 0.0 else np.inf
+    size = counts * regression.torque_rms**2
+    error = counts * regression.residual_rms(x) ** 2
+    return stacked_of_kinds(model, error, size) if size.any() else np.inf

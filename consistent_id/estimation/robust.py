@@ -6,7 +6,7 @@ from time import perf_counter
 
 import numpy as np
 
-from consistent_id._support.arrays import Array, Matrix, Vector
+from consistent_id._support.arrays import Array, BoolArray, Matrix, Vector
 from consistent_id._support.threads import single_threaded
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.estimate import Certificate, Estimate
@@ -17,9 +17,13 @@ from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.correlation import correlation_lengths
 from consistent_id.regression.linear import solve_linear
-from consistent_id.regression.motion_arrays import motion_of
+from consistent_id.regression.motion_arrays import Motion, motion_of
 from consistent_id.regression.noise import base_solution, joint_noise
-from consistent_id.regression.regression import Regression, build_regression
+from consistent_id.regression.regression import (
+    Regression,
+    build_regression,
+    reweighted,
+)
 from consistent_id.regression.regressor import TorqueModel
 
 HUBER_K = 1.345
@@ -71,18 +75,18 @@ def huber(
     plain = build_regression(model, recordings)
     sigma = joint_noise(model, plain, base=base)
     floor = 1e-6 * np.maximum(plain.torque_rms, 1e-12)
-    residuals = _residuals(model, plain.weighted(sigma), base, recordings)
+    motions = [_ready(motion_of(model, recording, None)) for recording in recordings]
+    counted = np.vstack([motion.counted for motion in motions])
+    residuals = _residuals(model, plain.weighted(sigma), base, motions)
     change = np.inf
     for _ in range(iterations):
-        scale = np.maximum(_MAD * np.median(abs(np.vstack(residuals)), axis=0), floor)
+        scale = np.maximum(_MAD * _medians(abs(np.vstack(residuals)), counted), floor)
         weights = [
             np.sqrt(np.minimum(1.0, k * scale / np.maximum(abs(r), 1e-300)))
             for r in residuals
         ]
-        regression = build_regression(
-            model, recordings, row_weights=weights, noise=False
-        )
-        updated = _residuals(model, regression.weighted(scale), base, recordings)
+        regression = reweighted(model, motions, weights)
+        updated = _residuals(model, regression.weighted(scale), base, motions)
         change = max(
             float((abs(new - old) / scale).max())
             for new, old in zip(updated, residuals, strict=True)
@@ -105,16 +109,28 @@ def huber(
     )
 
 
+def _ready(motion: Motion) -> Motion:
+    """Return a motion that many passes can go along."""
+    mixing = motion.mixing
+    return motion if mixing is None else motion._replace(mixing=mixing.holding())
+
+
 def _residuals(
     model: TorqueModel,
     regression: Regression,
     base: BaseParameters,
-    recordings: Sequence[Recording],
+    motions: Sequence[Motion],
 ) -> list[Array]:
-    """Return what the regression's least squares leaves of each recording's torque."""
+    """Return what the regression's least squares leaves of each motion's torque."""
     x = base.lift(base_solution(regression, base).x)
-    motions = [motion_of(model, recording, None) for recording in recordings]
     return [m.torque - m.predicted(model, x) for m in motions]
+
+
+def _medians(values: Array, counted: BoolArray) -> Vector:
+    """Return each column's median over the rows that count."""
+    return np.array(
+        [np.median(v[use]) for v, use in zip(values.T, counted.T, strict=True)]
+    )
 
 
 def _covariance(

@@ -10,7 +10,7 @@ from consistent_id.errors import ProblemError
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.stiction import IN_MOTION, beyond_friction, moving_shares
 from consistent_id.recordings.recording import Recording
-from consistent_id.regression.motion_arrays import motion_of
+from consistent_id.regression.motion_arrays import Motion, motion_of
 from consistent_id.regression.regression import build_regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.row_names import in_newton
@@ -66,52 +66,47 @@ def torque_errors(
     model = estimates[0].model
     if not model.robot.floating and recording.of(model.torque_joints).torque is None:
         raise ProblemError(f"{recording.name} has no torque to compare with")
-    measured = motion_of(model, recording, None).torque
-    if not measured.any():
+    motion = motion_of(model, recording, None)
+    if not motion.torque.any():
         raise ProblemError(f"{recording.name}: its torque is zero throughout")
     regression = build_regression(model, recording)
     counts, size = np.array(regression.counts), regression.torque_rms
     moving = moving_shares(model, regression)
-    rests = bool((moving < IN_MOTION).any())
+    # Where rows are mixed, friction of a joint at rest is in all of them.
+    rests = motion.mixing is None and bool((moving < IN_MOTION).any())
     errors = []
     for estimate in estimates:
         rms = regression.residual_rms(estimate.parameters)
-        beyond = _beyond(estimate, recording) if rests else rms
+        beyond = _beyond(estimate, recording, motion) if rests else rms
         errors.append(
             TorqueError(
                 recording.name,
                 rms,
                 rms / np.where(size > 0.0, size, np.nan),
                 size,
-                _stacked(model, counts * rms**2, counts * size**2),
+                stacked_of_kinds(model, counts * rms**2, counts * size**2),
                 beyond,
-                _stacked(model, counts * beyond**2, counts * size**2),
+                stacked_of_kinds(model, counts * beyond**2, counts * size**2),
             )
         )
     return errors
 
 
-def _beyond(estimate: Estimate, recording: Recording) -> Vector:
+def _beyond(estimate: Estimate, recording: Recording, motion: Motion) -> Vector:
     """Return the RMS error beyond what friction at rest can hold, of each joint."""
     model, fit = estimate.model, estimate.fit
-    motion = recording.of(model.robot.joint_names)
-    measured = np.asarray(recording.of(model.torque_joints).torque)
-    predicted = model.predict(
-        estimate.parameters,
-        motion.position,
-        np.asarray(motion.velocity),
-        np.asarray(motion.acceleration),
-        base=motion.base,
-    )
+    error = motion.torque - motion.predicted(model, estimate.parameters)
     held = np.zeros(len(model.torque_joints)) if fit is None else fit.holding
-    left = beyond_friction(model, motion, measured - predicted, held)
+    moved = recording.of(model.robot.joint_names)
+    left = beyond_friction(model, moved, error, held)
     return np.asarray(np.sqrt(np.mean(left**2, axis=0)))
 
 
-def _stacked(model: TorqueModel, error: Vector, torque: Vector) -> float:
-    """Return the relative error of all joints, each kind relative to its own torque.
+def stacked_of_kinds(model: TorqueModel, error: Vector, torque: Vector) -> float:
+    """Return the relative error of all rows, each kind relative to its own size.
 
-    `error` and `torque` are sums of squares, of each joint.
+    Forces in N and torques in N m do not add.  `error` and `torque` are sums of
+    squares, of each row.
     """
     slides = np.array([in_newton(model.robot, name) for name in model.torque_joints])
     kinds = [kind for kind in (slides, ~slides) if torque[kind].any()]

@@ -64,6 +64,16 @@ class Motion(NamedTuple):
         left = np.rint(self.shares[rows].sum(axis=0, where=counted))
         return np.asarray(np.clip(left, np.minimum(whole, 1), None).astype(np.intp))
 
+    @property
+    def counted(self) -> BoolArray:
+        """Whether each row counts, shape (samples, rows)."""
+        there = np.ones(self.torque.shape, dtype=bool)
+        if self.weights is not None:
+            there &= self.weights != 0.0
+        if self.shares is not None:
+            there &= self.shares > 0.0
+        return there
+
     def noise_lost(self, rows: range) -> Vector:
         """Return the noise of each row before it was mixed, over what is left of it.
 

@@ -215,6 +215,29 @@ def build_regression(
     return _with_noise(model, regression, motions, kept, row_filter)
 
 
+@single_threaded
+def reweighted(
+    model: TorqueModel, motions: Sequence[Motion], row_weights: Sequence[Array]
+) -> Regression:
+    """Compress motions whose rows are multiplied by factors, without their noise.
+
+    For work that takes many passes; see `build_regression`.
+
+    Parameters
+    ----------
+    model : TorqueModel
+    motions : sequence of Motion
+    row_weights : sequence of ndarray, each shape (samples, torque joints)
+        Positive.  Rows that do not count in a motion do not count here either.
+    """
+    weighted = [
+        motion._replace(weights=w if motion.weights is None else w * motion.weights)
+        for motion, w in zip(motions, row_weights, strict=True)
+    ]
+    kept = [range(len(motion.q)) for motion in motions]
+    return _compressed(model, weighted, kept, RowFilter())
+
+
 def compressed_pieces(
     model: TorqueModel, pieces: Sequence[Recording], whole: Sequence[Recording]
 ) -> tuple[Regression, ...]:

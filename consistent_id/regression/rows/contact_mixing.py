@@ -24,6 +24,9 @@ from consistent_id.robot.model import RobotModel
 _CHUNK = 512
 """Samples per chunk: of 18 rows and 130 columns, 10 MB."""
 
+_MOST = 2**28
+"""Bytes of maps that are held: 100 000 samples of 18 rows."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ContactMixing:
@@ -42,6 +45,8 @@ class ContactMixing:
     unknown : ndarray of bool, shape (samples, rows), optional
         Rows that hold something else that is not known, such as the friction of a joint
         at rest: nothing of them gets into the others.
+    held : ndarray, shape (samples, rows, rows), optional
+        The `maps`, if they are found already; see `holding`.
     """
 
     robot: RobotModel
@@ -50,6 +55,7 @@ class ContactMixing:
     contacts: tuple[ContactFlags, ...]
     rotation: Array | None
     unknown: BoolArray | None = None
+    held: Array | None = None
 
     def samples(self, part: slice) -> "ContactMixing":
         """Return a run of samples."""
@@ -59,7 +65,18 @@ class ContactMixing:
             contacts=tuple(flags.samples(part) for flags in self.contacts),
             rotation=None if self.rotation is None else self.rotation[part],
             unknown=None if self.unknown is None else self.unknown[part],
+            held=None if self.held is None else self.held[part],
         )
+
+    def holding(self) -> "ContactMixing":
+        """Return the mixing with its maps found, for work that takes many passes.
+
+        Unless they take more than `_MOST` bytes: then each pass finds them anew.
+        """
+        if 8 * len(self.q) * len(self.rows) ** 2 > _MOST:
+            return self
+        parts = [maps for _, maps in self.chunks()]
+        return replace(self, held=np.concatenate(parts)) if parts else self
 
     @property
     def maps(self) -> Array:
@@ -67,6 +84,8 @@ class ContactMixing:
 
         Zero where a contact is not certain.
         """
+        if self.held is not None:
+            return self.held
         n = len(self.rows)
         found = np.zeros((len(self.q), n, n))
         levels = np.ones(n)
