@@ -329,34 +329,6 @@ def _with_noise(
     return replace(regression, noise=joined_noise(parts))
 
 
-@single_threaded
-def with_noise_of(
-    model: TorqueModel,
-    regression: Regression,
-    middles: Sequence[Recording],
-    samples: Sequence[int],
-) -> Regression:
-    """Return a regression with the noise that the middles of its recordings show.
-
-    Parameters
-    ----------
-    model : TorqueModel
-    regression : Regression
-    middles : sequence of Recording
-        The `SHOWN` samples in the middle of each recording, or all of a shorter one.
-    samples : sequence of int
-        Of each recording.
-    """
-    fit = joint_fit(regression.factors, regression.counts)
-    parts = [
-        recorded_noise(
-            model, fit, motion_of(model, shown, None), range(len(shown)), RowFilter()
-        ).share(total / len(shown))
-        for shown, total in zip(middles, samples, strict=True)
-    ]
-    return replace(regression, noise=joined_noise(parts))
-
-
 def _middle(
     motion: Motion, centres: range, row_filter: RowFilter
 ) -> tuple[Motion, range]:

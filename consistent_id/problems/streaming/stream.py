@@ -25,9 +25,9 @@ from consistent_id.regression.regression import (
     SHOWN,
     Regression,
     build_regression,
-    with_noise_of,
 )
 from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.streamed_noise import with_noise_of
 
 
 def stream_regression(
