@@ -1,4 +1,4 @@
-"""Noise of recordings that were streamed: their middles are all that is left of them."""
+"""Noise of recordings that were streamed: of them, only the middles are left."""
 
 from collections.abc import Sequence
 from dataclasses import replace
