@@ -46,8 +46,8 @@ back, a gain alone is a warning and no fault. A constant torque says nothing of 
 gain. Inertial torque that is too large by one factor in several joints, where gravity
 is right, is a clock that runs slow. Then candidates are fitted: changes of channels
 (one entry each in the table of `diagnosis/corrections.py`), gravity's direction, other
-masses, drift, coupled joints, contact. Least squares bounds what a physically consistent
-robot can explain; only candidates whose bound can win are fitted under
+masses, drift, coupled joints, contact. Least squares bounds what a physically
+consistent robot can explain; only candidates whose bound can win are fitted under
 constraints.
 
 A candidate is named only if it brings the constrained misfit down to the
