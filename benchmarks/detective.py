@@ -40,18 +40,24 @@ torque channels. Signals are judged first: clocks, gaps, spikes, channels that
 stop, steps, noise. Then the torque is regressed on gravity, inertia and
 friction of the nominal robot; the slopes say what the channel is. Nominal
 inertials may be wrong: what follows from wrong masses as well is said so.
-Then candidates are fitted: changes of channels (one entry each in the table
-of `diagnosis/corrections.py`), gravity's direction, other masses, another
-load, drift, coupled joints, contact. Least squares bounds what a physically consistent
-robot can explain; only candidates whose bound can win are fitted under
+A joint to which the model gives a spring has one there, too: a counterbalance
+takes gravity's part, and is no gain. In a log that ends before joints turn
+back, a gain alone is a warning and no fault. A constant torque says nothing of a
+gain. Inertial torque that is too large by one factor in several joints, where gravity
+is right, is a clock that runs slow. Then candidates are fitted: changes of channels
+(one entry each in the table of `diagnosis/corrections.py`), gravity's direction, other
+masses, another load, drift, coupled joints, contact. Least squares bounds what a
+physically consistent robot can explain; only candidates whose bound can win are fitted under
 constraints.
 
 A candidate is named only if it brings the constrained misfit down to the
 log's own noise: three times the torque's white noise, or 1.5 times what least
 squares without constraints leaves of the best candidate, whichever is larger,
 and 12 % of the torque at the most. If causes of several kinds do, none is
-named. Otherwise the finding is "model does not explain", with the candidates
-and their figures.
+named; nor is a fault that leaves twice what other masses alone leave. Other masses
+are named only if they explain the log as clean logs are explained, and nothing else
+explains it better. Otherwise the finding is "model does not explain", with the
+candidates and their figures.
 """
 
 

@@ -233,7 +233,8 @@ def page(outcomes: Sequence[Outcome], seeds: Sequence[int], stride: int = 1) -> 
     numbers = " ".join(map(str, seeds))
     names = dict.fromkeys(o.trial.robot for o in outcomes)
     share = f" --stride {stride}" if stride > 1 else ""
-    chosen = f"every {stride}th of faults times robots" if share else "at random"
+    planned = -(-len(CATALOGUE) * len(names) * len(seeds) // stride)
+    chosen = f"at random, of the {planned} that are every {stride}th" if share else ""
     seen = [k for k in seeds if k in SEEN]
     lines = [
         "# What is said of faulty logs",
@@ -241,7 +242,7 @@ def page(outcomes: Sequence[Outcome], seeds: Sequence[int], stride: int = 1) -> 
         f"Measured by `python benchmarks/faults.py --quick --seeds {numbers}{share}`:",
         f"{len(faulty)} faulty logs ({len(labels) - len(CLEAN)} of {len(CATALOGUE)} "
         "faults,",
-        f"{chosen}) of {', '.join(names)}.",
+        f"{chosen or 'at random'}) of {', '.join(names)}.",
         "Their torque has Stribeck and load friction, which the default model lacks.",
         "Odd seeds are for development.",
         *(f"Seed {k} was looked at before, and is not held out." for k in seen),

@@ -129,7 +129,9 @@ def _no_body(p: TorqueParts) -> bool:
 
 
 def _friction_only(p: TorqueParts) -> bool:
-    return _no_body(p) and bool(np.median(p.friction) >= 2 * np.median(p.rest))
+    """Return whether friction is all there is: in kN m, slopes on bodies are small."""
+    most = 2 * max(np.median(p.rest), np.median(p.bodies))
+    return _no_body(p) and bool(np.median(p.friction) >= most)
 
 
 def _nothing(p: TorqueParts) -> bool:

@@ -42,6 +42,8 @@ class TorqueParts:
         Whether the part is large enough, and the slope sure enough, to be judged.
     friction : ndarray, shape (joints,)
         Root mean square of the friction's part over the torque's standard deviation.
+    bodies : ndarray, shape (joints,)
+        Root mean square of what changes in the bodies' parts, as fitted, likewise.
     rest : ndarray, shape (joints,)
         What no part explains, likewise.
     """
@@ -57,6 +59,7 @@ class TorqueParts:
     whole_error: Vector
     whole_shown: BoolArray
     friction: Vector
+    bodies: Vector
     rest: Vector
 
 
@@ -116,6 +119,7 @@ def _of_joint(
         *_judged(b, fit.errors[1], inertial, changing),
         *_judged(whole.solution[0], whole.errors[0], g + inertial, changing),
         float(np.sqrt(np.mean(rubbed**2))) / changing,
+        float(np.std(parts[:, :2] @ fit.solution[:2])) / changing,
         fit.misfit / (changing * float(np.sqrt(len(torque)))),
     )
 

@@ -52,7 +52,7 @@ def _parts(rng=None):
 def _said(change):
     model, motion, gravity, inertial, friction = _parts()
     noise = 0.02 * np.random.default_rng(1).normal(size=gravity.shape)
-    log = replace(motion, torque=change(gravity, inertial, friction) + noise)
+    log = replace(motion, torque=change(gravity, inertial, friction + noise))
     parts = torque_parts(model, log)
     return channel_findings(parts) or nothing_findings(parts)
 
@@ -109,6 +109,7 @@ def test_a_spring_of_the_model_is_no_slope_of_gravity():
         (lambda g, i, f: g, "torque channel", "gravity torque of a model"),
         (lambda g, i, f: g + i, "torque channel", "no friction"),
         (lambda g, i, f: 1e3 * (g + i + f), "torque unit", "N mm"),
+        (lambda g, i, f: 1e-3 * (g + i + 2.0 * f), "torque unit", "kN m"),
         (lambda g, i, f: 1.5 * (g + i + f), "torque gain", "1.5 times"),
         (lambda g, i, f: (g + i + f) / [5, 8, 12, 10], "torque channel", "currents"),
     ],
