@@ -47,8 +47,8 @@ gain. Inertial torque that is too large by one factor in several joints, where g
 is right, is a clock that runs slow. Then candidates are fitted: changes of channels
 (one entry each in the table of `diagnosis/corrections.py`), gravity's direction, other
 masses, another load, drift, coupled joints, contact. Least squares bounds what a
-physically consistent robot can explain; only candidates whose bound can win are fitted under
-constraints.
+physically consistent robot can explain; only candidates whose bound can win are fitted
+under constraints.
 
 A candidate is named only if it brings the constrained misfit down to the
 log's own noise: three times the torque's white noise, or 1.5 times what least
