@@ -223,7 +223,8 @@ times are of the processor, in each of them, so that 15 s are 30 s in all and th
 of the machine's work does not count. FIGAROH, in an environment of its own, searches
 for splines that rest every 2 s, its default, in 30 variables, by finite differences;
 its limits of torque and collisions are off, as in the others, and all paths it looks
-at are judged like theirs."""
+at are judged like theirs. This is one run with two seeds; others end
+elsewhere, as in (e)."""
 ABOUT_SEEDS = """\
 The condition number that a single search reaches from its random path, in the
 search's own 100 samples (UR10e: 20 s, 12 harmonics, periodic; others as above)."""
