@@ -1,14 +1,17 @@
 """What designs of exciting trajectories reach, in what time, and whether it pays.
 
 ``python benchmarks/excitation.py [--minutes 10] [--write PAGE]``: all in one run on two
-cores; the UR10e's recordings are in ``CONSISTENT_ID_DATASETS``.  ``--quick`` runs
-everything for a moment, which proves nothing.
+cores; the UR10e's recordings are in ``CONSISTENT_ID_DATASETS``.  ``--only "(d)"``
+measures one section, and with ``--write`` renews that of the page.  ``--quick`` runs
+everything for a moment, which proves nothing.  Section (d) has CMA-ES where ``cma`` is
+installed, and FIGAROH with ``--figaroh PEERS/bin/python``, see ``peers/README.md``.
 """
 
 import argparse
 import sys
-from collections.abc import Iterator
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from datetime import date
 from pathlib import Path
 
 import numpy as np
@@ -17,10 +20,11 @@ from tqdm import tqdm
 sys.path.insert(0, str(Path(__file__).parent))
 import excitation_cases as cases
 import excitation_designs as designs
+import excitation_figaroh as figaroh
 import excitation_montecarlo as montecarlo
 import excitation_rivals as rivals
 import excitation_timing as timing
-from excitation_designs import Effort, calm
+from excitation_designs import Effort
 
 FULL = Effort(
     seconds=10.0,
@@ -44,21 +48,31 @@ QUICK = Effort(
 )
 
 
-def against_others(effort: Effort) -> tuple[list[str], list[rivals.Trace]]:
-    """Return (d): other optimisers on the same problem, and their traces."""
-    long = 6.0 * effort.seconds
-    times = (effort.seconds / 10.0, effort.seconds / 2.0, effort.seconds, long)
-    lines = [
-        "| method | " + " | ".join(f"{t:g} s" for t in times) + " | busy before |",
-        "|---|" + "---:|" * (len(times) + 1),
-    ]
-    traces = []
+def against_others(effort: Effort, figure: Path | None) -> Iterator[str]:
+    """Yield (d): other optimisers on the same problem, and draw their traces."""
+    case = cases.example("UR10")
+    times = [share * effort.seconds for share in (0.1, 0.5, 1.5, 3.0)]
+    yield "| method | " + " | ".join(f"{t:g} s" for t in times) + " |"
+    yield "|---|" + "---:|" * len(times)
+    traces, absent = [], {}
     for method in effort.methods:
-        at_work = calm(effort.patience)
-        traces.append(rivals.trace(method, cases.example("UR10"), long))
-        cells = " | ".join(f"{traces[-1].at(t):.1f}" for t in times)
-        lines.append(f"| {method} | {cells} | {at_work:.1f} |")
-    return lines, traces
+        if wanted := rivals.missing(method):
+            absent[method] = wanted
+        else:
+            traces.append(rivals.trace(method, case, times[-1]))
+    if effort.figaroh:
+        traces.append(figaroh.trace(effort.figaroh, case, times[-1]))
+    else:
+        absent[figaroh.NAME] = "`--figaroh PYTHON`"
+    for one in traces:
+        cells = " | ".join(f"{one.at(t):.1f}" for t in times)
+        yield f"| {one.method} | {cells} |"
+    for method, wanted in absent.items():
+        yield f"| {method} | not run: needs {wanted} |" + " |" * (len(times) - 1)
+    if figure:
+        rivals.draw(traces, times[-1], figure)
+        yield ""
+        yield f"![Best condition numbers over time]({figure.name})"
 
 
 def over_seeds(effort: Effort) -> Iterator[str]:
@@ -132,32 +146,57 @@ def _pays(case, others, held_out, noise, effort: Effort) -> Iterator[str]:
         yield montecarlo.row(name, condition, tried(path), reference)
 
 
-def sections(
-    effort: Effort, figure: Path | None
-) -> Iterator[tuple[str, str, list[str]]]:
-    """Yield each section's title, what is to be known, and its lines."""
-    if cases.recordings():
-        lines = list(designs.against_recordings(effort))
-        lines += ["", designs.ten_minutes(effort)]
-        yield "(a) UR10e: against its recorded motions", ABOUT_RECORDED, lines
-    yield (
-        "(b) RX-60: against writing and the paper's verification motion",
-        ABOUT_RX60,
-        list(designs.against_writing(effort)),
+@dataclass(frozen=True)
+class Section:
+    """A section of the page, and how its lines are measured."""
+
+    title: str
+    about: str
+    lines: Callable[[], Iterable[str]]
+
+    def measured(self) -> str:
+        """Return its text, with the date."""
+        found = "\n".join(self.lines())
+        when = f"Measured on {date.today()}."
+        return f"## {self.title}\n\n{when}\n{self.about}\n\n{found}\n"
+
+
+def sections(effort: Effort, figure: Path | None) -> list[Section]:
+    """Return all sections, the first only where there are recordings."""
+    recorded = Section(
+        "(a) UR10e: against its recorded motions",
+        ABOUT_RECORDED,
+        lambda: [
+            *designs.against_recordings(effort),
+            "",
+            designs.ten_minutes(effort),
+        ],
     )
-    yield "(c) UR10 and Panda", ABOUT_EXAMPLES, list(designs.examples(effort))
-    lines, traces = against_others(effort)
-    if figure:
-        rivals.draw(traces, 6.0 * effort.seconds, figure)
-        lines += ["", f"![Best condition numbers over time]({figure.name})"]
-    yield "(d) The same problem put to other optimisers", ABOUT_OTHERS, lines
-    yield "(e) Single starts from many seeds", ABOUT_SEEDS, list(over_seeds(effort))
-    yield (
-        "(f) One objective with its gradient",
-        ABOUT_TIMES,
-        [timing.HEADER, *timing.rows(effort.repetitions)],
-    )
-    yield "Does it pay?", ABOUT_PAYING, list(pays(effort))
+    return [
+        *([recorded] if cases.recordings() else []),
+        Section(
+            "(b) RX-60: against writing and the paper's verification motion",
+            ABOUT_RX60,
+            lambda: designs.against_writing(effort),
+        ),
+        Section("(c) UR10 and Panda", ABOUT_EXAMPLES, lambda: designs.examples(effort)),
+        Section(
+            "(d) The same problem put to other optimisers",
+            ABOUT_OTHERS,
+            lambda: against_others(effort, figure),
+        ),
+        Section(
+            "(e) Single starts from many seeds",
+            ABOUT_SEEDS,
+            lambda: over_seeds(effort),
+        ),
+        Section(
+            "(f) One objective with its gradient",
+            ABOUT_TIMES,
+            lambda: [timing.HEADER, *timing.rows(effort.repetitions)],
+        ),
+        Section("Does it pay?", ABOUT_PAYING, lambda: pays(effort)),
+    ]
 
 
 ABOUT_RECORDED = """\
@@ -179,7 +218,13 @@ limits and scalings, so that these are no comparison."""
 ABOUT_OTHERS = """\
 UR10, 10 s, five harmonics, rest to rest, 54 variables, the least condition number
 found by a time. All search in the same variables; all candidates are scaled into the
-limits and measured in the same way, at the same 100 samples; all have two processes."""
+limits and measured in the same way, at the same 100 samples. All have two processes;
+times are of the processor, in each of them, so that 15 s are 30 s in all and the rest
+of the machine's work does not count. FIGAROH, in an environment of its own, searches
+for splines that rest every 2 s, its default, in 30 variables, by finite differences;
+its limits of torque and collisions are off, as in the others, and all paths it looks
+at are judged like theirs. This is one run with two seeds; others end
+elsewhere, as in (e)."""
 ABOUT_SEEDS = """\
 The condition number that a single search reaches from its random path, in the
 search's own 100 samples (UR10e: 20 s, 12 harmonics, periodic; others as above)."""
@@ -196,36 +241,53 @@ predictions on a motion that none of them is. Condition numbers are of unscaled,
 unweighted base columns; designs were made for the noise."""
 
 
-def page(effort: Effort, figure: Path | None = None) -> str:
+INTRODUCTION = """\
+# Evidence for designed trajectories
+
+Measured by `python benchmarks/excitation.py`, each section on the day that it names,
+on a machine with two processors that others used too: *busy before* counts those at
+work with something else when a timed part began. More than 0 means that less was
+reached than on an idle machine. `--only "(d)"` measures one section again.
+
+A condition number depends on the columns, their scaling and the samples;
+each table says which, and compares like with like. *Unit columns* are
+scaled by their size on the path itself, which hides joints that hardly move.
+"""
+
+
+def page(found: list[Section]) -> str:
     """Return the evidence as Markdown."""
-    lines = [
-        "# Evidence for designed trajectories",
-        "",
-        "Measured by `python benchmarks/excitation.py`, in one run on a machine with",
-        "two processors that others used too: *busy before* counts those at work with",
-        "something else when a timed part began. More than 0 means that less was",
-        "reached than on an idle machine.",
-        "",
-        "A condition number depends on the columns, their scaling and the samples;",
-        "each table says which, and compares like with like. *Unit columns* are",
-        "scaled by their size on the path itself, which hides joints that hardly move.",
-    ]
-    for title, about, found in tqdm(sections(effort, figure), total=7, unit="section"):
-        lines += ["", f"## {title}", "", about, "", *found]
-    return "\n".join(lines) + "\n"
+    texts = [one.measured() for one in tqdm(found, unit="section")]
+    return "\n".join([INTRODUCTION, *texts])
+
+
+def renewed(old: str, found: list[Section]) -> str:
+    """Return a page with some sections measured again."""
+    heading = "\n## "
+    _, *kept = old.split(heading)
+    anew = {one.title: one.measured().removeprefix("## ") for one in tqdm(found)}
+    texts = [anew.get(text.splitlines()[0], text) for text in kept]
+    return heading.join([INTRODUCTION, *texts])
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--minutes", type=float, help="of the long search")
     parser.add_argument("--quick", action="store_true", help="everything for a moment")
+    parser.add_argument("--only", help="sections whose titles begin so")
+    parser.add_argument("--figaroh", help="Python of an environment that has it")
     parser.add_argument("--write", type=Path, help="file to write the page to")
     options = parser.parse_args()
-    effort = QUICK if options.quick else FULL
+    effort = replace(QUICK if options.quick else FULL, figaroh=options.figaroh)
     if options.minutes is not None:
         effort = replace(effort, minutes=options.minutes)
     figure = options.write.with_suffix(".png") if options.write else None
-    text = page(effort, figure)
+    found = sections(effort, figure)
+    found = [one for one in found if one.title.startswith(options.only or "")]
+    if options.only and options.write:
+        text = renewed(options.write.read_text(), found)
+    else:
+        text = page(found)
     print(text)
     if options.write:
         options.write.write_text(text)

@@ -33,6 +33,7 @@ class Effort:
     durations: tuple[float, ...]
     methods: tuple[str, ...]
     patience: float  # s, for which a calm moment is waited for
+    figaroh: str | None = None  # the Python that has it
 
 
 def busy(seconds: float = 0.5) -> float:
