@@ -19,7 +19,7 @@ from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.regression import build_regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.row_names import BASE_ROWS
-from consistent_id.regression.triangles import extended
+from consistent_id.regression.triangles import _by_lapack, extended
 from consistent_id.robot.loaders.urdf import load_urdf
 
 needs_compiler = pytest.mark.skipif(
@@ -299,6 +299,7 @@ def test_a_compiled_triangle_is_that_of_lapack(width, height, monkeypatch):
     monkeypatch.setattr(triangle, "compiled", counted := Counted(triangle.compiled))
     found = call()
     assert counted.calls == 1
+    assert triangle.eliminator(height, _by_lapack) is not None  # it is used
     assert not np.tril(found, -1).any()
     np.testing.assert_allclose(found.T @ found, gram, rtol=0, atol=1e-12 * height)
     np.testing.assert_allclose(found, truth, rtol=0, atol=1e-13 * abs(truth).max())
