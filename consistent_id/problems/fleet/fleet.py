@@ -228,7 +228,8 @@ def _together(fleet: FleetModel, robots: Sequence[_Robot]) -> Regression:
         )
 
     whole = tree_reduced(map(weighted, robots), Regression.__add__)
-    assert whole is not None  # a majority of the robots is alike
+    if whole is None:
+        raise ProblemError("no robot is left to share bodies with others; give more")
     return whole
 
 
