@@ -10,6 +10,9 @@ from hypothesis import HealthCheck, settings
 for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
+# What tests and libraries make mostly stays: look for rubbish seldom.
+gc.set_threshold(100_000)
+
 # Tests write nothing to the user's cache; those of compiled code use one of their own.
 os.environ.setdefault("CONSISTENT_ID_COMPILED", "0")
 

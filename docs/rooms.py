@@ -53,6 +53,14 @@ def modules() -> dict[Path, ast.Module]:
     }
 
 
+def statements(block: ast.AST) -> Iterator[ast.AST]:
+    """Return the statements of a block and of the blocks in it."""
+    for name in ("body", "orelse", "finalbody", "handlers", "cases"):
+        for inner in getattr(block, name, ()):
+            yield inner
+            yield from statements(inner)
+
+
 def rooms() -> dict[str, str]:
     """Return the first line of each room's docstring."""
     found = {}
@@ -78,7 +86,7 @@ def imports(names: Iterable[str]) -> dict[str, set[str]]:
 
 
 def _imported(tree: ast.AST) -> Iterator[str]:
-    for node in ast.walk(tree):
+    for node in statements(tree):
         if isinstance(node, ast.ImportFrom) and (node.module or "").count("."):
             package, room = str(node.module).split(".")[:2]
             if package == _PACKAGE.name:

@@ -28,7 +28,7 @@ LAZY = "consistent_id.excitation.callbacks"
 
 def _imported(tree: ast.AST) -> list[str]:
     names = []
-    for node in ast.walk(tree):
+    for node in _rooms()["statements"](tree):
         if isinstance(node, ast.ImportFrom):
             names.append(node.module or "")
         elif isinstance(node, ast.Import):

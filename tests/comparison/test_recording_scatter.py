@@ -84,7 +84,7 @@ def test_planted_scatter_is_found_where_it_is():
     ("count", "least"),
     [
         pytest.param(2, 0.65, marks=pytest.mark.slow),
-        (4, 0.84),
+        pytest.param(4, 0.84, marks=pytest.mark.slow),
         pytest.param(10, 0.91, marks=pytest.mark.slow),
     ],
 )

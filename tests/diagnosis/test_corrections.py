@@ -6,6 +6,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 from faulty_logs import arm, clean_case, clean_log, logs
+from some_fast import some_fast
 
 from consistent_id import base_parameters, build_regression
 from consistent_id.diagnosis import diagnose
@@ -69,7 +70,7 @@ def _by_hand(correction, log):
     return replace(log, torque=torque)
 
 
-@pytest.mark.parametrize("name", PREPARATIONS)
+@pytest.mark.parametrize("name", some_fast(PREPARATIONS, 3))
 def test_a_correction_of_a_prepared_log_is_the_prepared_log_corrected(name):
     table = PreparationTable(**PREPARATIONS[name])
     log = clean_log(0).samples(slice(0, 2200))  # more than the longest period

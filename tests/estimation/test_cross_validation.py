@@ -40,9 +40,7 @@ def simulated(seed, right, samples, noise, joints=3, count=12):
     return model, [s.weighted(weights) for s in segments], log
 
 
-@pytest.mark.parametrize(
-    "distance", some_fast(["pullback", "euclidean", "entropic"], 2)
-)
+@pytest.mark.parametrize("distance", some_fast(["pullback", "euclidean", "entropic"]))
 @pytest.mark.parametrize("seed", SEEDS)
 def test_a_wrong_nominal_robot_gets_little_weight_where_data_are_rich(seed, distance):
     model, segments, _ = simulated(seed, right=False, samples=1500, noise=0.02)
@@ -54,9 +52,7 @@ def test_a_wrong_nominal_robot_gets_little_weight_where_data_are_rich(seed, dist
     assert all(path.certified)
 
 
-@pytest.mark.parametrize(
-    "distance", some_fast(["pullback", "euclidean", "entropic"], 2)
-)
+@pytest.mark.parametrize("distance", some_fast(["pullback", "euclidean", "entropic"]))
 @pytest.mark.parametrize("seed", SEEDS)
 def test_a_right_one_gets_much_where_data_are_scarce_and_noisy(seed, distance):
     model, segments, _ = simulated(seed, right=True, samples=60, noise=1.0)

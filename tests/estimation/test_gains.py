@@ -104,6 +104,7 @@ real = pytest.mark.skipif(
 )
 
 
+@pytest.mark.slow
 @real
 def test_the_ur10es_gains_lie_between_the_published_ones():
     problem, loaded, unloaded = ur10e_runs((1.0,) * 6)

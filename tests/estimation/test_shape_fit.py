@@ -227,6 +227,7 @@ def test_an_exact_fit_tells_nothing_of_shapes():
         )
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(
     "CONSISTENT_ID_DATASETS" not in os.environ,
     reason="CONSISTENT_ID_DATASETS does not name the folder of recordings",

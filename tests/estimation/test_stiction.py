@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from logged import DRIVE, URDF, moved
+from some_fast import some_fast
 
 from consistent_id import (
     DriveTerms,
@@ -96,7 +97,7 @@ def test_a_joint_that_never_moved_is_named_and_its_held_torque_refuses_nothing(
     assert "torque sign" not in kinds(verdict)
 
 
-@pytest.mark.parametrize("held", [0.0, 20.0, -20.0])
+@pytest.mark.parametrize("held", some_fast([20.0, 0.0, -20.0]))
 def test_a_reversed_torque_is_found_at_rest_where_gravity_outweighs_friction(
     arm, log, held
 ):

@@ -75,6 +75,7 @@ def test_scaling_changes_condition_numbers_and_no_errors():
     assert plain.score("condition", variables) > unit.score("condition", variables)
 
 
+@pytest.mark.slow
 def test_the_same_seed_finds_the_same_path():
     first, again, other = (searched(problem_of(), "condition", s) for s in (0, 0, 1))
     assert np.array_equal(first.variables, again.variables)

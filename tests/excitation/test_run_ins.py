@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from robots_in_scenes import scene_problem
+from some_fast import some_fast
 
 from consistent_id import (
     Body,
@@ -66,7 +67,7 @@ def _planar(folder, ends):
     return path, required.proof(path), required, pose
 
 
-@pytest.mark.parametrize("ends", ["rest", "periodic"])
+@pytest.mark.parametrize("ends", some_fast(["rest", "periodic"]))
 def test_a_run_in_goes_around_what_stands_in_the_straight_way(tmp_path, ends):
     path, proof, required, pose = _planar(tmp_path, ends)
     assert proof.holds

@@ -4,6 +4,7 @@ import io
 import json
 import re
 import zipfile
+from functools import cache
 
 import numpy as np
 import pytest
@@ -46,6 +47,7 @@ def swing(joints=6):
     )
 
 
+@cache
 def move(joints=6):
     path = swing(joints)
     bounds = [1.5 * path.derivative_bound(k) for k in range(4)]

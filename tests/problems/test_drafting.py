@@ -94,7 +94,7 @@ def test_the_file_loads_as_the_problem_that_was_drafted(arm):
 @pytest.mark.parametrize(
     "options",
     [
-        {},
+        pytest.param({}, marks=pytest.mark.slow),
         {"masses": "free", "torque_gain": (2.0, 0.5), "select": False},
         {"torque_joints": ["elbow"], "select": False},
     ],

@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
+from some_fast import some_fast
 
 from consistent_id import draft_problem
 from consistent_id.problems.log_check import check_problem
 from tests.problems.test_drafts_of_commands import GAINS, commanded_logs
 
 
-@pytest.mark.parametrize("late", [0, 6])
+@pytest.mark.parametrize("late", some_fast([6, 0]))
 def test_late_commands_are_to_be_given_their_delay(tmp_path, late):
     urdf, (log,) = commanded_logs(tmp_path, 1.0)
     head, *_ = log.read_text().splitlines()

@@ -122,7 +122,7 @@ JITTERED = "resample = 100.0\nmotion_cutoff = 5.0"
             "delays = {torque = -0.013}",
             "",
         ),
-        ("csv", 1e-3, f"{JITTERED}\nmax_gap = 0.0118\nshortest_part = 0.5", ""),
+        ("csv", 1e-3, f"{JITTERED}\nmax_gap = 0.0119\nshortest_part = 4.0", ""),
     ],
 )
 def test_streamed_regressions_are_those_of_memory(

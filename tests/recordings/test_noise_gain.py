@@ -57,7 +57,13 @@ PREPARATIONS = {
 }
 
 
-@pytest.mark.parametrize("name", PREPARATIONS)
+_QUICK = ("filter", "polynomials", "decimated")
+
+
+@pytest.mark.parametrize(
+    "name",
+    [*_QUICK, pytest.param("smoother", marks=pytest.mark.slow)],
+)
 def test_drawn_noise_comes_out_as_large(name):
     prepare, rng = PREPARATIONS[name], np.random.default_rng(0)
     found = noise_gain(_log(), prepare)

@@ -152,6 +152,7 @@ def test_the_same_recording_gives_the_same_bits():
         np.testing.assert_array_equal(one, other)
 
 
+@pytest.mark.slow
 def test_memory_does_not_grow_with_the_number_of_samples():
     robot = from_modified_dh("arm", [DHRow(0, 0), DHRow(1, 0.1), DHRow(-1, 0.2)])
     model = TorqueModel(robot)

@@ -37,7 +37,7 @@ def leaders_to_joints(path, model):
 
 
 @pytest.mark.parametrize(
-    "path", some_fast(FILES, len(FILES) // 3), ids=lambda path: path.stem
+    "path", some_fast(FILES, len(FILES) // 6), ids=lambda path: path.stem
 )
 def test_its_torque_is_pinocchios(path):
     if path.name in NO_ROBOTS:

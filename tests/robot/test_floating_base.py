@@ -11,7 +11,7 @@ from consistent_id.robot import chains
 from consistent_id.robot.loaders import urdf
 
 PATHS = pytest.mark.parametrize(
-    "path", some_fast(FILES, len(FILES) // 3), ids=lambda path: path.stem
+    "path", some_fast(FILES, len(FILES) // 6), ids=lambda path: path.stem
 )
 
 pytestmark = pytest.mark.skipif(not FILES, reason="example-robot-data is missing")
