@@ -6,19 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from consistent_id.cli.answers import Answer, answered, show, shows_progress
-from consistent_id.cli.log_options import (
-    add_columns,
-    add_gains,
-    add_torque_gain,
-    known_of,
-)
-from consistent_id.cli.options import (
-    add_accept,
-    add_command,
-    add_problem,
-    add_time_limit,
-    positive,
-)
+from consistent_id.cli.log_options import COLUMNS, GAINS, TORQUE_GAIN, known_of
+from consistent_id.cli.option import Option, positive
+from consistent_id.cli.options import ACCEPT, PROBLEM, TIME_LIMIT, add_command
 
 _MORE = """Clocks, units, signs, exchanged channels, joint zero offsets, delays,
 saturation, data leakage between training and validation.
@@ -34,25 +24,21 @@ consistent-id check robot.urdf log.csv --position q_{joint} --torque tau_{joint}
 
 def add_check(commands: Any) -> None:
     """Add the command to a parser's commands."""
-    command = add_command(
+    add_command(
         commands,
         "check",
         "look for what is wrong with a log",
         run_check,
+        PROBLEM,
+        ACCEPT,
+        TIME_LIMIT,
+        Option("[log]", "a log, if PROBLEM is a URDF or MJCF file", Path),
+        *COLUMNS,
+        TORQUE_GAIN,
+        *GAINS,
+        Option("--cutoff HZ", "low-pass", positive, default=10.0),
         more=_MORE,
         examples=_EXAMPLES,
-    )
-    add_problem(command)
-    add_accept(command)
-    add_time_limit(command)
-    command.add_argument(
-        "log", type=Path, nargs="?", help="a log, if PROBLEM is a URDF or MJCF file"
-    )
-    add_columns(command)
-    add_torque_gain(command)
-    add_gains(command)
-    command.add_argument(
-        "--cutoff", type=positive, default=10.0, help="low-pass in Hz (default: 10)"
     )
 
 

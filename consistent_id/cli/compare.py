@@ -5,13 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from consistent_id.cli.answers import Answer, answered, shows_progress
-from consistent_id.cli.options import (
-    add_accept,
-    add_command,
-    add_output,
-    add_problem,
-    add_time_limit,
-)
+from consistent_id.cli.options import ACCEPT, PROBLEM, RESULTS, TIME_LIMIT, add_command
 
 _EXAMPLES = """
 consistent-id compare problems/rx60
@@ -22,18 +16,18 @@ consistent-id compare problems/tiago --dry-run
 
 def add_compare(commands: Any) -> None:
     """Add the command to a parser's commands."""
-    command = add_command(
+    add_command(
         commands,
         "compare",
         "compare least squares with constrained estimates",
         run_compare,
+        PROBLEM,
+        *RESULTS,
+        ACCEPT,
+        TIME_LIMIT,
         more="Tables and figures are written. Exit code 1: do not use the estimate.",
         examples=_EXAMPLES,
     )
-    add_problem(command)
-    add_output(command, "results/NAME")
-    add_accept(command)
-    add_time_limit(command)
 
 
 def run_compare(options: argparse.Namespace) -> int:

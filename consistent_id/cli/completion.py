@@ -7,6 +7,7 @@ import argparse
 from typing import Any
 
 from consistent_id.cli.answers import Answer, show
+from consistent_id.cli.option import Option
 from consistent_id.cli.options import add_command
 
 _MORE = """Print a script that completes commands, options, choices and files:
@@ -21,16 +22,16 @@ consistent-id completion bash > ~/.local/share/bash-completion/completions/consi
 
 def add_completion(commands: Any) -> None:
     """Add the command to a parser's commands."""
-    command = add_command(
+    add_command(
         commands,
         "completion",
         "print a script for tab completion",
         run_completion,
+        Option("shell", "that the script is for", choices=("bash", "zsh", "fish")),
         more=_MORE,
         examples=_EXAMPLES,
         reads=False,
     )
-    command.add_argument("shell", choices=("bash", "zsh", "fish"))
 
 
 def run_completion(options: argparse.Namespace) -> int:

@@ -5,11 +5,13 @@ from pathlib import Path
 from typing import Any
 
 from consistent_id.cli.answers import Answer, show
+from consistent_id.cli.option import Option
 from consistent_id.cli.options import (
+    EXECUTOR,
+    ONE_PROBLEM,
+    TIME_LIMIT,
+    WRITES,
     add_command,
-    add_dry_run,
-    add_executor,
-    add_time_limit,
 )
 
 _MORE = """Recordings are read piece by piece, so that they may be larger than memory.
@@ -24,29 +26,25 @@ consistent-id compress problem.toml --output regression.json --executor processe
 
 def add_compress(commands: Any) -> None:
     """Add the command to a parser's commands."""
-    command = add_command(
+    add_command(
         commands,
         "compress",
         "compress recordings of any size into a regression",
         run_compress,
+        ONE_PROBLEM,
+        Option("--output FILE", "file to write", required=True),
+        Option(
+            "--role",
+            "recordings that are taken",
+            choices=("training", "validation"),
+            default="training",
+        ),
+        EXECUTOR,
+        *WRITES,
+        TIME_LIMIT,
         more=_MORE,
         examples=_EXAMPLES,
     )
-    command.add_argument(
-        "problem", type=Path, help="folder with a problem.toml, or the file"
-    )
-    command.add_argument(
-        "--output", type=Path, metavar="FILE", required=True, help="file to write"
-    )
-    command.add_argument(
-        "--role",
-        choices=("training", "validation"),
-        default="training",
-        help="recordings that are taken (default: training)",
-    )
-    add_executor(command)
-    add_dry_run(command)
-    add_time_limit(command)
 
 
 def run_compress(options: argparse.Namespace) -> int:

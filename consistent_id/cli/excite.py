@@ -7,12 +7,14 @@ from typing import Any
 
 from consistent_id.cli.answers import Answer, answered, shows_progress
 from consistent_id.cli.excite_options import (
-    add_motion_options,
-    add_parameters,
-    add_part,
+    MOTION,
+    PART,
+    SEARCH,
     motion_changes,
+    parameters,
 )
-from consistent_id.cli.options import add_command, add_output, add_problem, positive
+from consistent_id.cli.option import Option, positive
+from consistent_id.cli.options import PROBLEM, RESULTS, add_command
 
 _MORE = """With a URDF or MJCF file in place of PROBLEM no problem file is needed; the
 folder of results gets one. What is searched for in so many seconds on an idle machine
@@ -29,68 +31,46 @@ _FILE = "problem.toml"
 
 def add_excite(commands: Any) -> None:
     """Add the command to a parser's commands."""
-    command = add_command(
+    add_command(
         commands,
         "excite",
         "design an exciting trajectory within the robot's limits",
         run_excite,
+        PROBLEM,
+        *PART,
+        MOTION,
+        Option("--seed N", "of the random starts", int, default=0),
+        *SEARCH,
+        Option(
+            "--sequential", "count the information of the problem's training recordings"
+        ),
+        Option(
+            "--earlier REGRESSION ...",
+            "count the information of recordings that compress wrote, such as "
+            "regression.json, too",
+            Path,
+        ),
+        parameters(),
+        Option(
+            "--format ENDINGS",
+            "files of samples: csv, yaml (ROS), parquet, npz, script (Universal "
+            "Robots), rsi (KUKA), franka, by commas",
+            default="csv,yaml",
+        ),
+        Option(
+            "--thin TOLERANCE",
+            "of yaml: as few points as a controller needs that joins them by quintics, "
+            "to stay within so many rad or m, such as 1e-4",
+            positive,
+        ),
+        Option(
+            "--replay",
+            "also write replay.html, the motion in 3-D; needs consistent-id[viz]",
+        ),
+        *RESULTS,
         more=_MORE,
         examples=_EXAMPLES,
     )
-    add_problem(command)
-    add_part(command)
-    add_motion_options(command)
-    command.add_argument(
-        "--seed", type=int, default=0, help="of the random starts (default: 0)"
-    )
-    command.add_argument(
-        "--starts", type=int, default=4, help="searches from random paths (default: 4)"
-    )
-    command.add_argument(
-        "--time-limit",
-        type=positive,
-        default=10.0,
-        metavar="SECONDS",
-        help="of the search, on an idle machine and each process (default: 10)",
-    )
-    command.add_argument(
-        "--workers", type=int, help="processes (default: one per processor)"
-    )
-    command.add_argument(
-        "--sequential",
-        action="store_true",
-        help="count the information of the problem's training recordings",
-    )
-    command.add_argument(
-        "--earlier",
-        type=Path,
-        nargs="+",
-        default=(),
-        metavar="REGRESSION",
-        help="count the information of recordings that compress wrote, such as "
-        "regression.json, too",
-    )
-    add_parameters(command)
-    command.add_argument(
-        "--format",
-        default="csv,yaml",
-        metavar="ENDINGS",
-        help="files of samples: csv, yaml (ROS), parquet, npz, script (Universal "
-        "Robots), rsi (KUKA), franka, by commas (default: csv,yaml)",
-    )
-    command.add_argument(
-        "--thin",
-        type=positive,
-        metavar="TOLERANCE",
-        help="of yaml: as few points as a controller needs that joins them by "
-        "quintics, to stay within so many rad or m, such as 1e-4",
-    )
-    command.add_argument(
-        "--replay",
-        action="store_true",
-        help="also write replay.html, the motion in 3-D; needs consistent-id[viz]",
-    )
-    add_output(command, "results/NAME")
 
 
 def run_excite(options: argparse.Namespace) -> int:

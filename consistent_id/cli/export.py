@@ -2,11 +2,11 @@
 
 import argparse
 import sys
-from pathlib import Path
 from typing import Any
 
 from consistent_id.cli.answers import Answer, show
-from consistent_id.cli.options import add_accept, add_command, add_dry_run
+from consistent_id.cli.option import Option
+from consistent_id.cli.options import ACCEPT, ONE_PROBLEM, WRITES, add_command
 from consistent_id.export.export_formats import EXPORT_FORMATS, exported
 
 _MORE = f"""The formats are {", ".join(known.content for known in EXPORT_FORMATS)}. In
@@ -21,40 +21,37 @@ consistent-id export problems/rx60 --format json --output rx60.json --dry-run
 
 def add_export(commands: Any) -> None:
     """Add the command to a parser's commands."""
-    command = add_command(
+    add_command(
         commands,
         "export",
         "write the estimate that identify delivers for other programs",
         run_export,
+        ONE_PROBLEM,
+        Option(
+            "--format",
+            "of the file",
+            choices=[known.name for known in EXPORT_FORMATS],
+            required=True,
+        ),
+        Option("--output FILE", "file to write", required=True),
+        Option(
+            "--estimate FILE",
+            "an estimate that identify --output wrote (default: the one that identify "
+            "delivers, estimated now)",
+        ),
+        Option(
+            "--source FILE",
+            "URDF or MJCF to put the estimate into (default: the problem's)",
+        ),
+        ACCEPT,
+        Option(
+            "--copy-files",
+            "copy the meshes and textures of an MJCF file beside the output",
+        ),
+        *WRITES,
         more=_MORE,
         examples=_EXAMPLES,
     )
-    command.add_argument(
-        "problem", type=Path, help="folder with a problem.toml, or the file"
-    )
-    names = [known.name for known in EXPORT_FORMATS]
-    command.add_argument("--format", choices=names, required=True)
-    command.add_argument("--output", type=Path, required=True, help="file to write")
-    command.add_argument(
-        "--estimate",
-        type=Path,
-        metavar="FILE",
-        help="an estimate that identify --output wrote (default: the one that "
-        "identify delivers, estimated now)",
-    )
-    command.add_argument(
-        "--source",
-        type=Path,
-        metavar="FILE",
-        help="URDF or MJCF to put the estimate into (default: the problem's)",
-    )
-    add_accept(command)
-    command.add_argument(
-        "--copy-files",
-        action="store_true",
-        help="copy the meshes and textures of an MJCF file beside the output",
-    )
-    add_dry_run(command)
 
 
 def run_export(options: argparse.Namespace) -> int:

@@ -7,12 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from consistent_id.cli.answers import Answer, show
-from consistent_id.cli.options import (
-    add_command,
-    add_executor,
-    add_output,
-    add_time_limit,
-)
+from consistent_id.cli.option import Option
+from consistent_id.cli.options import EXECUTOR, OUTPUT, TIME_LIMIT, add_command
 
 _MORE = """Each robot has a problem file of its own, of the same model. Links, rotor
 inertias, springs and coupled gears are shared, friction and offsets each robot's own;
@@ -30,22 +26,21 @@ _MARK = "<!-- consistent-id: tables of a fleet -->"
 
 def add_fleet(commands: Any) -> None:
     """Add the command to a parser's commands."""
-    command = add_command(
+    add_command(
         commands,
         "fleet",
         "identify robots of one type together, and name outliers",
         run_fleet,
+        Option(
+            "problem ...",
+            "problem files, folders with one, or patterns such as 'logs/*'",
+        ),
+        EXECUTOR,
+        *OUTPUT,
+        TIME_LIMIT,
         more=_MORE,
         examples=_EXAMPLES,
     )
-    command.add_argument(
-        "problem",
-        nargs="+",
-        help="problem files, folders with one, or patterns such as 'logs/*'",
-    )
-    add_executor(command)
-    add_output(command, None)
-    add_time_limit(command)
 
 
 def run_fleet(options: argparse.Namespace) -> int:

@@ -6,13 +6,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from consistent_id.cli.answers import Answer, answered, show, shows_progress
-from consistent_id.cli.log_options import add_draft_options, draft_of
+from consistent_id.cli.log_options import DRAFT, draft_of
+from consistent_id.cli.option import Option
 from consistent_id.cli.options import (
-    add_accept,
+    ACCEPT,
+    OUTPUT,
+    PROBLEM,
+    SEED_OF_BOOTSTRAP,
+    TIME_LIMIT,
     add_command,
-    add_output,
-    add_problem,
-    add_time_limit,
 )
 from consistent_id.errors import ProblemError
 
@@ -37,36 +39,28 @@ consistent-id identify problems/ur10e --uncertainty --output results/ur10e
 
 def add_identify(commands: Any) -> None:
     """Add the command to a parser's commands."""
-    command = add_command(
+    add_command(
         commands,
         "identify",
         "estimate parameters by every method",
         run_identify,
+        PROBLEM,
+        Option(
+            "log [...]", "logs to learn from, if PROBLEM is a URDF or MJCF file", Path
+        ),
+        *OUTPUT,
+        Option("--report FILE", "write a report (HTML)"),
+        Option(
+            "--uncertainty",
+            "also print the uncertainty of each parameter of the constrained estimate",
+        ),
+        SEED_OF_BOOTSTRAP,
+        ACCEPT,
+        TIME_LIMIT,
+        *DRAFT,
         more=_MORE,
         examples=_EXAMPLES,
     )
-    add_problem(command)
-    command.add_argument(
-        "log",
-        type=Path,
-        nargs="*",
-        help="logs to learn from, if PROBLEM is a URDF or MJCF file",
-    )
-    add_output(command, None)
-    command.add_argument(
-        "--report", type=Path, metavar="FILE", help="write a report (HTML)"
-    )
-    command.add_argument(
-        "--uncertainty",
-        action="store_true",
-        help="also print the uncertainty of each parameter of the constrained estimate",
-    )
-    command.add_argument(
-        "--seed", type=int, default=0, help="of the bootstrap (default: 0)"
-    )
-    add_accept(command)
-    add_time_limit(command)
-    add_draft_options(command)
 
 
 def run_identify(options: argparse.Namespace) -> int:

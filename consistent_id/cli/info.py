@@ -5,7 +5,7 @@ from dataclasses import asdict
 from typing import Any
 
 from consistent_id.cli.answers import Answer, answered, show
-from consistent_id.cli.options import add_command, add_problem
+from consistent_id.cli.options import PROBLEM, add_command
 
 _EXAMPLES = """
 consistent-id info problems
@@ -16,15 +16,15 @@ consistent-id info problems/ur10e/payload.toml --json
 
 def add_info(commands: Any) -> None:
     """Add the command to a parser's commands."""
-    command = add_command(
+    add_command(
         commands,
         "info",
         "show a problem's robot, datasheet and base parameters",
         run_info,
+        PROBLEM,
         more="Of a folder of several, list the problems.",
         examples=_EXAMPLES,
     )
-    add_problem(command)
 
 
 def run_info(options: argparse.Namespace) -> int:

@@ -5,8 +5,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from consistent_id.cli.answers import Answer, show
-from consistent_id.cli.log_options import add_draft_options, draft_of
-from consistent_id.cli.options import add_command, add_dry_run
+from consistent_id.cli.log_options import DRAFT, draft_of
+from consistent_id.cli.option import Option
+from consistent_id.cli.options import WRITES, add_command
 from consistent_id.errors import ProblemError
 from consistent_id.recordings.log_formats import LOG_FORMATS
 
@@ -29,30 +30,19 @@ consistent-id init robot.urdf log.csv --dry-run
 
 def add_init(commands: Any) -> None:
     """Add the command to a parser's commands."""
-    command = add_command(
+    add_command(
         commands,
         "init",
         "write a commented problem file for a robot, and a log if there is one",
         run_init,
+        Option("model", "URDF or MJCF file", Path),
+        Option("log [...]", ", ".join(known.name for known in LOG_FORMATS), Path),
+        Option("--output FILE", "to write", default=Path("problem.toml")),
+        *WRITES,
+        *DRAFT,
         more=_MORE,
         examples=_EXAMPLES,
     )
-    command.add_argument("model", type=Path, help="URDF or MJCF file")
-    command.add_argument(
-        "log",
-        type=Path,
-        nargs="*",
-        help=", ".join(known.name for known in LOG_FORMATS),
-    )
-    command.add_argument(
-        "--output",
-        type=Path,
-        metavar="FILE",
-        default=Path("problem.toml"),
-        help="to write (default: problem.toml)",
-    )
-    add_dry_run(command)
-    add_draft_options(command)
 
 
 def run_init(options: argparse.Namespace) -> int:

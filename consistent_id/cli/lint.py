@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from consistent_id.cli.answers import Answer, show, warnings_unless
+from consistent_id.cli.option import Option
 from consistent_id.cli.options import add_command
 
 _MORE = """Looks for what simulators refuse, and for what they take and should not:
@@ -21,20 +22,16 @@ consistent-id lint left.urdf right.urdf --sarif findings.sarif
 
 def add_lint(commands: Any) -> None:
     """Add the command to a parser's commands."""
-    command = add_command(
+    add_command(
         commands,
         "lint",
         "find what is wrong or odd in a URDF or MJCF file",
         run_lint,
+        Option("files ...", "URDF or MJCF files", Path),
+        Option("--strict", "warnings end with exit code 1, too"),
+        Option("--sarif FILE", "file to write, in SARIF 2.1.0"),
         more=_MORE,
         examples=_EXAMPLES,
-    )
-    command.add_argument("files", type=Path, nargs="+", metavar="FILE")
-    command.add_argument(
-        "--strict", action="store_true", help="warnings end with exit code 1, too"
-    )
-    command.add_argument(
-        "--sarif", type=Path, metavar="FILE", help="file to write, in SARIF 2.1.0"
     )
 
 

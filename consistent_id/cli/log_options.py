@@ -7,151 +7,117 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from consistent_id.cli.answers import shows_progress
-from consistent_id.cli.options import positive
+from consistent_id.cli.option import Group, Option, positive
 
 if TYPE_CHECKING:
     from consistent_id.problems.draft import Draft
     from consistent_id.recordings.signals import PDGains
 
 
-def add_columns(command: argparse.ArgumentParser) -> None:
-    """Take what is known of a log's columns, units and joints; the rest is guessed."""
-    for channel in ("time", "position", "velocity", "torque"):
-        command.add_argument(
-            f"--{channel}",
-            metavar="NAME",
-            help="the log's column, with {joint} or {number} (default: guessed from "
-            "the log)",
+def _pair(text: str) -> tuple[float, float]:
+    """Read two numbers with a comma between them."""
+    try:
+        kp, kd = map(float, text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f"{text} is no pair of gains, expected KP,KD such as 60,1.5"
+        ) from None
+    return kp, kd
+
+
+COLUMNS = (
+    *(
+        Option(
+            f"--{channel} NAME",
+            "the log's column, with {joint} or {number} (default: guessed from the "
+            "log)",
         )
-    command.add_argument(
-        "--units",
-        nargs="+",
-        default=(),
-        metavar="UNIT",
-        help="units that are not s, rad, m, N m or N: deg, mm, rpm, ms, %% of rated "
-        "torque; or CHANNEL=UNIT, such as velocity=deg/s or, joint by joint, "
-        "position=deg,mm (default: as names say)",
-    )
-    command.add_argument(
-        "--torque-joints",
-        nargs="+",
-        default=(),
-        metavar="JOINT",
-        help="joints whose torque the log has (default: all)",
-    )
-    command.add_argument(
-        "--base",
-        metavar="LINK",
-        help="link that stands still (default: the root), or 'floating'",
-    )
-    command.add_argument(
-        "--tip", metavar="LINK", help="last link that counts, such as the flange"
-    )
-    command.add_argument(
-        "--lock",
-        nargs="+",
-        default=(),
-        metavar="JOINT",
-        help="joints that stand still, at zero or where JOINT=POSITION says",
-    )
-
-
-def add_torque_gain(command: argparse.ArgumentParser) -> None:
-    """Take what makes torque of the torque columns."""
-    command.add_argument(
-        "--torque-gain",
-        nargs="+",
-        type=float,
-        default=(),
-        metavar="NUMBER",
-        help="from the torque columns to N m or N: one for all joints, or one each",
-    )
-
-
-def add_gains(command: argparse.ArgumentParser) -> None:
-    """Take what makes torque of commands, where the log has no torque."""
-    command.add_argument(
-        "--gains",
-        nargs="+",
-        type=_pair,
-        default=(),
-        metavar="KP,KD",
-        help="of PD-controlled joints, one pair for all or one each: torque is "
-        "computed from commands of position",
-    )
-    command.add_argument(
-        "--position-command",
-        metavar="NAME",
-        help="the log's column of commands, for --gains (default: guessed from the "
-        "log)",
-    )
-
-
-def add_draft_options(command: argparse.ArgumentParser) -> None:
-    """Take what a draft of a problem file is made from."""
-    command.add_argument(
-        "--validate",
-        nargs="+",
-        type=Path,
-        default=(),
-        metavar="LOG",
-        help="logs to judge by (default: the last 30 %% of each log's motion)",
-    )
-    add_columns(command)
-    add_torque_gain(command)
-    add_gains(command)
-    chosen = command.add_argument_group("the model, chosen by the data unless given")
-    chosen.add_argument(
+        for channel in ("time", "position", "velocity", "torque")
+    ),
+    Option(
+        "--units UNIT ...",
+        "units that are not s, rad, m, N m or N: deg, mm, rpm, ms, %% of rated torque; "
+        "or CHANNEL=UNIT, such as velocity=deg/s or, joint by joint, position=deg,mm "
+        "(default: as names say)",
+    ),
+    Option(
+        "--torque-joints JOINT ...", "joints whose torque the log has (default: all)"
+    ),
+    Option("--base LINK", "link that stands still (default: the root), or 'floating'"),
+    Option("--tip LINK", "last link that counts, such as the flange"),
+    Option(
+        "--lock JOINT ...",
+        "joints that stand still, at zero or where JOINT=POSITION says",
+    ),
+)
+TORQUE_GAIN = Option(
+    "--torque-gain NUMBER ...",
+    "from the torque columns to N m or N: one for all joints, or one each",
+    float,
+)
+# What makes torque of commands, where the log has no torque.
+GAINS = (
+    Option(
+        "--gains KP,KD ...",
+        "of PD-controlled joints, one pair for all or one each: torque is computed "
+        "from "
+        "commands of position",
+        _pair,
+    ),
+    Option(
+        "--position-command NAME",
+        "the log's column of commands, for --gains (default: guessed from the log)",
+    ),
+)
+BAND = Option(
+    "--band HZ",
+    "up to which torque is to be predicted (default: 20 times the band of the "
+    "velocity)",
+    positive,
+)
+_MODEL = (
+    Option(
         "--bodies",
+        "identify bodies, or take those of the model and identify the drives",
         choices=("identified", "model"),
         default="identified",
-        help="identify bodies, or take those of the model and identify the drives "
-        "(default: identified)",
-    )
-    chosen.add_argument(
+    ),
+    Option(
         "--masses",
+        "whether the model's masses are the robot's",
         choices=("model", "free"),
-        help="whether the model's masses are the robot's",
-    )
-    chosen.add_argument(
-        "--drive",
-        nargs="+",
-        metavar="TERM",
-        help="drive terms of all joints, such as viscous coulomb offset",
-    )
-    chosen.add_argument(
-        "--cutoff", type=positive, metavar="HZ", help="cut-off of the motion"
-    )
-    add_band(chosen)
-    chosen.add_argument(
-        "--friction-velocity",
-        type=positive,
-        metavar="V",
-        help="width of friction's change of sign, rad/s or m/s",
-    )
-    chosen.add_argument(
-        "--keep",
-        nargs="+",
-        default=(),
-        metavar="WHAT",
-        help="leave as in the plain model: drive terms, least_speed, delay, coupling",
-    )
-    chosen.add_argument(
+    ),
+    Option(
+        "--drive TERM ...", "drive terms of all joints, such as viscous coulomb offset"
+    ),
+    Option("--cutoff HZ", "cut-off of the motion", positive),
+    BAND,
+    Option(
+        "--friction-velocity V",
+        "width of friction's change of sign, rad/s or m/s",
+        positive,
+    ),
+    Option(
+        "--keep WHAT ...",
+        "leave as in the plain model: drive terms, least_speed, delay, coupling",
+    ),
+    Option(
         "--no-select",
-        action="store_true",
-        help="viscous and Coulomb friction, an offset; only a cut-off is chosen",
-    )
-
-
-def add_band(command: argparse.ArgumentParser | argparse._ArgumentGroup) -> None:
-    """Take the band in which torque is to be predicted."""
-    command.add_argument(
-        "--band",
-        type=positive,
-        metavar="HZ",
-        help="up to which torque is to be predicted (default: 20 times the band of "
-        "the velocity)",
-    )
+        "viscous and Coulomb friction, an offset; only a cut-off is chosen",
+    ),
+)
+# What a draft of a problem file is made from.
+DRAFT: tuple[Option | Group, ...] = (
+    Option(
+        "--validate LOG ...",
+        "logs to judge by (default: the last 30 %% of each log's motion)",
+        Path,
+    ),
+    *COLUMNS,
+    TORQUE_GAIN,
+    *GAINS,
+    Group("the model, chosen by the data unless given", _MODEL),
+)
 
 
 def known_of(options: argparse.Namespace) -> dict[str, Any]:
@@ -182,7 +148,7 @@ def draft_of(options: argparse.Namespace, model: Path, logs: Sequence[Path]) -> 
         validation=options.validate,
         bodies=options.bodies,
         masses="datasheet" if options.masses == "model" else options.masses,
-        drive=options.drive,
+        drive=options.drive or None,
         cutoff=options.cutoff,
         band=options.band,
         friction_velocity=options.friction_velocity,
@@ -259,14 +225,3 @@ def _gains(pairs: Sequence[tuple[float, float]]) -> "PDGains | None":
         return None
     kp, kd = (np.array(values) for values in zip(*pairs, strict=True))
     return PDGains(kp[0], kd[0]) if len(pairs) == 1 else PDGains(kp, kd)
-
-
-def _pair(text: str) -> tuple[float, float]:
-    """Read two numbers with a comma between them."""
-    try:
-        kp, kd = map(float, text.split(","))
-    except ValueError:
-        raise argparse.ArgumentTypeError(
-            f"{text} is no pair of gains, expected KP,KD such as 60,1.5"
-        ) from None
-    return kp, kd

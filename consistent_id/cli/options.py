@@ -1,12 +1,67 @@
 """Options that several commands share, each said once."""
 
 import argparse
-import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from consistent_id.cli.option import Group, Option, positive
+
 Run = Callable[[argparse.Namespace], int]
+
+PRINTED = Group(
+    "what is printed",
+    (
+        Option("--json", "JSON, not tables"),
+        Option("--verbose", "everything, not only the first lines"),
+        Option(
+            "--quiet", "nothing but errors, and JSON if asked for; see the exit code"
+        ),
+    ),
+)
+# Leave to read what files of strangers must not ask for.
+STRANGERS = Group(
+    "files of strangers",
+    (
+        Option(
+            "--trust",
+            "let a problem file name files anywhere, and any environment variable",
+        ),
+        Option("--large-files", "read files larger than robots and logs are"),
+    ),
+)
+PROBLEM = Option(
+    "problem", "folder with a problem.toml, the file, or a folder of several", Path
+)
+ONE_PROBLEM = Option("problem", "folder with a problem.toml, or the file", Path)
+FORCE = Option(
+    "--force", "write even over an input, or a file that this tool did not write"
+)
+WRITES = (Option("--dry-run", "write nothing"), FORCE)
+OUTPUT = (Option("--output FOLDER", "to write results to"), *WRITES)
+RESULTS = (
+    Option("--output FOLDER", "to write results to (default: results/NAME)"),
+    *WRITES,
+)
+ACCEPT = Option(
+    "--accept KIND",
+    "overlook one kind of finding or reason, such as 'torque sign'; can be repeated, "
+    "and is recorded in every file that is written",
+    repeated=True,
+)
+TIME_LIMIT = Option(
+    "--time-limit SECONDS",
+    "give up after so long, with exit code 3 (default: never)",
+    positive,
+    dest="give_up_after",
+)
+SEED_OF_BOOTSTRAP = Option("--seed N", "of the bootstrap", int, default=0)
+EXECUTOR = Option(
+    "--executor WHERE",
+    "serial, processes, processes:4, dask or dask:tcp://HOST:PORT, the scheduler of a "
+    "cluster with a shared file system; the result is the same",
+    default="serial",
+)
 
 
 def add_command(
@@ -14,11 +69,11 @@ def add_command(
     name: str,
     text: str,
     run: Run,
-    *,
+    *options: Option | Group,
     more: str = "",
     examples: str,
     reads: bool = True,
-) -> argparse.ArgumentParser:
+) -> None:
     """Add a command to a parser's commands, with what every command takes.
 
     Parameters
@@ -30,6 +85,8 @@ def add_command(
         One line, for the list of commands.
     run : callable
         From the options that were given to the exit code.
+    options : Option or Group
+        The command's own, in the order of its help.
     more : str
         Further text of the command's own help.
     examples : str
@@ -46,107 +103,5 @@ def add_command(
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     command.set_defaults(run=run)
-    printed = command.add_argument_group("what is printed")
-    printed.add_argument("--json", action="store_true", help="JSON, not tables")
-    printed.add_argument(
-        "--verbose", action="store_true", help="everything, not only the first lines"
-    )
-    printed.add_argument(
-        "--quiet",
-        action="store_true",
-        help="nothing but errors, and JSON if asked for; see the exit code",
-    )
-    if reads:
-        _add_leave(command)
-    return command
-
-
-def _add_leave(command: argparse.ArgumentParser) -> None:
-    """Take leave to read what files of strangers must not ask for."""
-    files = command.add_argument_group("files of strangers")
-    files.add_argument(
-        "--trust",
-        action="store_true",
-        help="let a problem file name files anywhere, and any environment variable",
-    )
-    files.add_argument(
-        "--large-files",
-        action="store_true",
-        help="read files larger than robots and logs are",
-    )
-
-
-def add_problem(command: argparse.ArgumentParser) -> None:
-    """Take one problem, or a folder of several."""
-    command.add_argument(
-        "problem",
-        type=Path,
-        help="folder with a problem.toml, the file, or a folder of several",
-    )
-
-
-def add_output(command: argparse.ArgumentParser, default: str | None) -> None:
-    """Take a folder for results, and leave to write nothing."""
-    usual = "" if default is None else f" (default: {default})"
-    command.add_argument(
-        "--output", type=Path, metavar="FOLDER", help=f"to write results to{usual}"
-    )
-    add_dry_run(command)
-
-
-def add_dry_run(command: argparse.ArgumentParser) -> None:
-    """Take leave to do everything but write files, or to write over any file."""
-    command.add_argument("--dry-run", action="store_true", help="write nothing")
-    add_force(command)
-
-
-def add_force(command: argparse.ArgumentParser) -> None:
-    """Take leave to write over files that are inputs or others'."""
-    command.add_argument(
-        "--force",
-        action="store_true",
-        help="write even over an input, or a file that this tool did not write",
-    )
-
-
-def add_accept(command: argparse.ArgumentParser) -> None:
-    """Take kinds of findings and reasons that the verdict is to overlook."""
-    command.add_argument(
-        "--accept",
-        action="append",
-        default=[],
-        metavar="KIND",
-        help="overlook one kind of finding or reason, such as 'torque sign'; can be "
-        "repeated, and is recorded in every file that is written",
-    )
-
-
-def add_time_limit(command: argparse.ArgumentParser) -> None:
-    """Take a number of seconds after which to give up."""
-    command.add_argument(
-        "--time-limit",
-        dest="give_up_after",
-        type=positive,
-        metavar="SECONDS",
-        help="give up after so long, with exit code 3 (default: never)",
-    )
-
-
-def add_executor(command: argparse.ArgumentParser) -> None:
-    """Take where recordings are compressed."""
-    command.add_argument(
-        "--executor",
-        default="serial",
-        metavar="WHERE",
-        help="serial, processes, processes:4, dask or dask:tcp://HOST:PORT, the "
-        "scheduler of a cluster with a shared file system (default: serial); the "
-        "result is the same",
-    )
-
-
-def positive(text: str) -> float:
-    """Read a positive number."""
-    value = float(text)
-    if not (value > 0.0 and math.isfinite(value)):
-        raise argparse.ArgumentTypeError(f"{text} is not a positive number")
-    return value
+    for option in (PRINTED, *((STRANGERS,) if reads else ()), *options):
+        option.add_to(command)

@@ -5,12 +5,14 @@ from typing import Any
 
 from consistent_id.cli.answers import Answer, answered, shows_progress
 from consistent_id.cli.excite_options import (
-    add_motion_options,
-    add_parameters,
-    add_part,
+    MOTION,
+    PART,
+    SEARCH,
     motion_changes,
+    parameters,
 )
-from consistent_id.cli.options import add_command, add_problem, positive
+from consistent_id.cli.option import Option, positive
+from consistent_id.cli.options import PROBLEM, add_command
 
 _MORE = """The design that excite would make is played in MuJoCo by robots of planted
 parameters: dry friction, rotors, a controller with a wrong model, encoders, noise. Then
@@ -27,47 +29,30 @@ consistent-id rehearse problems/arm --for open --parameters delivered.json
 
 def add_rehearse(commands: Any) -> None:
     """Add the command to a parser's commands."""
-    command = add_command(
+    add_command(
         commands,
         "rehearse",
         "play a designed motion on simulated robots of planted parameters",
         run_rehearse,
+        PROBLEM,
+        *PART,
+        MOTION,
+        parameters("; robots are planted near the first"),
+        Option("--robots N", "planted robots", int, default=3),
+        Option("--seed N", "of the planted robots and of the search", int, default=0),
+        *SEARCH,
+        Option(
+            "--currents SHARE",
+            "robots log motor currents in 2048 steps to the largest, with torque "
+            "constants known to this share, such as 0.05 (default: they log torque)",
+            positive,
+        ),
+        Option(
+            "--rivals",
+            "also play the other objective's design, random paths and sinusoids",
+        ),
         more=_MORE,
         examples=_EXAMPLES,
-    )
-    add_problem(command)
-    add_part(command)
-    add_motion_options(command)
-    add_parameters(command, "; robots are planted near the first")
-    for name, default, text in (
-        ("robots", 3, "planted robots"),
-        ("seed", 0, "of the planted robots and of the search"),
-        ("starts", 4, "searches from random paths"),
-    ):
-        command.add_argument(
-            f"--{name}", type=int, default=default, help=f"{text} (default: {default})"
-        )
-    command.add_argument(
-        "--time-limit",
-        type=positive,
-        default=10.0,
-        metavar="SECONDS",
-        help="of each search, on an idle machine and each process (default: 10)",
-    )
-    command.add_argument(
-        "--workers", type=int, help="processes (default: one per processor)"
-    )
-    command.add_argument(
-        "--currents",
-        type=positive,
-        metavar="SHARE",
-        help="robots log motor currents in 2048 steps to the largest, with torque "
-        "constants known to this share, such as 0.05 (default: they log torque)",
-    )
-    command.add_argument(
-        "--rivals",
-        action="store_true",
-        help="also play the other objective's design, random paths and sinusoids",
     )
 
 

@@ -5,7 +5,8 @@ from pathlib import Path
 from typing import Any
 
 from consistent_id.cli.answers import Answer, show
-from consistent_id.cli.options import add_command, add_dry_run
+from consistent_id.cli.option import Option
+from consistent_id.cli.options import WRITES, add_command
 from consistent_id.errors import ProblemError
 
 _MORE = """The mistake that explains an inconsistent inertia is undone: a decimal point,
@@ -23,47 +24,39 @@ consistent-id repair robot.urdf --density 1000 --thickness 0.001
 
 def add_repair(commands: Any) -> None:
     """Add the command to a parser's commands."""
-    command = add_command(
+    add_command(
         commands,
         "repair",
         "make the inertials of a URDF physically consistent, by undoing mistakes",
         run_repair,
+        Option("urdf", "the file", Path),
+        Option("--output FILE", "file to write (default: NAME.repaired.urdf)"),
+        *WRITES,
+        Option(
+            "--mass LINK=KG",
+            "a link's mass, in place of the file's; may be repeated",
+            repeated=True,
+        ),
+        Option(
+            "--choose LINK=N",
+            "which of a link's suggestions it gets; 0: the nearest consistent inertia; "
+            "may be repeated",
+            repeated=True,
+        ),
+        Option(
+            "--density KG/M3",
+            "a ball of this density stands for an inertia that cannot be read",
+            float,
+        ),
+        Option(
+            "--thickness M",
+            "least standard deviation of mass in each direction of a link, for "
+            "simulators that refuse point masses and plates",
+            float,
+            default=0.0,
+        ),
         more=_MORE,
         examples=_EXAMPLES,
-    )
-    command.add_argument("urdf", type=Path, help="the file")
-    command.add_argument(
-        "--output", type=Path, help="file to write (default: NAME.repaired.urdf)"
-    )
-    add_dry_run(command)
-    command.add_argument(
-        "--mass",
-        action="append",
-        default=[],
-        metavar="LINK=KG",
-        help="a link's mass, in place of the file's; may be repeated",
-    )
-    command.add_argument(
-        "--choose",
-        action="append",
-        default=[],
-        metavar="LINK=N",
-        help="which of a link's suggestions it gets; 0: the nearest consistent "
-        "inertia; may be repeated",
-    )
-    command.add_argument(
-        "--density",
-        type=float,
-        metavar="KG/M3",
-        help="a ball of this density stands for an inertia that cannot be read",
-    )
-    command.add_argument(
-        "--thickness",
-        type=float,
-        default=0.0,
-        metavar="M",
-        help="least standard deviation of mass in each direction of a link, "
-        "for simulators that refuse point masses and plates",
     )
 
 

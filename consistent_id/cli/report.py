@@ -6,11 +6,14 @@ from pathlib import Path
 from typing import Any
 
 from consistent_id.cli.answers import Answer, show, shows_progress
+from consistent_id.cli.option import Option
 from consistent_id.cli.options import (
-    add_accept,
+    ACCEPT,
+    FORCE,
+    ONE_PROBLEM,
+    SEED_OF_BOOTSTRAP,
+    TIME_LIMIT,
     add_command,
-    add_force,
-    add_time_limit,
 )
 
 _MORE = """It begins with the estimate to use, and why; faults of the data, parameters
@@ -24,29 +27,20 @@ consistent-id report problems/ur10e --output ur10e.html
 
 def add_report(commands: Any) -> None:
     """Add the command to a parser's commands."""
-    command = add_command(
+    add_command(
         commands,
         "report",
         "write everything about a problem into one HTML file",
         run_report,
+        ONE_PROBLEM,
+        Option("--output FILE", "file to write (default: results/NAME/report.html)"),
+        FORCE,
+        SEED_OF_BOOTSTRAP,
+        ACCEPT,
+        TIME_LIMIT,
         more=_MORE,
         examples=_EXAMPLES,
     )
-    command.add_argument(
-        "problem", type=Path, help="folder with a problem.toml, or the file"
-    )
-    command.add_argument(
-        "--output",
-        type=Path,
-        metavar="FILE",
-        help="file to write (default: results/NAME/report.html)",
-    )
-    add_force(command)
-    command.add_argument(
-        "--seed", type=int, default=0, help="of the bootstrap (default: 0)"
-    )
-    add_accept(command)
-    add_time_limit(command)
 
 
 def run_report(options: argparse.Namespace) -> int:

@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from consistent_id.cli.answers import Answer, answered, shows_progress
-from consistent_id.cli.options import add_command, add_output, add_problem
+from consistent_id.cli.option import Option
+from consistent_id.cli.options import PROBLEM, RESULTS, add_command
 
 _MORE = """Writes one HTML page, its tables as Markdown, and all numbers as JSON. The
 problem needs [published], [tasks] and [laboratory]. Exit code 1: the optimum of a
@@ -19,24 +20,18 @@ consistent-id reproduce problems/rx60 --quick --output results/paper
 
 def add_reproduce(commands: Any) -> None:
     """Add the command to a parser's commands."""
-    command = add_command(
+    add_command(
         commands,
         "reproduce",
         "do a paper's study again: experiments, tables, explanation, verification",
         run_reproduce,
+        PROBLEM,
+        Option("--quick", "fewer experiments, one set of exciting motions, one draw"),
+        Option("--seed N", "of designs and draws", int, default=0),
+        *RESULTS,
         more=_MORE,
         examples=_EXAMPLES,
     )
-    add_problem(command)
-    command.add_argument(
-        "--quick",
-        action="store_true",
-        help="fewer experiments, one set of exciting motions, one draw",
-    )
-    command.add_argument(
-        "--seed", type=int, default=0, help="of designs and draws (default: 0)"
-    )
-    add_output(command, "results/NAME")
 
 
 def run_reproduce(options: argparse.Namespace) -> int:

@@ -5,13 +5,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from consistent_id.cli.answers import Answer, answered
-from consistent_id.cli.options import (
-    add_accept,
-    add_command,
-    add_output,
-    add_problem,
-    add_time_limit,
-)
+from consistent_id.cli.option import Option
+from consistent_id.cli.options import ACCEPT, OUTPUT, PROBLEM, TIME_LIMIT, add_command
 
 if TYPE_CHECKING:
     from consistent_id.laboratory.rollout.from_problem import ProblemRollout
@@ -29,42 +24,32 @@ consistent-id rollout problems/unitree_z1 --choose --refine --output results/z1
 
 def add_rollout(commands: Any) -> None:
     """Add the command to a parser's commands."""
-    command = add_command(
+    add_command(
         commands,
         "rollout",
         "replay logged commands in MuJoCo",
         run_rollout,
+        PROBLEM,
+        Option(
+            "--against FILE ...",
+            "MJCF or URDF files of the robot, to be replayed beside it",
+        ),
+        Option("--refine", "refine the estimate on the rollouts of the training logs"),
+        Option(
+            "--choose",
+            "choose delay, cut-off and shape of friction on the training logs",
+        ),
+        Option(
+            "--form FORMAT",
+            "fit friction in the form that a format has (mjcf, mjlab, isaaclab, urdf), "
+            "and print what it costs",
+        ),
+        *OUTPUT,
+        ACCEPT,
+        TIME_LIMIT,
         more=_MORE,
         examples=_EXAMPLES,
     )
-    add_problem(command)
-    command.add_argument(
-        "--against",
-        nargs="+",
-        type=Path,
-        default=[],
-        metavar="FILE",
-        help="MJCF or URDF files of the robot, to be replayed beside it",
-    )
-    command.add_argument(
-        "--refine",
-        action="store_true",
-        help="refine the estimate on the rollouts of the training logs",
-    )
-    command.add_argument(
-        "--choose",
-        action="store_true",
-        help="choose delay, cut-off and shape of friction on the training logs",
-    )
-    command.add_argument(
-        "--form",
-        metavar="FORMAT",
-        help="fit friction in the form that a format has (mjcf, mjlab, isaaclab, urdf),"
-        " and print what it costs",
-    )
-    add_output(command, None)
-    add_accept(command)
-    add_time_limit(command)
 
 
 def run_rollout(options: argparse.Namespace) -> int:

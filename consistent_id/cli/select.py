@@ -5,13 +5,9 @@ from pathlib import Path
 from typing import Any
 
 from consistent_id.cli.answers import Answer, answered, shows_progress
-from consistent_id.cli.log_options import add_band
-from consistent_id.cli.options import (
-    add_command,
-    add_dry_run,
-    add_problem,
-    add_time_limit,
-)
+from consistent_id.cli.log_options import BAND
+from consistent_id.cli.option import Option
+from consistent_id.cli.options import PROBLEM, TIME_LIMIT, WRITES, add_command
 
 _MORE = """Drive terms, masses, cut-offs, rows and a delay are chosen from the training
 recordings alone, by the torque that is predicted on blocks that are left out.
@@ -25,31 +21,25 @@ consistent-id select problem.toml --output problem.toml --force
 
 def add_select(commands: Any) -> None:
     """Add the command to a parser's commands."""
-    command = add_command(
+    add_command(
         commands,
         "select",
         "choose the model that the training data ask for",
         run_select,
+        PROBLEM,
+        Option(
+            "--output FILE", "to write (default: NAME-selected.toml beside the problem)"
+        ),
+        *WRITES,
+        Option(
+            "--keep KIND ...",
+            "what stays as the file has it, such as masses or motion_cutoff",
+        ),
+        BAND,
+        TIME_LIMIT,
         more=_MORE,
         examples=_EXAMPLES,
     )
-    add_problem(command)
-    command.add_argument(
-        "--output",
-        type=Path,
-        metavar="FILE",
-        help="to write (default: NAME-selected.toml beside the problem)",
-    )
-    add_dry_run(command)
-    command.add_argument(
-        "--keep",
-        nargs="+",
-        default=(),
-        metavar="KIND",
-        help="what stays as the file has it, such as masses or motion_cutoff",
-    )
-    add_band(command)
-    add_time_limit(command)
 
 
 def run_select(options: argparse.Namespace) -> int:
