@@ -12,10 +12,10 @@ from consistent_id._support.arrays import (
     checked,
     freeze,
     frozen,
-    number,
 )
 from consistent_id.errors import ProblemError
 from consistent_id.motion import bernstein
+from consistent_id.recordings.paths import freeze_path
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,27 +44,14 @@ class PolynomialPath:
     start: float = 0.0
 
     def __post_init__(self) -> None:
-        freeze(self, joints=tuple(self.joints))
-        n = len(self.joints)
-        if not n or len(set(self.joints)) != n:
-            raise ProblemError(
-                f"polynomial path: joints are {self.joints!r}, expected distinct names"
-            )
-        control = frozen(self.control, (None, n), "polynomial path: control")
+        freeze_path(self, "polynomial path")
+        shape = (None, len(self.joints))
+        control = frozen(self.control, shape, "polynomial path: control")
         if not 1 <= len(control) <= 10:
             raise ProblemError(
                 f"polynomial path: {len(control)} coefficients, expected 1 to 10"
             )
         freeze(self, control=control)
-        for name in ("duration", "start"):
-            time = number(getattr(self, name), f"polynomial path: {name}")
-            freeze(self, **{name: time})
-        if not 0.0 < self.duration < np.inf:
-            raise ProblemError(
-                f"polynomial path: duration is {self.duration} s, expected more than 0"
-            )
-        if not abs(self.start) < np.inf:
-            raise ProblemError(f"polynomial path: start is {self.start} s")
 
     def evaluate(self, time: ArrayLike, derivatives: int = 2) -> Array:
         """Return position and derivatives, shape (derivatives + 1, samples, joints).

@@ -5,7 +5,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._support.arrays import Array, Vector, number
+from consistent_id._support.arrays import Array, Vector, freeze, number
 from consistent_id.errors import ProblemError
 from consistent_id.recordings.recording import Recording
 
@@ -36,6 +36,26 @@ class JointPath(Protocol):
 
         In absolute value, at any time from start to end.  It may be a generous one.
         """
+
+
+def freeze_path(path: JointPath, where: str) -> None:
+    """Make what every path states plain values, or refuse it.
+
+    Raises
+    ------
+    ProblemError
+        If names of joints are not distinct, or there is no time from start to end.
+    """
+    joints = tuple(path.joints)
+    if not joints or len(set(joints)) != len(joints):
+        raise ProblemError(f"{where}: joints are {joints!r}, expected distinct names")
+    duration = number(path.duration, f"{where}: duration")
+    if not 0.0 < duration < np.inf:
+        raise ProblemError(f"{where}: duration is {duration} s, expected more than 0")
+    start = number(path.start, f"{where}: start")
+    if not abs(start) < np.inf:
+        raise ProblemError(f"{where}: start is {start} s")
+    freeze(path, joints=joints, duration=duration, start=start)
 
 
 def sampled(path: JointPath, rate: float, name: str = "trajectory") -> Recording:

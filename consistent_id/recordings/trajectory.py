@@ -23,10 +23,9 @@ from consistent_id._support.arrays import (
     freeze,
     freeze_arrays,
     frozen,
-    number,
 )
 from consistent_id.errors import ProblemError
-from consistent_id.recordings.paths import sampled
+from consistent_id.recordings.paths import freeze_path, sampled
 from consistent_id.recordings.recording import Recording
 
 _COMMON = 1e-9  # relative difference below which frequencies share a base
@@ -67,12 +66,8 @@ class FourierTrajectory:
     start: float = 0.0
 
     def __post_init__(self) -> None:
-        freeze(self, joints=tuple(self.joints))
+        freeze_path(self, "trajectory")
         n = len(self.joints)
-        if not n or len(set(self.joints)) != n:
-            raise ProblemError(
-                f"trajectory: joints are {self.joints!r}, expected distinct names"
-            )
         frequencies = frozen(self.frequencies, (None,), "trajectory: frequencies")
         if not (np.diff(frequencies, prepend=0.0) > 0.0).all():
             raise ProblemError(
@@ -83,15 +78,6 @@ class FourierTrajectory:
         shape = (len(frequencies), n)
         shapes = {"offset": (n,), "sine": shape, "cosine": shape}
         freeze_arrays(self, shapes, "trajectory")
-        for name in ("duration", "start"):
-            time = number(getattr(self, name), f"trajectory: {name}")
-            freeze(self, **{name: time})
-        if not 0.0 < self.duration < np.inf:
-            raise ProblemError(
-                f"trajectory: duration is {self.duration} s, expected more than 0"
-            )
-        if not abs(self.start) < np.inf:
-            raise ProblemError(f"trajectory: start is {self.start} s")
 
     def __len__(self) -> int:
         """Return the number of frequencies."""

@@ -19,6 +19,7 @@ from consistent_id import (
     build_regression,
     simulate_torque,
 )
+from consistent_id.constraints.cones.certificate import certify, equalities, unexplained
 from consistent_id.constraints.cones.least_norm import solve_least_norm
 from consistent_id.constraints.cones.programmes import Multipliers
 from consistent_id.constraints.distances import nominal_distance
@@ -203,18 +204,50 @@ def test_the_gap_bounds_what_any_point_is_worse_than_the_best(seed):
         for multipliers in (duals, coarse):
             wrong = replace(best.solution, u=u, multipliers=multipliers)
             judged = certify_penalised(fit, distance, weight, wrong)
+            assert judged.objective == pytest.approx(
+                objective(fit, distance, weight, u), rel=1e-9
+            )
             gap = judged.gap * max(judged.objective, REFERENCE)
             assert gap >= excess * (1 - 1e-6) - 1e-9
             if excess > 1e-5 * max(judged.objective, REFERENCE):
                 assert judged.verdict == "uncertified"
 
 
-def test_a_point_that_is_no_body_is_not_certified():
+def test_a_point_that_is_no_body_is_not_certified_and_no_proof_is_asked_for():
     model, regression = noisy(5, joints=2)
     fit, distance = dimensionless(model, regression)
     solution = penalised_fit(fit, distance, 1.0).solution
-    judged = certify_penalised(fit, distance, 1.0, replace(solution, u=-solution.u))
-    assert judged.verdict == "uncertified"
+    outside = replace(solution, u=-solution.u)
+    assert certify_penalised(fit, distance, 1.0, outside).verdict == "uncertified"
+    for known in (solution, outside):
+        assert _proven(fit, distance, 1.0, known)[0] is known
+
+
+@pytest.mark.parametrize(("share", "steep"), [(0.9, True), (1.0 - 1e-9, False)])
+def test_of_a_steep_rest_the_distance_s_curvature_is_no_proof(share, steep):
+    model, regression = noisy(8, joints=3)
+    fit, distance = dimensionless(model, regression)
+    weight = 1e-3
+    solution = penalised_fit(fit, distance, weight).solution
+    u, duals = solution.u, solution.multipliers.times(share)
+    rows = distance.local(u)
+    problem = _stacked(fit, rows, weight)
+    rest, _ = unexplained(problem, u, duals)
+    E = equalities(fit.domain).steps
+    # The local norm of a gradient, by the pseudo-inverse of the Hessian's root.
+    length = np.linalg.norm(np.linalg.pinv(rows.G @ E, rcond=1e-14).T @ (E.T @ rest))
+    assert (length > weight / 2) == steep
+    half = np.vstack([fit.M, np.sqrt(weight / 2) * rows.G])
+    found = replace(solution, multipliers=duals)
+    expected = certify(
+        problem,
+        found,
+        distance.nominal,
+        reference=REFERENCE,
+        objective=objective(fit, distance, weight, u),
+        curvature=fit.M if steep else half,
+    )
+    assert certify_penalised(fit, distance, weight, found) == expected
 
 
 def test_multipliers_too_coarse_for_a_proof_are_asked_for_again():

@@ -12,8 +12,8 @@ import numpy as np
 from consistent_id._support.arrays import Array, IntArray, Vector
 from consistent_id.errors import ProblemError
 from consistent_id.motion.proofs.interval import Interval
-from consistent_id.motion.proofs.peaks import Enclosed, peaks
-from consistent_id.motion.proofs.piecewise import merged, smooth_pieces
+from consistent_id.motion.proofs.peaks import Enclosed, Peaks, peaks
+from consistent_id.motion.proofs.piecewise import bounds_of, smooth_pieces
 from consistent_id.recordings.paths import JointPath
 
 _FINEST = 1e-3  # least scale of the tolerance, relative to the bound over all time
@@ -78,10 +78,10 @@ def extremes(path: JointPath, order: int, *, tolerance: float = 1e-6) -> Extreme
             "more, and a tolerance between 0 and 1"
         )
     found = [_of_piece(piece, order, tolerance) for piece in smooth_pieces(path)]
-    return Extremes(path.joints, order, *merged(found))
+    return Extremes(path.joints, order, *bounds_of(found))
 
 
-def _of_piece(path: JointPath, order: int, tolerance: float) -> Extremes:
+def _of_piece(path: JointPath, order: int, tolerance: float) -> Peaks:
     curvature = path.derivative_bound(order + 2)
     slack = path_rounding(path, order)
     scale = _scale(path, order)
@@ -92,18 +92,12 @@ def _of_piece(path: JointPath, order: int, tolerance: float) -> Extremes:
         both = np.hstack([value, -value])
         return Enclosed(both, both + np.hstack([away, away]))
 
-    found = peaks(
+    return peaks(
         enclose,
         path.start,
         path.duration,
         _cells(path, curvature, scale),
         np.tile(tolerance * scale + 2.0 * slack, 2),
-    )
-    most, least = np.split(found.reached, 2)
-    most_time, least_time = np.split(found.at, 2)
-    highest, lowest = np.split(found.bound, 2)
-    return Extremes(
-        path.joints, order, -lowest, highest, -least, most, least_time, most_time
     )
 
 

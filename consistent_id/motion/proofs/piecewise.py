@@ -1,40 +1,24 @@
 """Paths whose derivatives jump: proven piece by piece, where each piece is smooth."""
 
 from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
 from consistent_id._support.arrays import Vector
+from consistent_id.motion.proofs.peaks import Peaks
 from consistent_id.recordings.paths import JointPath
 
 
-class Bounds(Protocol):
-    """Proven bounds and values that are reached; arrays of shape (functions,)."""
+class Bounds(NamedTuple):
+    """Proven bounds, and values that are reached; arrays of shape (functions,)."""
 
-    @property
-    def lowest(self) -> Vector:
-        """Proven: never below."""
-
-    @property
-    def highest(self) -> Vector:
-        """Proven: never above."""
-
-    @property
-    def least(self) -> Vector:
-        """Reached, at `least_time`."""
-
-    @property
-    def most(self) -> Vector:
-        """Reached, at `most_time`."""
-
-    @property
-    def least_time(self) -> Vector:
-        """When it is least [s]."""
-
-    @property
-    def most_time(self) -> Vector:
-        """When it is most [s]."""
+    lowest: Vector
+    highest: Vector
+    least: Vector
+    most: Vector
+    least_time: Vector
+    most_time: Vector
 
 
 def smooth_pieces(path: JointPath) -> tuple[JointPath, ...]:
@@ -46,28 +30,13 @@ def smooth_pieces(path: JointPath) -> tuple[JointPath, ...]:
     return tuple(getattr(path, "pieces", (path,)))
 
 
-class Merged(NamedTuple):
-    """What `Bounds` has, as arrays of shape (functions,)."""
-
-    lowest: Vector
-    highest: Vector
-    least: Vector
-    most: Vector
-    least_time: Vector
-    most_time: Vector
-
-
-def merged(found: Sequence[Bounds]) -> Merged:
-    """Return the bounds of all pieces together."""
-    least = np.array([one.least for one in found])
-    most = np.array([one.most for one in found])
-    first, last = least.argmin(axis=0), most.argmax(axis=0)
-    each = np.arange(least.shape[1])
-    return Merged(
-        np.min([one.lowest for one in found], axis=0),
-        np.max([one.highest for one in found], axis=0),
-        least[first, each],
-        most[last, each],
-        np.array([one.least_time for one in found])[first, each],
-        np.array([one.most_time for one in found])[last, each],
+def bounds_of(found: Sequence[Peaks]) -> Bounds:
+    """Return bounds from peaks of functions and of their negatives, a path's pieces."""
+    reached = np.array([one.reached for one in found])
+    piece, each = reached.argmax(axis=0), np.arange(reached.shape[1])
+    most, least = np.split(reached[piece, each], 2)
+    most_time, least_time = np.split(
+        np.array([one.at for one in found])[piece, each], 2
     )
+    highest, lowest = np.split(np.max([one.bound for one in found], axis=0), 2)
+    return Bounds(-lowest, highest, -least, most, least_time, most_time)

@@ -19,7 +19,7 @@ from consistent_id.motion.proofs.friction_bounds import (
 )
 from consistent_id.motion.proofs.interval import Interval
 from consistent_id.motion.proofs.peaks import Enclosed, Enclosure, Peaks, peaks
-from consistent_id.motion.proofs.piecewise import merged, smooth_pieces
+from consistent_id.motion.proofs.piecewise import bounds_of, smooth_pieces
 from consistent_id.motion.proofs.torque_motion import SmoothTorque, smooth_torque
 from consistent_id.recordings.paths import JointPath
 from consistent_id.regression.regressor import TorqueModel
@@ -105,10 +105,9 @@ def torque_bounds(
         shape = (len(model.torque_joints),)
         wanted = checked(effort, shape, "effort", finite=False)
     found = [
-        _of_piece(torque, wanted, tolerance, model)
-        for torque in path_torques(path, model, x)
+        _of_piece(torque, wanted, tolerance) for torque in path_torques(path, model, x)
     ]
-    return TorqueBounds(model.torque_joints, *merged(found))
+    return TorqueBounds(model.torque_joints, *bounds_of(found))
 
 
 def path_torques(
@@ -122,31 +121,18 @@ def path_torques(
     return [PathTorque(piece, smooth, friction, rows) for piece in smooth_pieces(path)]
 
 
-def _of_piece(
-    torque: "PathTorque", effort: Vector | None, tolerance: float, model: TorqueModel
-) -> TorqueBounds:
+def _of_piece(torque: "PathTorque", effort: Vector | None, tolerance: float) -> Peaks:
     path = torque.path
     cells = first_cells(path)
     scale = torque.reach(cells)
     if effort is not None:
         scale = np.where(np.isfinite(effort), effort, scale)
-    found = peaks(
+    return peaks(
         torque.enclosure(cells),
         path.start,
         path.duration,
         cells,
         np.tile(tolerance * scale, 2),
-    )
-    return both_ways(found, model)
-
-
-def both_ways(found: Peaks, model: TorqueModel) -> TorqueBounds:
-    """Return peaks of torques, and of their negatives, as bounds of the torques."""
-    most, least = np.split(found.reached, 2)
-    most_time, least_time = np.split(found.at, 2)
-    highest, lowest = np.split(found.bound, 2)
-    return TorqueBounds(
-        model.torque_joints, -lowest, highest, -least, most, least_time, most_time
     )
 
 

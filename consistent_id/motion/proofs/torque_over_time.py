@@ -8,10 +8,9 @@ import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.motion.proofs.peaks import peaks
-from consistent_id.motion.proofs.piecewise import merged
+from consistent_id.motion.proofs.piecewise import bounds_of
 from consistent_id.motion.proofs.torque_bounds import (
     TorqueBounds,
-    both_ways,
     first_cells,
     path_torques,
 )
@@ -38,15 +37,17 @@ def torque_rate_bounds(
     found = []
     for torque in path_torques(path, model, parameters):
         piece, cells = torque.path, first_cells(torque.path)
-        seen = peaks(
-            torque.rate_enclosure(cells),
-            piece.start,
-            piece.duration,
-            cells,
-            np.tile(_TOLERANCE * limit, 2),
+        within = np.tile(_TOLERANCE * limit, 2)
+        found.append(
+            peaks(
+                torque.rate_enclosure(cells),
+                piece.start,
+                piece.duration,
+                cells,
+                within,
+            )
         )
-        found.append(both_ways(seen, model))
-    return TorqueBounds(model.torque_joints, *merged(found))
+    return TorqueBounds(model.torque_joints, *bounds_of(found))
 
 
 def torque_rms_bound(path: JointPath, model: TorqueModel, parameters: Matrix) -> Vector:
