@@ -1,5 +1,6 @@
 """Files that are written: whole or not there, several together, never over others'."""
 
+import json
 import os
 import platform
 import re
@@ -10,6 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
+from typing import Any
 
 from consistent_id._support.run import current_run, is_input
 from consistent_id.errors import ProblemError
@@ -59,6 +61,16 @@ def write_atomically(path: str | Path, content: str | bytes) -> Path:
     else:
         waiting[path] = data
     return path
+
+
+def write_json(path: Path, record: Any) -> Path:
+    """Write plain values as JSON, whole or not at all, and return the path."""
+    return write_atomically(path, json.dumps(record, indent=1, allow_nan=False) + "\n")
+
+
+def relative_path(path: Path, folder: Path) -> str:
+    """Return how a place is called from a folder."""
+    return Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
 
 
 @contextmanager

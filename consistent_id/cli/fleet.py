@@ -2,7 +2,6 @@
 
 import argparse
 import glob
-import json
 from pathlib import Path
 from typing import Any
 
@@ -62,16 +61,15 @@ def run_fleet(options: argparse.Namespace) -> int:
     record = fleet.to_dict()
 
     def write() -> list[Path]:
-        from consistent_id._support.files import write_atomically
+        from consistent_id._support.files import write_atomically, write_json
 
         folder = options.output
         if folder is None:
             return []
         text = "\n".join([_MARK, "", *(table.markdown() for table in tables)])
-        content = json.dumps(record, indent=1, allow_nan=False) + "\n"
         return [
             write_atomically(folder / "fleet.md", text),
-            write_atomically(folder / "fleet.json", content),
+            write_json(folder / "fleet.json", record),
             fleet.bodies.save(folder / "bodies.json"),
         ]
 

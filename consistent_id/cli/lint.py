@@ -1,7 +1,6 @@
 """``consistent-id lint FILE``: its options, and what it prints."""
 
 import argparse
-import json
 from pathlib import Path
 from typing import Any
 
@@ -38,7 +37,7 @@ def add_lint(commands: Any) -> None:
 def run_lint(options: argparse.Namespace) -> int:
     """Look through files; return the exit code."""
     from consistent_id import __version__
-    from consistent_id._support.files import write_atomically
+    from consistent_id._support.files import write_json
     from consistent_id.export.lint.lint_report import lint_record, lint_text, sarif
     from consistent_id.export.lint.lint_robot import lint_robot
 
@@ -50,7 +49,6 @@ def run_lint(options: argparse.Namespace) -> int:
         for finding in findings
     )
     if options.sarif is not None:
-        text = json.dumps(sarif(found, __version__), indent=1, allow_nan=False)
-        write_atomically(options.sarif, text + "\n")
+        write_json(options.sarif, sarif(found, __version__))
     text, record = lint_text(found), lint_record(found)
     return show(options, Answer(int(refused), text, record, whole=True))

@@ -1,10 +1,9 @@
 """The files that a study is written to."""
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from consistent_id._support.files import write_atomically
+from consistent_id._support.files import write_atomically, write_json
 from consistent_id._support.tables import Table
 from consistent_id.estimation.method import Method
 from consistent_id.problems.study import Study
@@ -26,10 +25,9 @@ def write_comparison(study: Study, tables: Sequence[Table], folder: Path) -> lis
             *(table.markdown() for table in tables),
         ]
     )
-    record = json.dumps(study_record(study), indent=1, allow_nan=False)
     return [
         write_atomically(folder / "comparison.md", text),
-        write_atomically(folder / "comparison.json", record + "\n"),
+        write_json(folder / "comparison.json", study_record(study)),
         *_figures(study, folder),
     ]
 

@@ -87,19 +87,16 @@ def _rollout(options: argparse.Namespace) -> Answer:
 
 
 def _written(done: "ProblemRollout", folder: Path) -> list[Path]:
-    import json
-
-    from consistent_id._support.files import write_atomically
+    from consistent_id._support.files import write_atomically, write_json
     from consistent_id.laboratory.rollout.rollout_page import rollout_html
     from consistent_id.problems.paths import moved
     from consistent_id.problems.toml_text import toml_text
 
     name = done.problem.name
     head = "# consistent-id: the problem, with the settings of a rollout.\n\n"
-    record = json.dumps(done.to_dict(), indent=1, allow_nan=False) + "\n"
     paths = [
         done.estimate.save(folder / f"{done.estimate.method.replace(' ', '_')}.json"),
-        write_atomically(folder / "rollout.json", record),
+        write_json(folder / "rollout.json", done.to_dict()),
         write_atomically(folder / "rollout.html", rollout_html(done.rollout, name)),
     ]
     if done.settings is not None:

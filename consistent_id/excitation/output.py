@@ -1,6 +1,5 @@
 """Files, record and tables of a playable design."""
 
-import json
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -12,6 +11,7 @@ from consistent_id._support.files import (
     require_writable,
     together,
     write_atomically,
+    write_json,
 )
 from consistent_id._support.tables import Table
 from consistent_id.errors import InfeasibleError, ProblemError
@@ -70,8 +70,8 @@ def write_design(
             written.append(write_atomically(folder / CLIENT, script))
         figure = design_figure(playable.design)
         written.append(save_figure(figure, folder / "excitation.png"))
-        text = json.dumps(playable_record(playable), indent=1, allow_nan=False)
-        written.append(write_atomically(folder / "excitation.json", text + "\n"))
+        record = playable_record(playable)
+        written.append(write_json(folder / "excitation.json", record))
     return written
 
 

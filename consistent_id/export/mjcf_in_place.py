@@ -6,9 +6,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Array
+from consistent_id._support.files import relative_path
 from consistent_id.errors import ModelError
 from consistent_id.export.mjcf_body import compiled_body, require_mujoco
-from consistent_id.export.mjcf_paths import asset_files, path_edits, relative_path
+from consistent_id.export.mjcf_paths import asset_files, path_edits
 from consistent_id.export.mjcf_source import read_spec
 from consistent_id.export.mjcf_splice import (
     number_edits,
@@ -123,7 +124,7 @@ def _rewritten(
     if not files:
         for name in ("meshdir", "texturedir"):
             place = source.parent / getattr(spec.compiler, name)
-            setattr(spec.compiler, name, relative_path(folder, place))
+            setattr(spec.compiler, name, relative_path(place, folder))
     line = comment.replace("--", "- -").encode("ascii", "replace")
     note = (
         f"{source.name} includes or repeats parts, so MuJoCo wrote it anew: comments "

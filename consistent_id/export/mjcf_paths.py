@@ -1,9 +1,9 @@
 """Where an MJCF file's meshes and textures are, seen from another folder."""
 
-import os
 from collections.abc import Iterator
 from pathlib import Path
 
+from consistent_id._support.files import relative_path
 from consistent_id.export.mjcf_splice import set_section
 from consistent_id.robot.loaders.splice import Document, Edit
 from consistent_id.robot.loaders.xml import Element
@@ -29,14 +29,14 @@ def path_edits(document: Document, home: Path, folder: Path) -> list[Edit]:
     edits: list[Edit] = []
     for compiler in compilers:
         moved: dict[str, str] = {
-            name: relative_path(folder, home / compiler.attributes[name])
+            name: relative_path(home / compiler.attributes[name], folder)
             for name in ("assetdir", "meshdir", "texturedir")
             if name in compiler.attributes
         }
         edits += document.set(compiler, moved)
     whole = {"assetdir"} <= stated
     missing = {"meshdir", "texturedir"} - stated if not whole else set()
-    default = {name: relative_path(folder, home) for name in sorted(missing)}
+    default = {name: relative_path(home, folder) for name in sorted(missing)}
     return edits + (set_section(document, "compiler", default) if default else [])
 
 
@@ -59,8 +59,3 @@ def asset_files(document: Document, home: Path) -> Iterator[tuple[Path, Path]]:
 
 def _named(element: Element) -> Iterator[str]:
     return (element.attributes[k] for k in _FILES if element.attributes.get(k))
-
-
-def relative_path(folder: Path, place: Path) -> str:
-    """Return how a place is called from a folder."""
-    return Path(os.path.relpath(place.resolve(), folder.resolve())).as_posix()

@@ -1,6 +1,5 @@
 """A problem file for a robot and logs that have none; guesses are marked as such."""
 
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,6 +7,7 @@ from typing import Literal
 
 import msgspec
 
+from consistent_id._support.files import relative_path
 from consistent_id._support.tables import Table
 from consistent_id.problems.file import (
     ColumnsTable,
@@ -146,7 +146,7 @@ class Draft:
     def _plain(self, folder: Path) -> ProblemTable:
         """Return the content without a model that was selected."""
         mjcf = is_mjcf(self.model)
-        model = _relative(self.model, folder).replace("$", "$$")
+        model = relative_path(self.model, folder).replace("$", "$$")
         columns = msgspec.structs.asdict(ColumnsTable())
         columns = {key: getattr(self.columns, key) for key in columns}
         columns["array_joints"] = list(self.columns.array_joints)
@@ -165,7 +165,7 @@ class Draft:
             data=DataTable(
                 recordings=[
                     RecordingTable(
-                        file=_relative(entry.log, folder),
+                        file=relative_path(entry.log, folder),
                         role=entry.role,
                         rows=list(entry.rows),
                     )
@@ -193,7 +193,7 @@ class Draft:
     def problem(self, folder: Path | None = None) -> Problem:
         """Return the problem itself, without a file of its own."""
         folder = Path.cwd() if folder is None else folder
-        read = {_relative(file, folder): raw for file, raw in self.raw.items()}
+        read = {relative_path(file, folder): raw for file, raw in self.raw.items()}
         return problem_of(self.table(folder), folder / "problem.toml", read=read)
 
     def text(self, folder: Path, *, accepted: Sequence[str] = ()) -> str:
@@ -319,7 +319,3 @@ def _taken(draft: Draft) -> tuple[str, str]:
     if draft.bodies == "model":
         return "bodies", "the model's"
     return "masses", "the model's" if draft.masses == "datasheet" else "free"
-
-
-def _relative(file: Path, folder: Path) -> str:
-    return Path(os.path.relpath(file.resolve(), folder.resolve())).as_posix()

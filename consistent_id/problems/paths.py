@@ -12,6 +12,7 @@ from pathlib import Path
 
 import msgspec
 
+from consistent_id._support.files import relative_path
 from consistent_id.problems.file import ProblemTable
 
 DATA_FOLDER = "CONSISTENT_ID_DATASETS"
@@ -62,7 +63,7 @@ def moved(table: ProblemTable, old: Path, new: Path) -> ProblemTable:
         place = Path(string.Template(path).safe_substitute(os.environ))
         if "$" in path or place.is_absolute():
             return path
-        return Path(os.path.relpath((old / path).resolve(), new.resolve())).as_posix()
+        return relative_path(old / path, new)
 
     model = msgspec.structs.replace(
         table.model,

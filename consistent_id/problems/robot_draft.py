@@ -1,9 +1,9 @@
 """A problem file for a robot that has no log yet: what motion to record first."""
 
-import os
 from dataclasses import dataclass
 from pathlib import Path
 
+from consistent_id._support.files import relative_path
 from consistent_id.errors import ProblemError
 from consistent_id.problems.excitation_tables import ExcitationTable
 from consistent_id.problems.file import ConstraintsTable, ModelTable, ProblemTable
@@ -59,8 +59,7 @@ class RobotDraft:
     def table(self, folder: Path) -> ProblemTable:
         """Return the content of the problem file, for a file in a folder."""
         mjcf = is_mjcf(self.model)
-        relative = os.path.relpath(self.model.resolve(), folder.resolve())
-        model = Path(relative).as_posix().replace("$", "$$")
+        model = relative_path(self.model, folder).replace("$", "$$")
         return ProblemTable(
             name=self.name,
             model=ModelTable(

@@ -1,6 +1,5 @@
 """A reproduced study as plain numbers for JSON, and as files."""
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +7,7 @@ from consistent_id._support.files import (
     require_writable,
     together,
     write_atomically,
+    write_json,
 )
 from consistent_id.laboratory.reproduction.experiments import Reproduction
 from consistent_id.laboratory.reproduction.inertia_errors import InertiaTable
@@ -59,12 +59,11 @@ def reproduction_record(study: PaperStudy) -> dict[str, Any]:
 def write_reproduction(study: PaperStudy, folder: Path) -> list[Path]:
     """Write page, tables and numbers into a folder; return the files."""
     require_writable(folder)
-    text = json.dumps(reproduction_record(study), indent=1, allow_nan=False)
     with together():
         return [
             write_atomically(folder / "reproduction.html", html_page(study)),
             write_atomically(folder / "reproduction.md", markdown_tables(study)),
-            write_atomically(folder / "reproduction.json", text + "\n"),
+            write_json(folder / "reproduction.json", reproduction_record(study)),
         ]
 
 
