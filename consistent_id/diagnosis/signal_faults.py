@@ -10,7 +10,8 @@ from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.resolution import encoder_resolution, quantum
 
 _FROZEN = 0.1  # share of the log in one run of one value that is no chance
-_MOVING = 0.01  # rad or m, above which a joint's other channel says that it moves
+_MOVING = 0.01  # rad or m, above which a joint's other channel says that it moves,
+_STEPS = 2.0  # and steps of its encoder, within which a position holds one value
 _SPIKE = 15.0  # times the usual distance from the neighbours' median,
 _TALL = 1.5  # and of the span of nine tenths of the values: a spike
 _RARE = 2e-3  # share of samples up to which they are no more than a nuisance
@@ -33,6 +34,7 @@ def frozen_findings(recording: Recording) -> list[Finding]:
         steps = np.diff(recording.time, prepend=recording.time[0])
         moved = np.cumsum(recording.velocity * steps[:, None], axis=0)
     found = []
+    least = np.maximum(_MOVING, _STEPS * encoder_resolution(recording))
     for k, joint in enumerate(recording.joints):
         for name, motion in (
             ("torque", recording.position),
@@ -46,7 +48,7 @@ def frozen_findings(recording: Recording) -> list[Finding]:
             length = run.stop - run.start
             value = values[run.start, k]
             limit = name == "torque" and abs(value) >= abs(values[:, k]).max() > 0.0
-            still = float(np.ptp(motion[run, k])) < _MOVING
+            still = float(np.ptp(motion[run, k])) < least[k]
             # A torque without any signal is none, moving or not.
             dead = name == "torque" and length == len(recording)
             if limit or (still and not dead):
