@@ -230,6 +230,16 @@ def test_a_fast_clock_in_milliseconds_shows_in_the_velocity():
     assert finding.kind == "clock"
 
 
+def test_a_log_of_5_khz_in_milliseconds_is_one_of_joints_that_creep():
+    log = replace(clean_log(0), velocity=None, torque=None)
+    # Of 200 Hz; 5 kHz would move 25 times as fast, and has steps of 0.2 "s".
+    fast = replace(log, time=log.time / 25 * 1e3)
+    (finding,) = clock_findings(fast)
+    assert "milli" in finding.statement
+    # A slow logger of a robot in motion is none.
+    assert clock_findings(replace(log, time=log.time * 25)) == []
+
+
 def test_velocities_that_are_reversed_or_anothers_are_found():
     log = clean_log(0)
     velocity = log.velocity.copy()
