@@ -201,13 +201,8 @@ def _of_one(
     prepare: Prepare,
 ) -> list[Finding] | _Open:
     """Return what is found in one recording: of signals first, of their sense last."""
-    clock = clock_findings(log)
-    if clock:
-        return clock
-    found = standstill_findings(log)
-    signals = [*frozen_findings(_with_torque_of(log, model)), *jump_findings(log)]
-    found += signals or velocity_findings(log) or travel_findings(model.robot, log)
-    if signals:
+    found = signal_findings(model, log)
+    if any(f.severity == "fault" for f in found):
         return found
     whole = prepare(log).of(model.robot.joint_names)
     prepared = thinned(whole, SAMPLES)
@@ -236,6 +231,23 @@ def _of_one(
     if isinstance(more, list):
         return found + more
     return replace(more, signals=tuple(found))
+
+
+def signal_findings(model: TorqueModel, log: Recording) -> list[Finding]:
+    """Return what clock, positions and velocities show, whatever the drives' model is.
+
+    Parameters
+    ----------
+    model : TorqueModel
+    log : Recording
+        Of the robot's joints, as it was logged.
+    """
+    clock = clock_findings(log)
+    if clock:
+        return clock
+    signals = [*frozen_findings(_with_torque_of(log, model)), *jump_findings(log)]
+    signals = signals or velocity_findings(log) or travel_findings(model.robot, log)
+    return standstill_findings(log) + signals
 
 
 def _with_torque_of(log: Recording, model: TorqueModel) -> Recording:
