@@ -46,6 +46,9 @@ class Cause:
         nothing else explains the log, as other masses; 2 if it is only told as a
         candidate, as a spring, which stands in for wrong geometry; `LOOKS_ALIKE` if it
         is only told too, and may be what is named otherwise.
+    of_residual : bool
+        Whether it was read off a residual, of which something like it always takes up
+        a part: it has to leave no more than clean logs leave.
     """
 
     kind: str
@@ -54,6 +57,7 @@ class Cause:
     advice: str
     threshold: float
     excuse: int = 0
+    of_residual: bool = False
 
 
 LOOKS_ALIKE = 3

@@ -152,7 +152,12 @@ class Explanations:
     def explained(self) -> list[Explanation]:
         """Those that leave no more than a log counts as explained with."""
         bound = {0: self.floor, 1: self.usual, 2: self.floor, LOOKS_ALIKE: self.floor}
-        return [e for e in self.tried if e.misfit <= bound[e.cause.excuse]]
+        return [
+            e
+            for e in self.tried
+            if e.misfit <= bound[e.cause.excuse]
+            and not (e.cause.of_residual and e.misfit > self.usual)
+        ]
 
     @property
     def best(self) -> Explanation | None:

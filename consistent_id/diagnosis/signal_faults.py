@@ -7,7 +7,7 @@ import numpy as np
 from consistent_id._support.arrays import BoolArray, Matrix, Vector
 from consistent_id.diagnosis.findings import Finding
 from consistent_id.recordings.recording import Recording
-from consistent_id.recordings.signals.resolution import encoder_resolution, quantum
+from consistent_id.recordings.signals.resolution import quantum
 
 _FROZEN = 0.1  # share of the log in one run of one value that is no chance
 _MOVING = 0.01  # rad or m, above which a joint's other channel says that it moves,
@@ -34,7 +34,8 @@ def frozen_findings(recording: Recording) -> list[Finding]:
         steps = np.diff(recording.time, prepend=recording.time[0])
         moved = np.cumsum(recording.velocity * steps[:, None], axis=0)
     found = []
-    least = np.maximum(_MOVING, _STEPS * encoder_resolution(recording))
+    steps = np.array([_step(values) for values in recording.position.T])
+    least = np.maximum(_MOVING, _STEPS * steps)
     for k, joint in enumerate(recording.joints):
         for name, motion in (
             ("torque", recording.position),
@@ -181,17 +182,23 @@ def resolution_findings(recording: Recording, torque: Recording) -> list[Finding
     """Warn of steps that are coarse beside what the channel has to tell."""
     found = []
     travel = np.ptp(recording.position, axis=0)
-    for joint, step, way in zip(
-        recording.joints, encoder_resolution(recording), travel, strict=True
+    for joint, q, way in zip(
+        recording.joints, recording.position.T, travel, strict=True
     ):
+        step = _step(q)
         if step > _COARSE_POSITION * way > 0.0:
             found.append(_steps("encoder resolution", joint, "position", step, way))
     for joint, tau in zip(torque.joints, np.asarray(torque.torque).T, strict=True):
         size = float(np.std(tau))
-        step = quantum(tau) or _levels(tau)
+        step = _step(tau)
         if step > _COARSE_TORQUE * size > 0.0:
             found.append(_steps("torque resolution", joint, "torque", step, size))
     return found
+
+
+def _step(values: Vector) -> float:
+    """Return the step in which values come, or 0."""
+    return quantum(values) or _levels(values)
 
 
 def _levels(values: Vector) -> float:
