@@ -48,6 +48,7 @@ from consistent_id.diagnosis.signal_faults import (
     jump_findings,
     noise_findings,
     noise_share,
+    position_steps,
     resolution_findings,
     spike_findings,
 )
@@ -207,7 +208,7 @@ def _of_one(
     whole = prepare(log).of(model.robot.joint_names)
     prepared = thinned(whole, SAMPLES)
     found += [] if found else extent_findings(prepared)
-    ranks = rank_findings(model, prepared, base)
+    ranks = rank_findings(model, prepared, base, position_steps(log))
     found += ranks
     if any(f.severity == "fault" or f.kind in _LITTLE for f in found):
         return found

@@ -34,8 +34,7 @@ def frozen_findings(recording: Recording) -> list[Finding]:
         steps = np.diff(recording.time, prepend=recording.time[0])
         moved = np.cumsum(recording.velocity * steps[:, None], axis=0)
     found = []
-    steps = np.array([_step(values) for values in recording.position.T])
-    least = np.maximum(_MOVING, _STEPS * steps)
+    least = np.maximum(_MOVING, _STEPS * position_steps(recording))
     for k, joint in enumerate(recording.joints):
         for name, motion in (
             ("torque", recording.position),
@@ -182,11 +181,10 @@ def resolution_findings(recording: Recording, torque: Recording) -> list[Finding
     """Warn of steps that are coarse beside what the channel has to tell."""
     found = []
     travel = np.ptp(recording.position, axis=0)
-    for joint, q, way in zip(
-        recording.joints, recording.position.T, travel, strict=True
-    ):
-        step = _step(q)
-        if step > _COARSE_POSITION * way > 0.0:
+    steps = position_steps(recording)
+    for joint, step, way in zip(recording.joints, steps, travel, strict=True):
+        # Of a joint at rest, readings flicker: it has nothing to tell.
+        if way >= _MOVING and step > _COARSE_POSITION * way:
             found.append(_steps("encoder resolution", joint, "position", step, way))
     for joint, tau in zip(torque.joints, np.asarray(torque.torque).T, strict=True):
         size = float(np.std(tau))
@@ -194,6 +192,11 @@ def resolution_findings(recording: Recording, torque: Recording) -> list[Finding
         if step > _COARSE_TORQUE * size > 0.0:
             found.append(_steps("torque resolution", joint, "torque", step, size))
     return found
+
+
+def position_steps(recording: Recording) -> Vector:
+    """Return the steps in which positions come, shape (joints,), [rad or m], or 0."""
+    return np.array([_step(values) for values in recording.position.T])
 
 
 def _step(values: Vector) -> float:
