@@ -11,33 +11,27 @@ from consistent_id.diagnosis.channel_factors import ChannelFactors, channel_fact
 from consistent_id.diagnosis.contact import contact
 from consistent_id.diagnosis.corrections import Cause
 from consistent_id.diagnosis.explain import Candidate, FittedLog, thinned
-from consistent_id.diagnosis.jackknife import solution
 from consistent_id.diagnosis.late_torque import late_torque
 from consistent_id.diagnosis.lost_signs import lost_signs
 from consistent_id.diagnosis.missing_parts import missing_parts
+from consistent_id.diagnosis.other_gravity import other_gravity
 from consistent_id.diagnosis.other_load import other_loads
-from consistent_id.diagnosis.torque_parts import nominal_parts
 from consistent_id.recordings.recording import Recording
-from consistent_id.regression.base import base_parameters
-from consistent_id.regression.regressor import TorqueModel
 
 _THRESHOLD = 1.3  # ratio of misfits, as in the table of corrections
 _EXPLAINED = 0.03  # of the torque: misfit below which the following are not asked for
 # Ratio of misfits for the clock: its speed also moves the edge of smooth Coulomb
 # friction, which brings clean logs up to 1.45.
 _OF_TIME = 1.6
-_TURNED = np.radians(5.0)  # of gravity: less is a floor that is not level
-_G = (0.7, 1.4)  # ratio of its size to the model's within which it is gravity
 _GAINS = (1e-3, 0.01, 0.4, 0.55, 0.7, 0.85, 1.2, 1.4, 1.8, 2.5, 100.0, 1e3)
 _FEW = 300  # samples that choose the speed of a clock
 _SPEEDS = (0.1, 0.2, 0.35, 0.5, 0.7, 0.85, 1.0, 1.2, 1.4, 2.0, 2.8, 5.0, 10.0)
-_CREEP = 0.02  # rad/s or m/s, of the smooth Coulomb term
 
 
 def alternatives(as_is: FittedLog) -> list[Candidate]:
     """Return the causes in the model that a log suggests."""
     return [
-        *_other_gravity(as_is),
+        *other_gravity(as_is),
         *_other_masses(as_is),
         *other_loads(as_is),
         *_other_channels(as_is),
@@ -48,62 +42,6 @@ def alternatives(as_is: FittedLog) -> list[Candidate]:
         *missing_parts(as_is),
         *contact(as_is),
     ]
-
-
-def _other_gravity(as_is: FittedLog) -> Iterator[Candidate]:
-    """Yield gravity in the direction that the nominal bodies find in the log."""
-    model = as_is.factors.model
-    robot = model.robot
-    size = float(np.linalg.norm(robot.gravity))
-    if robot.nominal is None or size == 0.0:
-        return
-    gravity = gravity_in(model, as_is.recording)
-    length = float(np.linalg.norm(gravity))
-    if not _G[0] <= length / size <= _G[1]:
-        return
-    cosine = float(gravity @ robot.gravity) / (length * size)
-    angle = float(np.arccos(np.clip(cosine, -1.0, 1.0)))
-    if angle < _TURNED:
-        return
-    turned = gravity * size / length
-    text = ", ".join(f"{g:.2f}" for g in turned)
-    cause = Cause(
-        "gravity",
-        "base",
-        f"with gravity along ({text}) m/s^2, {np.degrees(angle):.0f} degrees from the "
-        "model's",
-        "turn the base in the model, or its gravity, as the robot is mounted; or check "
-        "the zero of the first joint, if its axis is level",
-        _THRESHOLD,
-    )
-    other = replace(model, robot=replace(robot, gravity=turned))
-    (factors,) = channel_factors(other, base_parameters(other), [as_is.recording])
-    yield Candidate(cause, factors, as_is.constraints)
-
-
-def gravity_in(model: TorqueModel, recording: Recording) -> Vector:
-    """Return the gravity that explains a log best at the nominal bodies, [m/s^2].
-
-    The torque is linear in it: three unknowns, beside friction and the inertial torque
-    of each joint.
-    """
-    robot, torque = model.robot, np.asarray(recording.of(model.torque_joints).torque)
-    unit = [
-        nominal_parts(replace(model, robot=replace(robot, gravity=axis)), recording)[0]
-        for axis in np.eye(3)
-    ]
-    _, inertial = nominal_parts(model, recording)
-    speed = np.asarray(recording.of(model.torque_joints).velocity)
-    rows, right = [], []
-    for j, tau in enumerate(torque.T):
-        own = [inertial[:, j], speed[:, j], np.tanh(speed[:, j] / _CREEP)]
-        own.append(np.ones(len(tau)))
-        Q, _ = np.linalg.qr(np.column_stack(own))
-        seen = np.column_stack([u[:, j] for u in unit])
-        scale = float(np.sqrt(np.mean(tau**2))) or 1.0
-        rows.append((seen - Q @ (Q.T @ seen)) / scale)
-        right.append((tau - Q @ (Q.T @ tau)) / scale)
-    return solution(np.vstack(rows), np.concatenate(right))
 
 
 def _other_masses(as_is: FittedLog) -> Iterator[Candidate]:

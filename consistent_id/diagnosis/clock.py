@@ -6,7 +6,10 @@ from consistent_id._support.arrays import Array, BoolArray, Vector
 from consistent_id.diagnosis.findings import Finding
 from consistent_id.recordings.recording import Recording
 
-_SLOW = 0.5  # s between samples, above which the clock is hardly in seconds
+_SLOW = 0.5  # s between samples, above which the clock is hardly in seconds,
+_SLOWLY = 0.1  # or above which it is not, if joints
+_CREEPING = 0.02  # rad/s or m/s, none of them faster for long, travel
+_WIDELY = 0.2  # rad or m
 _AGREED = 0.8  # correlation of two rates that belong to one joint
 _NEAR = 1.3  # factor within which a ratio is taken for a known one
 
@@ -36,7 +39,7 @@ _RATIOS = {
 def clock_findings(recording: Recording) -> list[Finding]:
     """Judge stamps by themselves."""
     step = float(np.median(np.diff(recording.time)))
-    if step < _SLOW:
+    if step < _SLOW and not (step >= _SLOWLY and _creeps(recording)):
         return []
     # Robots log at 10 Hz to 10 kHz: the unit is that in which the step fits.
     units = (("milliseconds", 1e3), ("microseconds", 1e6), ("nanoseconds", 1e9))
@@ -52,6 +55,17 @@ def clock_findings(recording: Recording) -> list[Finding]:
             step / _SLOW,
         )
     ]
+
+
+def _creeps(recording: Recording) -> bool:
+    """Return whether joints travel widely and no joint is ever in motion.
+
+    A log of 5 kHz in milliseconds has steps of 0.2 s, and joints that creep.
+    """
+    rates = np.gradient(recording.position, recording.time, axis=0)
+    fastest = float(np.quantile(abs(rates), 0.95, axis=0).max())
+    widest = float(np.ptp(recording.position, axis=0).max())
+    return fastest <= _CREEPING and widest >= _WIDELY
 
 
 def velocity_findings(recording: Recording) -> list[Finding]:

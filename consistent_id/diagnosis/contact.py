@@ -91,6 +91,7 @@ def contact(as_is: FittedLog) -> Iterator[Candidate]:
         f"without {start:.4g} s to {stop:.4g} s",
         "leave this stretch out: contact, a load or a fault of the log",
         _THRESHOLD,
+        of_residual=True,
     )
     model, base = as_is.factors.model, as_is.factors.base
     (factors,) = channel_factors(model, base, [_kept(log, ~inside)])

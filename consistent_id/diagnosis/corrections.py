@@ -44,7 +44,11 @@ class Cause:
     excuse : int
         Whether it stands in for other causes: 0 if it does not; 1 if it is named where
         nothing else explains the log, as other masses; 2 if it is only told as a
-        candidate, as a spring, which stands in for wrong geometry.
+        candidate, as a spring, which stands in for wrong geometry; `LOOKS_ALIKE` if it
+        is only told too, and may be what is named otherwise.
+    of_residual : bool
+        Whether it was read off a residual, of which something like it always takes up
+        a part: it has to leave no more than clean logs leave.
     """
 
     kind: str
@@ -53,6 +57,11 @@ class Cause:
     advice: str
     threshold: float
     excuse: int = 0
+    of_residual: bool = False
+
+
+LOOKS_ALIKE = 3
+"""Excuse of what a wrong length does as well: a scale near one of a position."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,8 +113,14 @@ class Correction:
     def cause(self) -> "Cause":
         """The cause that it stands for."""
         fault = self.fault
+        near = fault.kind == "encoder scale" and self.change.size in _NEAR
         return Cause(
-            fault.kind, self.where, self.statement, self.advice, fault.threshold
+            fault.kind,
+            self.where,
+            self.statement,
+            self.advice,
+            fault.threshold,
+            excuse=LOOKS_ALIKE if near else 0,
         )
 
     def _filled(self, text: str) -> str:
@@ -152,7 +167,8 @@ def corrections(robot: RobotModel, torque_joints: Sequence[str]) -> list[Correct
 
 _ALL = "all joints"
 _QUARTERS = (90.0, -90.0, 180.0)  # degrees
-_SCALES = (0.01, 0.02, 0.8, 0.9, 1.1, 1.25)  # gears that were forgotten or are not so
+_NEAR = (0.8, 0.9, 1.1, 1.25)  # gears that are not so
+_SCALES = (0.01, 0.02, *_NEAR)  # or that were forgotten
 _UNITS = ((1e3, "kN m"), (1e-3, "N mm"))
 # Ratio of misfits: who reverses a torque that is right is wrong by twice of it.  What
 # half explains a log both ways, as a torque without its fast part, is not reversed.

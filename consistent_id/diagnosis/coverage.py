@@ -20,7 +20,8 @@ _PINNED = 5  # samples at a limit that are worth a word
 _SMALL, _SLOW = 0.05, 0.1  # rad or m; rad/s or m/s, of the joint that moves most
 _BRIEF = 3.0  # s, below which a log may be too short for its motion to turn back
 _TURNS, _TURNING = 2.5, 0.05  # of the median joint; share of its top speed
-_MOVES = 2e-3  # rad or m of travel, below which a joint's readings only flicker
+_MOVES = 2e-3  # rad or m of travel, below which a joint's readings only flicker,
+_STEPS = 2.0  # as they do within so many steps of its encoder
 
 
 def standstill_findings(recording: Recording) -> list[Finding]:
@@ -134,7 +135,10 @@ def _turns(velocity: Vector) -> int:
 
 
 def rank_findings(
-    model: TorqueModel, recording: Recording, base: BaseParameters
+    model: TorqueModel,
+    recording: Recording,
+    base: BaseParameters,
+    steps: Vector | float = 0.0,
 ) -> list[Finding]:
     """Name the combinations of base parameters that are not identifiable.
 
@@ -146,10 +150,12 @@ def rank_findings(
     recording : Recording
         With velocity, acceleration and torque.
     base : BaseParameters
+    steps : ndarray, shape (joints,), or float, [rad or m]
+        In which encoders read, which no longer shows in a filtered position.
     """
     recording = recording.of(model.robot.joint_names)
     travel = np.ptp(recording.position, axis=0)
-    at_rest = travel < _MOVES
+    at_rest = travel < np.maximum(_MOVES, _STEPS * np.asarray(steps))
     steady = _without_motion(recording, at_rest)
     excitation = excitation_of(build_regression(model, steady), base)
     missing = excitation.structural_rank - excitation.data_rank

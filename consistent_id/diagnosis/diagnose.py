@@ -19,8 +19,10 @@ from consistent_id.diagnosis.coverage import (
     saturation_findings,
     standstill_findings,
 )
+from consistent_id.diagnosis.effort import effort_findings
 from consistent_id.diagnosis.explain import (
     SAMPLES,
+    Explanations,
     FittedLog,
     corrected,
     datasheet_constraints,
@@ -34,6 +36,7 @@ from consistent_id.diagnosis.findings import Diagnosis, Finding
 from consistent_id.diagnosis.linearise import Linearised, linearised
 from consistent_id.diagnosis.model_faults import model_findings, placeholders
 from consistent_id.diagnosis.motion_noise import motion_noise_findings
+from consistent_id.diagnosis.other_gravity import leaning_findings
 from consistent_id.diagnosis.repeats import leak_findings
 from consistent_id.diagnosis.shift_findings import (
     hidden_zeros,
@@ -45,6 +48,7 @@ from consistent_id.diagnosis.signal_faults import (
     jump_findings,
     noise_findings,
     noise_share,
+    position_steps,
     resolution_findings,
     spike_findings,
 )
@@ -65,6 +69,9 @@ _LITTLE = ("standstill", "small motion", "slow motion")  # nothing more can be t
 # Of the torque, that zeros and gains have to explain: friction that no model knows
 # leaves 0.3 to 2 %, of which a zero may take 0.6 % where little else shows it.
 _WORTH = 0.008
+# Causes that slopes on the nominal model suggest, and other causes may as well: they
+# are named if nothing else explains the log.
+_GUESSED = ("torque gain", "clock")
 _PULL = 1e-4  # squared misfit that a typical distance to the nominal robot weighs
 
 
@@ -195,18 +202,13 @@ def _of_one(
     prepare: Prepare,
 ) -> list[Finding] | _Open:
     """Return what is found in one recording: of signals first, of their sense last."""
-    clock = clock_findings(log)
-    if clock:
-        return clock
-    found = standstill_findings(log)
-    signals = [*frozen_findings(_with_torque_of(log, model)), *jump_findings(log)]
-    found += signals or velocity_findings(log) or travel_findings(model.robot, log)
-    if signals:
+    found = signal_findings(model, log)
+    if any(f.severity == "fault" for f in found):
         return found
     whole = prepare(log).of(model.robot.joint_names)
     prepared = thinned(whole, SAMPLES)
     found += [] if found else extent_findings(prepared)
-    ranks = rank_findings(model, prepared, base)
+    ranks = rank_findings(model, prepared, base, position_steps(log))
     found += ranks
     if any(f.severity == "fault" or f.kind in _LITTLE for f in found):
         return found
@@ -217,6 +219,7 @@ def _of_one(
         model, base = moving, base_parameters(moving)
     torque = log.of(model.torque_joints)
     found += spike_findings(torque) + noise_findings(torque)
+    found += effort_findings(model.robot, torque)
     coarse = resolution_findings(log, torque)
     stepped = {f.where for f in coarse}
     found += coarse
@@ -229,6 +232,23 @@ def _of_one(
     if isinstance(more, list):
         return found + more
     return replace(more, signals=tuple(found))
+
+
+def signal_findings(model: TorqueModel, log: Recording) -> list[Finding]:
+    """Return what clock, positions and velocities show, whatever the drives' model is.
+
+    Parameters
+    ----------
+    model : TorqueModel
+    log : Recording
+        Of the robot's joints, as it was logged.
+    """
+    clock = clock_findings(log)
+    if clock:
+        return clock
+    signals = [*frozen_findings(_with_torque_of(log, model)), *jump_findings(log)]
+    signals = signals or velocity_findings(log) or travel_findings(model.robot, log)
+    return standstill_findings(log) + signals
 
 
 def _with_torque_of(log: Recording, model: TorqueModel) -> Recording:
@@ -261,7 +281,10 @@ def _dynamic(
             replace(f, severity="warning") if f.kind == "torque gain" else f
             for f in channel
         ]
-    if any(f.severity == "fault" for f in channel):
+    guessed = [f for f in channel if f.severity == "fault" and f.kind in _GUESSED]
+    if guessed and parts and (leaning := leaning_findings(model, prepared, parts)):
+        return leaning
+    if not guessed and any(f.severity == "fault" for f in channel):
         return channel
     try:
         as_is = fitted_log(model, prepared, constraints, base)
@@ -275,11 +298,26 @@ def _dynamic(
     best = found.best
     if best is not None and not best.cause.excuse:
         return [explanation_finding(best)]
+    if guessed:
+        rivals = any(e.cause.excuse == 0 for e in found.explained)
+        return [_undecided(f, found) for f in guessed] if rivals else guessed
     missing = unexplained_findings(as_is, found)
     if missing and parts is not None and (nothing := nothing_findings(parts)):
         return nothing
     excuse = [] if best is None else [explanation_finding(best)]
     return _Open(as_is, (), tuple(excuse or [*missing, *channel]))
+
+
+def _undecided(finding: Finding, found: Explanations) -> Finding:
+    """Return what is guessed beside other causes that explain the log."""
+    others = "; ".join(
+        f"{e.cause.statement} {e.misfit:.1%} would be left" for e in found.explained[:3]
+    )
+    return replace(
+        finding,
+        kind="model does not explain",
+        statement=f"{finding.statement}; but {others}, so that no cause is known",
+    )
 
 
 def _shifts(logs: Sequence[FittedLog]) -> list[Finding]:

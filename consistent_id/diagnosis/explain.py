@@ -20,7 +20,7 @@ from consistent_id.constraints import (
 )
 from consistent_id.constraints.cones.certificate import GAP_TOLERANCE
 from consistent_id.diagnosis.channel_factors import ChannelFactors, channel_factors
-from consistent_id.diagnosis.corrections import Cause, Correction
+from consistent_id.diagnosis.corrections import LOOKS_ALIKE, Cause, Correction
 from consistent_id.diagnosis.cuts import cuts_at, least_within
 from consistent_id.diagnosis.findings import Finding
 from consistent_id.errors import InfeasibleError, SolverError
@@ -149,6 +149,17 @@ class Explanations:
     usual: float
 
     @property
+    def explained(self) -> list[Explanation]:
+        """Those that leave no more than a log counts as explained with."""
+        bound = {0: self.floor, 1: self.usual, 2: self.floor, LOOKS_ALIKE: self.floor}
+        return [
+            e
+            for e in self.tried
+            if e.misfit <= bound[e.cause.excuse]
+            and not (e.cause.of_residual and e.misfit > self.usual)
+        ]
+
+    @property
     def best(self) -> Explanation | None:
         """The one cause that explains the log; None if there is none, or several.
 
@@ -156,10 +167,9 @@ class Explanations:
         they are of one kind.  Nor is one of which much more stays unexplained than of
         others.
         """
-        bound = {0: self.floor, 1: self.usual, 2: self.floor}
-        explained = [e for e in self.tried if e.misfit <= bound[e.cause.excuse]]
+        explained = self.explained
         for excuse, others, margin in ((0, (0, 1), _CLEARLY), (1, (0, 1, 2), _RIVAL)):
-            causes = [e for e in explained if e.cause.excuse == excuse]
+            causes = [e for e in explained if e.cause.excuse in (excuse, LOOKS_ALIKE)]
             least = min(
                 (e.misfit for e in explained if e.cause.excuse in others), default=0.0
             )
@@ -171,7 +181,8 @@ class Explanations:
                 return next(e for e in rivals if e.cause.kind == _MIRRORED[0])
             if kinds == _NESTED:
                 return next(e for e in rivals if e.cause.kind == LOAD)
-            return rivals[0] if len(kinds) == 1 else None
+            alike = len(kinds) > 1 or rivals[0].cause.excuse == LOOKS_ALIKE
+            return None if alike else rivals[0]
         return None
 
 
@@ -228,7 +239,7 @@ def explanations(
         candidates = ()
     factors = [c.factors.joined() for c in candidates]
     bounds = [least_within(R, ()) for R in factors]
-    own = [b for b, c in zip(bounds, candidates, strict=True) if c.cause.excuse < 2]
+    own = [b for b, c in zip(bounds, candidates, strict=True) if c.cause.excuse != 2]
     least = min([as_is.factors.least_misfit(), *own])
     floor = min(max(_WHITE * noise, _BEYOND * least), _MOST)
     found: list[Explanation] = []
@@ -325,7 +336,7 @@ def explanation_finding(explanation: Explanation) -> Finding:
 def unexplained_findings(as_is: FittedLog, found: Explanations) -> list[Finding]:
     """Report a log that no robot of the datasheet explains, with the candidates."""
     usual = found.usual
-    rivals = any(e.misfit <= found.floor and e.cause.excuse < 2 for e in found.tried)
+    rivals = any(e.misfit <= found.floor and e.cause.excuse != 2 for e in found.tried)
     if as_is.misfit <= usual and not rivals:
         return []
     better = [

@@ -124,6 +124,7 @@ def _of_one_joint(
                     advice,
                     _OF_DRIFT if kind == "drift" else _THRESHOLD,
                     excuse=2 if kind == "spring" else 0,
+                    of_residual=True,
                 )
                 parts = {names[j]: left[j].taken_up(columns)}
                 yield _without(as_is, cause, parts)
@@ -145,6 +146,7 @@ def _of_pairs(
             f"with friction of a motor that turns with {names[i]} and {names[j]}",
             "add a gear coupling of these joints (couplings)",
             _THRESHOLD,
+            of_residual=True,
         )
         parts = {names[k]: left[k].taken_up(both) for k in (i, j)}
         yield _without(as_is, cause, parts)

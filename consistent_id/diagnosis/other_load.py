@@ -1,7 +1,8 @@
 """A load that the model does not have: a last link of which nothing is known.
 
-Its ten parameters are free, and what is known of the other links stays.  Other masses
-of all links explain such a log as well: the load is the answer that changes less.
+Its mass is that of the model or more, its other nine parameters are free, and what is
+known of the other links stays.  Other masses of all links explain such a log as well:
+the load is the answer that changes less.
 """
 
 from collections.abc import Iterator, Sequence
@@ -11,6 +12,7 @@ from consistent_id.constraints import (
     FixedBodies,
     FixedCentresOfMass,
     FixedMasses,
+    MassBounds,
 )
 from consistent_id.diagnosis.corrections import Cause
 from consistent_id.diagnosis.explain import LOAD, Candidate, FittedLog
@@ -18,6 +20,7 @@ from consistent_id.diagnosis.model_faults import placeholders
 from consistent_id.robot.model import Link, RobotModel
 
 _THRESHOLD = 1.3  # ratio of misfits, as in the table of corrections
+_HEAVIEST = 1e4  # kg: no robot carries more
 _ADVICE = (
     "put the load or tool of {link} into the model, or take it off the robot; "
     "identify_payload finds its ten parameters from logs with it and without it; if "
@@ -37,6 +40,8 @@ def other_loads(as_is: FittedLog) -> Iterator[Candidate]:
         free = without_link(as_is.constraints, robot, link.name)
         if free is None:
             continue
+        if link.datasheet.mass is not None:
+            free.append(MassBounds({link.name: (link.datasheet.mass, _HEAVIEST)}))
         cause = Cause(
             LOAD,
             link.name,

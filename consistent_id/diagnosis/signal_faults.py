@@ -7,10 +7,11 @@ import numpy as np
 from consistent_id._support.arrays import BoolArray, Matrix, Vector
 from consistent_id.diagnosis.findings import Finding
 from consistent_id.recordings.recording import Recording
-from consistent_id.recordings.signals.resolution import encoder_resolution, quantum
+from consistent_id.recordings.signals.resolution import quantum
 
 _FROZEN = 0.1  # share of the log in one run of one value that is no chance
-_MOVING = 0.01  # rad or m, above which a joint's other channel says that it moves
+_MOVING = 0.01  # rad or m, above which a joint's other channel says that it moves,
+_STEPS = 2.0  # and steps of its encoder, within which a position holds one value
 _SPIKE = 15.0  # times the usual distance from the neighbours' median,
 _TALL = 1.5  # and of the span of nine tenths of the values: a spike
 _RARE = 2e-3  # share of samples up to which they are no more than a nuisance
@@ -33,6 +34,7 @@ def frozen_findings(recording: Recording) -> list[Finding]:
         steps = np.diff(recording.time, prepend=recording.time[0])
         moved = np.cumsum(recording.velocity * steps[:, None], axis=0)
     found = []
+    least = np.maximum(_MOVING, _STEPS * position_steps(recording))
     for k, joint in enumerate(recording.joints):
         for name, motion in (
             ("torque", recording.position),
@@ -46,7 +48,7 @@ def frozen_findings(recording: Recording) -> list[Finding]:
             length = run.stop - run.start
             value = values[run.start, k]
             limit = name == "torque" and abs(value) >= abs(values[:, k]).max() > 0.0
-            still = float(np.ptp(motion[run, k])) < _MOVING
+            still = float(np.ptp(motion[run, k])) < least[k]
             # A torque without any signal is none, moving or not.
             dead = name == "torque" and length == len(recording)
             if limit or (still and not dead):
@@ -179,17 +181,27 @@ def resolution_findings(recording: Recording, torque: Recording) -> list[Finding
     """Warn of steps that are coarse beside what the channel has to tell."""
     found = []
     travel = np.ptp(recording.position, axis=0)
-    for joint, step, way in zip(
-        recording.joints, encoder_resolution(recording), travel, strict=True
-    ):
-        if step > _COARSE_POSITION * way > 0.0:
+    steps = position_steps(recording)
+    for joint, step, way in zip(recording.joints, steps, travel, strict=True):
+        # Of a joint at rest, readings flicker: it has nothing to tell.
+        if way >= _MOVING and step > _COARSE_POSITION * way:
             found.append(_steps("encoder resolution", joint, "position", step, way))
     for joint, tau in zip(torque.joints, np.asarray(torque.torque).T, strict=True):
         size = float(np.std(tau))
-        step = quantum(tau) or _levels(tau)
+        step = _step(tau)
         if step > _COARSE_TORQUE * size > 0.0:
             found.append(_steps("torque resolution", joint, "torque", step, size))
     return found
+
+
+def position_steps(recording: Recording) -> Vector:
+    """Return the steps in which positions come, shape (joints,), [rad or m], or 0."""
+    return np.array([_step(values) for values in recording.position.T])
+
+
+def _step(values: Vector) -> float:
+    """Return the step in which values come, or 0."""
+    return quantum(values) or _levels(values)
 
 
 def _levels(values: Vector) -> float:

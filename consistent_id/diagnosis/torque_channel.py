@@ -129,9 +129,16 @@ def _no_body(p: TorqueParts) -> bool:
 
 
 def _friction_only(p: TorqueParts) -> bool:
-    """Return whether friction is all there is: in kN m, slopes on bodies are small."""
+    """Return whether friction is all there is: in kN m, slopes on bodies are small.
+
+    Rotors, which a friction model may hold, add to the inertial part.
+    """
     most = 2 * max(np.median(p.rest), np.median(p.bodies))
-    return _no_body(p) and bool(np.median(p.friction) >= most)
+    return (
+        _all(p.gravity, p.gravity_shown, -0.1, 0.1)
+        and _all(p.inertial, p.inertial_shown, -_ABSENT, _ABSENT)
+        and bool(np.median(p.friction) >= most)
+    )
 
 
 def _nothing(p: TorqueParts) -> bool:

@@ -11,7 +11,8 @@ from consistent_id.errors import SolverError
 from consistent_id.estimation.best_fit import BestFit
 from consistent_id.estimation.penalised import PenalisedFit, penalised_fit
 
-_WEIGHTS = 30  # weights of the prior tried, at the most
+_WEIGHTS = 30  # weights of the prior tried, at the most,
+_UNPROVEN = 5  # and without a certified fit in a row: the next proves no more
 _FIRST = -12.0  # logarithm of the first weight over the slack: what real logs end near
 _SLOPE = 1.2  # of the share used up over the weight, in logarithms, where it matters
 _BEYOND = 0.3  # by how much to step beyond what that slope says, so as to bracket
@@ -65,21 +66,23 @@ def nearest_within(best: BestFit, distance: NominalDistance, slack: float) -> Ne
     search = _Search(np.log(allowed) + _FIRST)
     kept: Nearest | None = None
     closest: PenalisedFit | None = None
+    unproven = 0
     for _ in range(_WEIGHTS):
         start = None if kept is None else kept.fit.solution.u
         weight = float(np.exp(search.log_weight))
         found = penalised_fit(scaled, distance, weight, start=start, reach=reach)
         excess = found.excess - least
+        certified = found.optimality.verdict == "certified"
+        unproven = 0 if certified else unproven + 1
         if closest is None or found.excess < closest.excess:
             closest = found
         if excess <= allowed:
             short = (allowed - excess) / weight + found.distance_gap
             gap = short / max(found.squared_distance, _SMALL)
             now = Nearest(found, gap, allowed)
-            certified = found.optimality.verdict == "certified"
             if kept is None or (certified and now.distance_gap < kept.distance_gap):
                 kept = now
-            if kept.distance_gap <= DISTANCE_GAP:
+            if kept.distance_gap <= DISTANCE_GAP or unproven >= _UNPROVEN:
                 break
         search = search.narrowed(excess / allowed)
     if kept is not None:

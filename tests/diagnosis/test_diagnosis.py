@@ -230,6 +230,17 @@ def test_a_fast_clock_in_milliseconds_shows_in_the_velocity():
     assert finding.kind == "clock"
 
 
+def test_a_log_of_5_khz_in_milliseconds_is_one_of_joints_that_creep():
+    log = replace(clean_log(0), velocity=None, torque=None)
+    log = replace(log, position=0.4 * log.position)
+    # Of 200 Hz; of 5 kHz it has steps of 0.2 "s".
+    fast = replace(log, time=log.time / 25 * 1e3)
+    (finding,) = clock_findings(fast)
+    assert "milli" in finding.statement
+    # A slow logger of a robot in motion is none.
+    assert clock_findings(replace(log, time=log.time * 25)) == []
+
+
 def test_velocities_that_are_reversed_or_anothers_are_found():
     log = clean_log(0)
     velocity = log.velocity.copy()
@@ -309,8 +320,8 @@ def test_validation_is_looked_at_too():
     assert _diagnosed(log, [motion]).recordings == (log.name,)
 
 
-@pytest.mark.parametrize("joint", [1, 3])
-def test_what_is_not_identifiable_is_named(joint):
+def _held(joint):
+    """Return a log in which a joint does not move, without velocities."""
     case = clean_case(0)
     moves = np.where(np.arange(4) == joint, 0.0, 1.0)[:, None]
     motion = replace(
@@ -318,7 +329,23 @@ def test_what_is_not_identifiable_is_named(joint):
     )
     held = replace(case, motion=motion)
     log = logs().logged(held, logs().times(), np.random.default_rng(1))
-    prepared = logs().prepared(replace(log, velocity=None))
+    return replace(log, velocity=None)
+
+
+def test_a_joint_at_rest_is_one_whose_coarse_encoder_flickers():
+    log, rng = _held(1), np.random.default_rng(0)
+    position = np.array(log.position)
+    position[:, 1] = position[0, 1] + 0.008 * rng.integers(0, 2, len(log))
+    found = diagnose(arm(), replace(log, position=position), prepare=logs().prepared)
+    (finding,) = found.of("rank")
+    assert finding.where == "joint2"
+    assert found.of("encoder resolution") == ()
+
+
+@pytest.mark.parametrize("joint", [1, 3])
+def test_what_is_not_identifiable_is_named(joint):
+    case = clean_case(0)
+    prepared = logs().prepared(_held(joint))
     base = base_parameters(arm())
     (finding,) = rank_findings(arm(), prepared, base)
     still = f"joint{joint + 1}"

@@ -43,6 +43,13 @@ def test_too_large_masses_of_all_links_are_no_load():
     assert "load" not in {f.kind for f in found}
 
 
+def test_a_last_link_that_is_lighter_carries_no_load():
+    lighter = _with_masses([1.0, 1.0, 1.0, 0.1])
+    log = logs().clean(lighter, np.random.default_rng(0)).log
+    found = diagnose(arm(), log, prepare=logs().prepared).suspicious
+    assert "load" not in {f.kind for f in found}
+
+
 def test_what_is_known_of_the_other_links_stays():
     robot = arm().robot
     *others, last = robot.link_names

@@ -43,6 +43,21 @@ def test_a_channel_that_stops_while_the_joint_moves_is_frozen(channel):
     assert "from 10 s" in finding.statement
 
 
+def test_a_joint_that_moves_by_less_than_its_encoder_reads_is_not_frozen():
+    log = clean_log(0)
+    # At the end the joint creeps by 0.04 rad, within one step of 0.05 rad.
+    slow = np.append(np.sin(np.linspace(0, 20, 3200)), np.linspace(0.98, 1.02, 800))
+    velocity, position = log.velocity.copy(), log.position.copy()
+    velocity[:, 1] = np.gradient(slow, log.time)
+    position[:, 1] = np.round(slow / 0.05) * 0.05
+    read = replace(log, position=position, velocity=velocity)
+    assert frozen_findings(read) == []
+    position = read.position.copy()
+    position[500:1500, 1] = position[500, 1]
+    (finding,) = frozen_findings(replace(read, position=position))
+    assert (finding.kind, finding.where) == ("frozen channel", "joint2")
+
+
 def test_spikes_are_counted_and_steps_are_none():
     rows = [300, 1000, 2500]
 

@@ -106,6 +106,8 @@ def test_a_spring_of_the_model_is_no_slope_of_gravity():
     [
         (lambda g, i, f: i + f, "torque channel", "gravity-compensated"),
         (lambda g, i, f: f, "torque channel", "friction alone"),
+        # What a model of friction calls friction may hold rotors.
+        (lambda g, i, f: f + 0.15 * i, "torque channel", "friction alone"),
         (lambda g, i, f: g, "torque channel", "gravity torque of a model"),
         (lambda g, i, f: g + i, "torque channel", "no friction"),
         (lambda g, i, f: 1e3 * (g + i + f), "torque unit", "N mm"),

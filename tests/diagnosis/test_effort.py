@@ -1,0 +1,44 @@
+"""One torque in another unit, seen by the effort limits of the joints."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from faulty_logs import arm, clean_log
+
+from consistent_id.diagnosis.effort import effort_findings
+from consistent_id.robot.model import JointLimits
+
+
+def _robot(efforts):
+    robot = arm().robot
+    joints = tuple(
+        replace(joint, limits=JointLimits(-2.0, 2.0, effort=effort))
+        for joint, effort in zip(robot.joints, efforts, strict=True)
+    )
+    return replace(robot, joints=joints)
+
+
+@pytest.mark.parametrize(
+    ("efforts", "factor", "found"),
+    [
+        ([300.0] * 4, 1.0, False),
+        ([300.0] * 4, 1e3, True),
+        ([1e5] * 4, 1e6, True),
+        # Placeholders: too low for all, for one, and none.
+        ([1.0] * 4, 1.0, False),
+        ([300.0, 20.0, 300.0, 300.0], 1.0, False),
+        ([np.inf] * 4, 1e3, False),
+        # Nor is a gain of five a unit.
+        ([300.0] * 4, 5.0, False),
+    ],
+)
+def test_one_torque_far_beyond_its_limit_as_no_other_is_in_another_unit(
+    efforts, factor, found
+):
+    log = clean_log(0)
+    spoilt = replace(log, torque=log.torque * [1.0, factor, 1.0, 1.0])
+    said = effort_findings(_robot(efforts), spoilt)
+    assert [(f.kind, f.where) for f in said] == (
+        [("torque unit", log.joints[1])] if found else []
+    )

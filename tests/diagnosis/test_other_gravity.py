@@ -1,0 +1,71 @@
+"""A base that leans, beside gains, which look like it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from consistent_id import (
+    DHRow,
+    DriveTerms,
+    InertialParameters,
+    Recording,
+    TorqueModel,
+    from_modified_dh,
+    simulate_torque,
+)
+from consistent_id.diagnosis import diagnose
+from consistent_id.diagnosis.other_gravity import leaning_findings, turned_gravity
+from consistent_id.diagnosis.torque_parts import torque_parts
+from consistent_id.robot.model import Link
+
+_DRIVE = DriveTerms(viscous=True, coulomb="tanh", velocity_scale=0.02, offset=True)
+
+
+def _arm(angle=0.0):
+    """Return two level joints on a base that leans by an angle about them."""
+    rows = [DHRow(0, 0), DHRow(0, 0.4)]
+    robot = from_modified_dh("two links", rows)
+    gravity = 9.81 * np.array([-np.cos(angle), np.sin(angle), 0.0])
+    bodies = [
+        InertialParameters.from_central(m, [0.2, 0.01, 0.0], 0.02 * np.eye(3))
+        for m in (6.0, 3.0)
+    ]
+    links = (
+        Link(link.name, body) for link, body in zip(robot.links, bodies, strict=True)
+    )
+    return TorqueModel(replace(robot, links=tuple(links), gravity=gravity), _DRIVE)
+
+
+def _log(model, gain=1.0):
+    rng = np.random.default_rng(0)
+    time = np.arange(2400) / 100.0
+    omega = 2 * np.pi * rng.uniform(0.05, 0.6, (2, 4))[..., None]
+    angle = omega * time + rng.uniform(0, 6, (2, 4))[..., None]
+    q = 0.3 * np.sin(angle).sum(axis=1).T
+    dq = 0.3 * (omega * np.cos(angle)).sum(axis=1).T
+    ddq = -0.3 * (omega**2 * np.sin(angle)).sum(axis=1).T
+    motion = Recording(model.robot.joint_names, time, q, dq, ddq)
+    friction = np.tile([1.0, 2.0, 0.0], 2)
+    parameters = np.append(np.asarray(model.robot.nominal), friction)
+    log = simulate_torque(model, parameters, motion)
+    noise = 0.05 * rng.normal(size=log.torque.shape)
+    return replace(log, torque=gain * (log.torque + noise))
+
+
+@pytest.mark.parametrize("degrees", [-40.0, 30.0, 120.0])
+def test_gravity_is_found_in_the_direction_with_which_the_log_was_made(degrees):
+    leaning = _arm(np.radians(degrees))
+    turned = turned_gravity(_arm(), _log(leaning))
+    np.testing.assert_allclose(turned, leaning.robot.gravity, atol=0.05)
+    assert turned_gravity(leaning, _log(leaning)) is None
+
+
+def test_a_base_that_leans_is_no_gain_and_a_gain_no_base_that_leans():
+    model = _arm()
+    found = diagnose(model, _log(_arm(np.radians(35.0)))).faults
+    assert {f.kind for f in found} <= {"gravity", "offset zero"}
+    assert found
+    scaled = _log(model, gain=0.7)
+    assert leaning_findings(model, scaled, torque_parts(model, scaled)) == []
+    assert [f.kind for f in diagnose(model, scaled).faults] == ["torque gain"]
