@@ -14,7 +14,9 @@ from consistent_id import (
     draft_problem,
     identify_log,
     load_robot,
+    select_model,
 )
+from consistent_id.problems import drafting
 
 
 def arrays_of(log):
@@ -122,3 +124,31 @@ def test_what_is_no_log_is_refused_with_what_is_expected(arm):
     cut = Recording(("shoulder", "elbow"), [0, 1, 2], known * 0.1, torque_known=known)
     with pytest.raises(RecordingError, match="has torque_known, which a call without"):
         draft_problem(urdf, cut)
+
+
+class Watched(dict):
+    """Columns of a log that notes when one of them is read."""
+
+    def __init__(self, arrays, events):
+        super().__init__(arrays)
+        self.events = events
+
+    def __getitem__(self, name):
+        self.events.append("validation is read")
+        return super().__getitem__(name)
+
+
+def test_what_judges_is_read_when_the_model_is_fixed(arm, monkeypatch):
+    urdf, log = arm
+    events = []
+
+    def chosen(*arguments, **options):
+        selection = select_model(*arguments, **options)
+        events.append("the model is fixed")
+        return selection
+
+    monkeypatch.setattr(drafting, "select_model", chosen)
+    judge = Watched(arrays_of(log), events)
+    draft_problem(urdf, arrays_of(log), validation=judge)
+    assert events[0] == "the model is fixed"
+    assert "validation is read" in events[1:]
