@@ -12,7 +12,7 @@ import consistent_id as ci
 
 FILE = "identification/seg_0.0-4.5s.parquet"
 COUNT = 5
-GUARD = 0.1  # s: five periods of the cut-off, 50 Hz
+GUARD = 0.1  # s: four periods of the cut-off, 44 Hz
 SCALES = (0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5)  # rad/s
 
 

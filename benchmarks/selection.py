@@ -2,10 +2,10 @@
 
 ``python benchmarks/selection.py [--write docs/model-selection.md]``
 
-Real robots (``CONSISTENT_ID_DATASETS``): the problem files of this repository, with
-the model as the file has it, with the plain default, and with the one that is selected
-from the training recordings.  Errors are of the validation recordings, their torque
-filtered as the file asks for all three.
+Real robots (``CONSISTENT_ID_DATASETS``): the files of ``hand_made/``, which were
+written before the selection was, with the model as the file has it, with the plain
+default, and with the one that is selected from the training recordings.  Errors are of
+the validation recordings, their torque filtered as the hand-made file asks.
 
 Simulated robots (`selection_robots`): a draft of a log, plain and selected, against
 the true model fitted to the same rows.  Errors are of another motion's true torque.
@@ -21,7 +21,7 @@ from pathlib import Path
 
 import msgspec
 import numpy as np
-from selection_bare import COLUMNS, bare, recommended
+from selection_bare import COLUMNS, HAND_MADE, bare, recommended
 from selection_robots import DURATION, TRUTHS, Case, case_of, written
 
 import consistent_id as ci
@@ -35,7 +35,7 @@ _BEGIN, _END = "<!-- figures: begin -->", "<!-- figures: end -->"
 
 def real(name: str) -> list[str]:
     """Return the row of a real robot."""
-    problem = ci.load_problem(Path("problems") / name, trust=True)
+    problem = ci.load_problem(HAND_MADE / f"{name}.toml", trust=True)
     selection = ci.select_model(problem)
     plain = replace(selection, choice=selection.start)
     models = (problem, plain.chosen(), selection.chosen())

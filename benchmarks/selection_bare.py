@@ -26,12 +26,13 @@ COLUMNS = (
     "verdict on the bare one",
     "chosen",
 )
+HAND_MADE = Path(__file__).parent / "hand_made"
 _CHANNELS = ("position", "velocity", "torque")
 
 
 def bare(name: str) -> list[str]:
     """Return the row of a robot."""
-    hand = ci.load_problem(Path("problems") / name, trust=True)
+    hand = ci.load_problem(HAND_MADE / f"{name}.toml", trust=True)
     try:
         draft = bare_draft(hand)
         study = Study(draft.problem())

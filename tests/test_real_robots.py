@@ -25,6 +25,10 @@ ROBOTS = [
     name if name == "kuka_kr300" else pytest.param(name, marks=NEEDS_DATA)
     for name in KNOWN
 ]
+POORLY_EXCITED = [
+    robot if robot == "kuka_kr300" else pytest.param(robot, marks=NEEDS_DATA)
+    for robot in ("kuka_kr300", "tiago")
+]
 each_robot = pytest.mark.parametrize("robot", ROBOTS)
 each_twin = pytest.mark.parametrize("method", TWINS)
 
@@ -45,9 +49,23 @@ def test_least_squares_predicts_held_out_torque_as_well_as_known(robot):
 
 
 @each_twin
-@each_robot
+@pytest.mark.parametrize("robot", POORLY_EXCITED)
 def test_bodies_predict_held_out_torque_better_than_least_squares(robot, method):
     assert _stacked(robot, method) < _stacked(robot, TWINS[method])
+
+
+@each_robot
+def test_the_recommended_estimate_predicts_better_than_least_squares(robot):
+    (error,) = _study(robot).recommended.validation
+    assert error.stacked < _stacked(robot, "least squares")
+
+
+@NEEDS_DATA
+@each_twin
+def test_bodies_cost_next_to_nothing_where_the_motion_is_rich(method):
+    assert _stacked("staubli_tx40", method) < 1.01 * _stacked(
+        "staubli_tx40", TWINS[method]
+    )
 
 
 @each_twin

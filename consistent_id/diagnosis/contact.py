@@ -17,6 +17,7 @@ from consistent_id.diagnosis.corrections import Cause
 from consistent_id.diagnosis.explain import Candidate, FittedLog
 from consistent_id.diagnosis.linearise import frictions
 from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.signals import speed_share
 from consistent_id.regression.motion_arrays import motion_of
 
 _THRESHOLD = 1.3  # ratio of misfits, as in the table of corrections
@@ -24,6 +25,8 @@ _FELT = 0.03  # of the torque: misfit of a log in which nothing is touched
 _CELLS = 64
 _LENGTHS = (1, 2, 3, 4, 6, 8, 12, 16)  # cells of a stretch: a quarter at the most
 _TRIED = 6  # stretches of each length, those of the largest residuals
+_SLOW = 0.05  # of top speed: joints that are slower for a while rest, or nearly do
+_WHILE = 0.5  # s
 _TINY = 1e-300  # instead of a residual of zero, of which there is no logarithm
 _RANK = 1e-6  # of what a direction is told by, below which the rest does not tell it
 # Bound on the chance that one of all stretches stands out so far by itself.  In the
@@ -76,15 +79,18 @@ def contact(as_is: FittedLog) -> Iterator[Candidate]:
     """Yield the log without the stretch that stands out, if one does.
 
     A stretch at either end of a log, nearer than half its length, is when filters
-    settle: no contact is seen in it.
+    settle: no contact is seen in it.  Nor is one where the robot rests: dry friction
+    holds whatever torque is left there.
     """
     log = as_is.recording
-    if as_is.misfit < _FELT or len(log) < 2 * _CELLS:
+    moving = ~resting(log)
+    if as_is.misfit < _FELT or moving.sum() < 2 * _CELLS:
         return
-    inside = standing_out(joint_residuals(as_is))
-    if inside is None:
+    found = standing_out(joint_residuals(as_is, moving))
+    if found is None:
         return
-    start, stop = log.time[inside][[0, -1]]
+    start, stop = log.time[moving][found][[0, -1]]
+    inside = (log.time >= start) & (log.time <= stop)
     cause = Cause(
         "contact",
         "all joints",
@@ -98,8 +104,16 @@ def contact(as_is: FittedLog) -> Iterator[Candidate]:
     yield Candidate(cause, factors, as_is.constraints)
 
 
-def joint_residuals(as_is: FittedLog) -> list[JointResidual]:
-    """Return what the model leaves with a lag and friction that it may lack."""
+def resting(log: Recording) -> BoolArray:
+    """Return when all joints rest or creep, shape (samples,)."""
+    return speed_share(log, _WHILE) < _SLOW
+
+
+def joint_residuals(as_is: FittedLog, rows: BoolArray) -> list[JointResidual]:
+    """Return what the model leaves with a lag and friction that it may lack.
+
+    Of the samples `rows`; a lag is seen in the whole log.
+    """
     model = as_is.factors.model
     motion = motion_of(model, as_is.recording, None)
     Y = model.regressor(motion.q, motion.dq, motion.ddq)
@@ -110,13 +124,14 @@ def joint_residuals(as_is: FittedLog) -> list[JointResidual]:
     )
     found = []
     for row, more, tau in zip(Y, lacking, motion.torque.T, strict=True):
-        columns = np.vstack([row[list(as_is.factors.base.independent)], more]).T
+        columns = np.vstack([row[list(as_is.factors.base.independent)], more]).T[rows]
         norms = np.linalg.norm(columns, axis=0)
         unit = columns[:, norms > 0.0] / norms[norms > 0.0]
         U, s, _ = np.linalg.svd(unit, full_matrices=False)
         spanned = U[:, s > _RANK * s.max(initial=0.0)]
-        rest = tau - spanned @ (spanned.T @ tau)
-        size = max(float(np.linalg.norm(tau)), _TINY)
+        felt = tau[rows]
+        rest = felt - spanned @ (spanned.T @ felt)
+        size = max(float(np.linalg.norm(felt)), _TINY)
         found.append(JointResidual(spanned, rest / size))
     return found
 

@@ -86,10 +86,14 @@ class DriveGains:
         freeze_arrays(self, shapes, finite=False)
 
     @property
+    def relative_errors(self) -> Vector:
+        """Standard errors over the gains: the ``gain_errors`` of `identify_payload`."""
+        return self.standard_errors / self.gains
+
+    @property
     def identified(self) -> tuple[bool, ...]:
         """Whether each gain is known to within the accuracy asked for."""
-        relative = self.standard_errors / self.gains
-        return tuple((relative < self.accuracy).tolist())
+        return tuple((self.relative_errors < self.accuracy).tolist())
 
     @property
     def identifiable(self) -> bool:

@@ -59,6 +59,8 @@ class Payload:
         uncertain as was stated; infinite where the motion does not tell.
     correlation : float
         Samples that carry the information of one independent sample.
+    gain_errors : array_like, shape (torque joints,)
+        Relative standard errors of gains, as they were stated.
     robot : LoadedRobot
     estimate, least_squares : Estimate
         Of robot and load together.
@@ -69,13 +71,16 @@ class Payload:
     free: InertialParameters
     standard_errors: Vector
     correlation: float
+    gain_errors: Vector
     robot: LoadedRobot
     estimate: Estimate
     least_squares: Estimate
     seconds: float
 
     def __post_init__(self) -> None:
-        freeze_arrays(self, {"standard_errors": (10,)}, finite=False)
+        joints = len(self.robot.model.torque_joints)
+        shapes = {"standard_errors": (10,), "gain_errors": (joints,)}
+        freeze_arrays(self, shapes, finite=False)
 
     @property
     def open(self) -> tuple[str, ...]:
@@ -85,6 +90,18 @@ class Payload:
             for name, error in zip(INERTIAL_NAMES, self.standard_errors, strict=True)
             if not np.isfinite(error)
         )
+
+    @property
+    def condition(self) -> str:
+        """What the standard errors take for granted."""
+        if not self.gain_errors.any():
+            return (
+                "gains that make torque of currents are taken as exact: if they are "
+                "not, state how uncertain they are, gain_errors=0.05 for 5 %"
+            )
+        low, high = (f"{100 * e:.2g} %" for e in np.sort(self.gain_errors)[[0, -1]])
+        span = low if low == high else f"{low} to {high}"
+        return f"gains that make torque of currents are uncertain by {span}"
 
     def predict(self, recording: Recording, *, loaded: bool = True) -> Array:
         """Return torques along a motion with or without the load.
@@ -106,7 +123,7 @@ def identify_payload(
     load_constraints: Sequence[Constraint] = (),
     prior: Prior | None = None,
     weighted: bool = True,
-    gain_errors: float | Sequence[float] = 0.0,
+    gain_errors: float | Sequence[float] | Vector = 0.0,
 ) -> Payload:
     """Estimate a load and the robot that carries it, from runs with it and without.
 
@@ -162,7 +179,8 @@ def identify_payload(
         list(robot.residuals(free.parameters, *runs)), regression.sigma
     )
     slopes = gain_slopes(regression, robot.base)
-    of_gains = np.linalg.norm(slopes * _of_joints(gain_errors, model), axis=1)
+    shares = _of_joints(gain_errors, model)
+    of_gains = np.linalg.norm(slopes * shares, axis=1)
     errors = _standard_errors(robot, free, correlation, of_gains)
     _require_weight(InertialParameters(free.parameters[robot.load_slice]), errors)
     estimate = constrained_least_squares(
@@ -182,6 +200,7 @@ def identify_payload(
         free=InertialParameters(free.parameters[robot.load_slice]),
         standard_errors=errors,
         correlation=correlation,
+        gain_errors=shares,
         robot=robot,
         estimate=estimate,
         least_squares=free,
@@ -232,16 +251,22 @@ def _require_weight(free: InertialParameters, errors: Vector) -> None:
         )
 
 
-def _of_joints(gain_errors: float | Sequence[float], model: TorqueModel) -> Vector:
+def _of_joints(
+    gain_errors: float | Sequence[float] | Vector, model: TorqueModel
+) -> Vector:
     """Return the relative error of each torque joint's gain."""
     count = len(model.torque_joints)
     errors = np.atleast_1d(np.asarray(gain_errors, dtype=float))
-    if len(errors) not in (1, count) or not (errors >= 0.0).all():
+    if len(errors) not in (1, count) or not _are_shares(errors):
         raise ProblemError(
             f"gain_errors are {gain_errors}, expected one share or {count}, zero or "
             "more, such as 0.05 for 5 %"
         )
     return np.broadcast_to(errors, (count,))
+
+
+def _are_shares(errors: Vector) -> bool:
+    return bool(np.isfinite(errors).all() and (errors >= 0.0).all())
 
 
 def _standard_errors(

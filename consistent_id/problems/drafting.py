@@ -21,6 +21,7 @@ from consistent_id.problems.draft_rows import (
     split_logs,
 )
 from consistent_id.problems.file import DriveTable
+from consistent_id.problems.given_logs import GivenLog, given_logs
 from consistent_id.problems.late_velocity import on_time
 from consistent_id.problems.log_entries import with_torque
 from consistent_id.problems.model import DEFAULT_DRIVE
@@ -41,9 +42,9 @@ _SWITCHES = tuple(name for name, value in DEFAULTS.items() if value in (False, "
 
 def draft_problem(
     model: str | Path,
-    log: str | Path | Sequence[str | Path],
+    log: GivenLog | Sequence[GivenLog],
     *,
-    validation: Sequence[str | Path] = (),
+    validation: GivenLog | Sequence[GivenLog] = (),
     columns: Mapping[str, str] | None = None,
     units: Units | None = None,
     torque_joints: Sequence[str] = (),
@@ -70,9 +71,10 @@ def draft_problem(
     ----------
     model : str or Path
         URDF or MJCF.
-    log : str or Path, or a sequence of them
-        To learn from; see `read_recording`.  All have the columns of the first.
-    validation : sequence of str or Path
+    log : str, Path, table or Recording, or a list of them
+        To learn from: files (see `read_recording`), or data frames, Arrow tables and
+        mappings of arrays (see `recording_from`).  All have the columns of the first.
+    validation : str, Path, table or Recording, or a list of them
         Logs to judge by.  They are read when all else has been chosen.
     columns : mapping of str to str, optional
         Columns by channel, as in `Columns`, as far as they are known, such as
@@ -120,14 +122,13 @@ def draft_problem(
         are free.
     """
     model = Path(model)
-    given = [log] if isinstance(log, str | Path) else log
-    training, held_out = [Path(file) for file in given], [Path(f) for f in validation]
-    _require_distinct(training, held_out)
+    given = given_logs(log, validation)
     _require_known_bodies(bodies, masses)
     _require_kinds(keep)
     logs = robot_logs(
         model,
-        training[0],
+        given.training[0],
+        tables=given.tables,
         columns=columns,
         units=units,
         torque_joints=torque_joints,
@@ -135,10 +136,10 @@ def draft_problem(
         torque_gain=torque_gain,
         gains=gains,
     )
-    logs, read = _read_in_time(logs, training, columns)
+    logs, read = _read_in_time(logs, given.training, columns)
     raws = {file: with_torque(raw, gains) for file, raw in read.items()}
     clock = clock_of(list(raws.values()))
-    split = split_logs(raws, clock, whole=bool(held_out))
+    split = split_logs(raws, clock, whole=bool(given.validation))
     table = _plain_drive(gains) if drive is None else _drive_table(drive)
     if friction_velocity is not None:
         table = msgspec.structs.replace(table, velocity_scale=friction_velocity)
@@ -152,7 +153,7 @@ def draft_problem(
         tip=None if selection is None else selection.tip,
         columns=logs.columns,
         torque_gain=tuple(torque_gain),
-        rate=own_rate(raws[training[0]]),
+        rate=own_rate(raws[given.training[0]]),
         resample=clock.resample,
         max_gap=clock.max_gap,
         cutoff=chosen.frequency,
@@ -169,7 +170,7 @@ def draft_problem(
     if select:
         fixed = {*keep, *_fixed(masses, cutoff, drive, friction_velocity)}
         draft = _with_model(draft, fixed, band, progress)
-    return _with_validation(draft, held_out, logs, clock)
+    return _with_validation(draft, given.validation, logs, clock)
 
 
 class _ReadLogs(NamedTuple):
@@ -312,14 +313,3 @@ def _drive_table(names: Sequence[str]) -> DriveTable:
         width = DEFAULT_DRIVE.velocity_scale
         keys |= {"coulomb": "tanh", "velocity_scale": width}
     return DriveTable(**keys)
-
-
-def _require_distinct(training: Sequence[Path], held_out: Sequence[Path]) -> None:
-    every = [*training, *held_out]
-    if not training:
-        raise ProblemError("no log to learn from, expected at least one")
-    for file in every:
-        if every.count(file) > 1:
-            raise ProblemError(
-                f"{file} is given twice; a log is for training or for validation"
-            )

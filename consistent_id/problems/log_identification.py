@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Literal
 
 from consistent_id.problems.drafting import draft_problem
+from consistent_id.problems.given_logs import GivenLog
 from consistent_id.problems.study import Study, run_study
 from consistent_id.recordings.readers.units import Units
 from consistent_id.recordings.signals import PDGains
@@ -13,9 +14,9 @@ from consistent_id.robot.chains import Selection
 
 def identify_log(
     robot: str | Path,
-    log: str | Path | Sequence[str | Path],
+    log: GivenLog | Sequence[GivenLog],
     *,
-    validation: str | Path | Sequence[str | Path] = (),
+    validation: GivenLog | Sequence[GivenLog] = (),
     columns: Mapping[str, str] | None = None,
     units: Units | None = None,
     torque_joints: Sequence[str] = (),
@@ -42,9 +43,9 @@ def identify_log(
     ----------
     robot : str or Path
         URDF or MJCF.
-    log : str or Path, or a sequence of them
-        To learn from.
-    validation : str or Path, or a sequence of them
+    log : str, Path, table or Recording, or a list of them
+        To learn from: files, or data frames, Arrow tables and mappings of arrays.
+    validation : str, Path, table or Recording, or a list of them
         To judge by; by default the last 30 % of each log's motion.
     columns, units, torque_joints, gains, bodies
         See `draft_problem`.
@@ -72,12 +73,11 @@ def identify_log(
     NotExcitedError, InfeasibleError, SolverError
         As `run_study`.
     """
-    held_out = [validation] if isinstance(validation, str | Path) else validation
     gain = [torque_gain] if isinstance(torque_gain, int | float) else torque_gain
     draft = draft_problem(
         robot,
         log,
-        validation=held_out,
+        validation=validation,
         columns=columns,
         units=units,
         torque_joints=torque_joints,

@@ -1,13 +1,14 @@
 """Logs of a robot that has no problem file: its joints, their columns and units."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 from consistent_id.errors import ModelError, ProblemError
 from consistent_id.recordings.column_guess import guess_columns, require_torque
 from consistent_id.recordings.log_formats import LOG_FORMATS
-from consistent_id.recordings.readers import Columns, read_recording
+from consistent_id.recordings.readers import Columns, read_recording, recording_from
+from consistent_id.recordings.readers.data_frames import ColumnTable, table_names
 from consistent_id.recordings.readers.units import Units
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import PDGains
@@ -35,6 +36,8 @@ class RobotLogs:
         What was guessed.
     gains : PDGains, optional
         Of PD-controlled joints.
+    tables : mapping of Path to ColumnTable
+        Logs in memory, by the paths that stand for them.
     """
 
     robot: RobotModel
@@ -43,9 +46,18 @@ class RobotLogs:
     gain: float | list[float]
     notes: tuple[str, ...]
     gains: PDGains | None = None
+    tables: Mapping[Path, ColumnTable] = field(default_factory=dict)
 
     def read(self, log: Path) -> Recording:
         """Read a log as it was written; `with_torque` makes torque of its commands."""
+        if log in self.tables:
+            return recording_from(
+                self.tables[log],
+                self.robot.joint_names,
+                self.columns,
+                torque_gain=self.gain,
+                name=log.name,
+            )
         return read_recording(
             log, self.robot.joint_names, self.columns, torque_gain=self.gain
         )
@@ -55,6 +67,7 @@ def robot_logs(
     model: Path,
     log: Path,
     *,
+    tables: Mapping[Path, ColumnTable] | None = None,
     columns: Mapping[str, str] | None = None,
     units: Units | None = None,
     torque_joints: Sequence[str] = (),
@@ -70,6 +83,8 @@ def robot_logs(
         URDF or MJCF.
     log : Path
         One of the logs; the others have the same columns.
+    tables : mapping of Path to ColumnTable, optional
+        Logs in memory, by the paths that stand for them.
     columns, units, torque_joints
         As far as they are known; see `guess_columns`.
     selection : Selection, optional
@@ -87,13 +102,16 @@ def robot_logs(
     ProblemError
         If the two files seem to be exchanged, or the gains are too many or too few.
     """
-    _require_order(model, log)
+    tables = tables or {}
+    if log not in tables:
+        _require_order(model, log)
     selection = Selection() if selection is None else selection
     robot = load_robot(model, **asdict(selection))
     guess = guess_columns(
         log,
         robot.joint_names,
         columns,
+        names=table_names(tables[log], log.name) if log in tables else None,
         torque_joints=torque_joints,
         units=units,
         currents=len(torque_gain) > 0,
@@ -107,7 +125,9 @@ def robot_logs(
     if absent:
         robot = load_robot(model, **asdict(replace(selection, locked=locked)))
     gain = gains_of(torque_gain, len(robot.joint_names))
-    return RobotLogs(robot, guess.columns, locked, gain, guess.notes, gains)
+    kept = (f"{path} stands for a table in memory" for path in tables)
+    notes = (*guess.notes, *kept)
+    return RobotLogs(robot, guess.columns, locked, gain, notes, gains, tables)
 
 
 def chains_of(robot: RobotModel) -> dict[int, tuple[str, ...]] | None:

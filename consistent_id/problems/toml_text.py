@@ -2,11 +2,14 @@
 
 import json
 from collections.abc import Iterator, Mapping
+from textwrap import wrap
 from typing import Any
 
 import msgspec
 
 from consistent_id.problems.table_types import Table
+
+_WIDTH = 86  # characters of a comment's line, behind its mark
 
 
 def toml_text(table: Table, comments: Mapping[str, str]) -> str:
@@ -45,9 +48,16 @@ def _lines(table: Table, path: str, comments: Mapping[str, str]) -> Iterator[str
     for inner, members, header in sorted(tables, key=lambda t: t[2].startswith("[[")):
         for member in members:
             lines = list(_lines(member, inner, comments))
-            above = [f"# {line}" for line in comments.get(inner, "").splitlines()]
+            above = list(_comment_lines(comments.get(inner, "")))
             if lines or above or inner in named:
                 yield from ["", *above, header, *lines]
+
+
+def _comment_lines(text: str) -> Iterator[str]:
+    """Yield a comment's lines, each folded where it is too long."""
+    for line in text.splitlines():
+        folded = wrap(line, _WIDTH, break_long_words=False, break_on_hyphens=False)
+        yield from (f"# {part}" for part in folded)
 
 
 def _has_tables(value: Mapping[str, Any]) -> bool:
@@ -78,6 +88,8 @@ def _value(value: object) -> str:
     if isinstance(value, list | tuple):
         return f"[{', '.join(_value(item) for item in value)}]"
     if isinstance(value, Mapping):
-        pairs = (f"{_value(key)} = {_value(item)}" for key, item in value.items())
+        pairs = (
+            f"{bare_key(str(key))} = {_value(item)}" for key, item in value.items()
+        )
         return f"{{{', '.join(pairs)}}}"
     return json.dumps(value, ensure_ascii=False)

@@ -70,6 +70,7 @@ def guess_columns(
     joints: Sequence[str],
     known: Mapping[str, str] | None = None,
     *,
+    names: Sequence[str] | None = None,
     torque_joints: Sequence[str] = (),
     units: Units | None = None,
     currents: bool = False,
@@ -86,6 +87,8 @@ def guess_columns(
         The robot's.
     known : mapping of str to str, optional
         Columns by channel, as in `Columns`; the others are found in the log.
+    names : sequence of str, optional
+        Of the log's columns, if it is a table in memory and no file.
     torque_joints : sequence of str
         Joints whose torque the log has, if that is known.
     units : mapping of str to str or sequence of str, optional
@@ -108,7 +111,7 @@ def guess_columns(
     """
     joints, known = tuple(joints), dict(known or {})
     _require_channels(known)
-    bag = log_format(log).holds == "joint states"
+    bag = names is None and log_format(log).holds == "joint states"
     usual = replace(
         JOINT_STATE if bag else Columns(),
         torque_joints=torque_joints,
@@ -120,7 +123,7 @@ def guess_columns(
     effort = "position_command" if commands else "torque"
     if {"time", "position", effort} <= set(known):
         return _in_units(ColumnGuess(found, joints))
-    names = column_names(log)
+    names = column_names(log) if names is None else names
     if "time" not in known:
         found = replace(found, time=_time(log, names))
     moved = joints

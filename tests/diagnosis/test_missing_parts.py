@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from faulty_logs import arm, clean_log, logs
 
-from consistent_id import base_parameters
+from consistent_id import Recording, base_parameters
 from consistent_id.diagnosis.contact import JointResidual, contact, standing_out
 from consistent_id.diagnosis.explain import datasheet_constraints, fitted_log
 from consistent_id.diagnosis.lost_signs import lost_signs
@@ -100,3 +100,53 @@ def test_the_sign_that_a_torque_has_lost_is_found_again(joint):
 def test_a_torque_with_its_sign_has_lost_none():
     assert list(lost_signs(_as_is(clean_log(4)))) == []
     assert list(lost_signs(_as_is(_pushed(clean_log(4), 0.4, 0.5)))) == []
+
+
+def _paused(log, at, seconds, held):
+    """Return a log whose motion stops for a while; dry friction holds a torque then.
+
+    Parameters
+    ----------
+    log : Recording
+    at : int
+        Sample at which the robot is to come to rest.
+    seconds : float
+    held : ndarray, shape (joints,)
+        Torque beside that of the place where it rests.
+    """
+    rate = 1.0 / np.median(np.diff(log.time))
+    brake = int(2.0 * rate)
+    slower = np.linspace(1.0, 0.0, brake)
+    pace = np.concatenate(
+        [
+            np.ones(at),
+            slower,
+            np.zeros(int(seconds * rate)),
+            slower[::-1],
+            np.ones(len(log.time) - at - 2 * brake),
+        ]
+    )
+    place = np.cumsum(pace) / rate
+    read = [
+        np.column_stack([np.interp(place, log.time, c) for c in channel.T])
+        for channel in (log.position, log.torque)
+    ]
+    read[1] += np.outer(pace == 0.0, held)
+    time = np.arange(len(pace)) / rate
+    return Recording(log.joints, time, read[0], torque=read[1], name=log.name)
+
+
+def test_a_rest_in_which_dry_friction_holds_a_torque_is_no_contact():
+    log = clean_log(4)
+    spread = log.torque.std(axis=0)
+    rest = _paused(log, len(log) // 2, 1.5, 0.7 * spread)
+    as_is = _as_is(rest)
+    assert as_is.misfit > 0.03  # else it would not be looked for
+    assert list(contact(as_is)) == []
+    # What pushes while the robot moves is seen beside it.
+    torque = np.array(rest.torque)
+    torque[len(log) // 5 : len(log) // 4] += 10.0 * spread
+    (found,) = contact(_as_is(replace(rest, torque=torque)))
+    first, last = (float(found.cause.statement.split()[k]) for k in (1, 4))
+    assert first <= rest.time[len(log) // 5] < rest.time[len(log) // 4 - 1] <= last
+    assert last < rest.time[len(log) // 2]

@@ -123,9 +123,8 @@ def test_the_ur10es_gains_lie_between_the_published_ones():
 @real
 def test_gains_from_one_load_weigh_the_other_of_the_ur10e(tmp_path):
     problem, loaded, unloaded = ur10e_runs((1.0,) * 6)
-    gains = identify_gains(
-        problem.model, loaded, unloaded, known={"load.m": 2.805}
-    ).gains
+    known = identify_gains(problem.model, loaded, unloaded, known={"load.m": 2.805})
+    gains = known.gains
     other = [
         _moving(file, gains, tmp_path)
         for file in (
@@ -139,6 +138,17 @@ def test_gains_from_one_load_weigh_the_other_of_the_ur10e(tmp_path):
     # Residuals are correlated: errors are several times those of white noise.
     assert abs(found.free.mass - 2.805) < found.standard_errors[0] < 0.125
     assert found.body.mass == pytest.approx(2.805, abs=0.03)
+    assert "taken as exact" in found.condition
+    stated = identify_payload(
+        problem.model,
+        *other,
+        constraints=problem.constraints,
+        gain_errors=known.relative_errors,
+    )
+    error = stated.standard_errors[0]
+    assert found.standard_errors[0] < error < 0.2
+    assert abs(stated.free.mass - 2.805) < 2.0 * error
+    assert "uncertain by" in stated.condition
 
 
 def _moving(file, gains, folder):

@@ -229,5 +229,6 @@ def test_gains_that_are_all_larger_make_the_load_heavier_by_the_same_factor():
     free = least_squares(robot.model, regression, base=robot.base)
     slopes = gain_slopes(regression, robot.base)
     np.testing.assert_allclose(slopes.sum(axis=1), free.base_values, rtol=1e-6)
-    with pytest.raises(ProblemError, match="expected one share or 4"):
-        identify_payload(model, loaded, unloaded, gain_errors=[0.1, 0.1])
+    for wrong in ([0.1, 0.1], -0.1, [0.1, 0.1, 0.1, np.inf]):
+        with pytest.raises(ProblemError, match="expected one share or 4"):
+            identify_payload(model, loaded, unloaded, gain_errors=wrong)

@@ -238,9 +238,9 @@ def test_the_ur10es_friction_turns_at_two_hundredths_of_a_radian_per_second():
     model = replace(problem.model, drive=simple)
     found = fit_shapes(model, problem.training, weighted=False)
     shape = found["velocity_scale"]
-    # A search by hand gives 3.67 % at 0.015 and 3.69 % at 0.02 rad/s.
+    # Least squares at 0.01, 0.015, 0.02 and 0.05 rad/s: 3.62, 3.56, 3.57 and 4.25 %.
     assert 0.01 < shape.low < shape.value < shape.high < 0.02
-    assert found.error_before == pytest.approx(0.0369, abs=1e-4)
-    assert found.error_after == pytest.approx(0.0367, abs=1e-4)
-    # Its residuals, filtered at 10 Hz, go on for many samples.
+    assert found.error_before == pytest.approx(0.0357, abs=1e-4)
+    assert found.error_after == pytest.approx(0.0356, abs=1e-4)
+    # Its residuals, filtered at 8.5 Hz, go on for many samples.
     assert found.correlation > 10.0

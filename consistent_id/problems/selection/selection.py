@@ -4,8 +4,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
+from consistent_id._support.inputs import LARGEST_PROBLEM, read_input
 from consistent_id._support.tables import Table
+from consistent_id.errors import ProblemError
 from consistent_id.problems.file import ProblemTable
+from consistent_id.problems.kept_text import changed_tables, rewritten
 from consistent_id.problems.problem import Problem, problem_of
 from consistent_id.problems.selection.choice import Choice, applied
 from consistent_id.problems.selection.search import Step
@@ -152,9 +155,21 @@ class ModelSelection:
         return found
 
     def text(self) -> str:
-        """Return the problem file, with comments that say why."""
-        return toml_text(self.table_of_problem, self.comments())
+        """Return the problem file, with comments that say why.
 
+        What its author wrote stays as it is, but for the tables that change.
+        """
+        table = self.table_of_problem
+        fresh = toml_text(table, self.comments())
+        source = self.problem.source
+        if source is None:
+            return fresh
+        written = read_input(source, ProblemError, LARGEST_PROBLEM).decode()
+        changed = changed_tables(self.problem.table, table, _CHOSEN)
+        return rewritten(written, fresh, changed, table)
+
+
+_CHOSEN = ("links", "drive", "joints", "couplings", "constraints", "data.preparation")
 
 _TABLES = {
     "coupling": "couplings",

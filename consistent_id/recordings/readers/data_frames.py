@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from consistent_id.errors import RecordingError
+from consistent_id.recordings.column_words import is_time
 from consistent_id.recordings.readers.columns import Columns, require, wanted
 from consistent_id.recordings.readers.named_arrays import recording_of
 from consistent_id.recordings.recording import Recording
@@ -53,14 +54,33 @@ def recording_from(
     """
     want = wanted(columns or Columns(), joints, name)
     names = _names(table, name)
-    index = getattr(getattr(table, "index", None), "name", None)
-    if index is not None and index in want.names and index not in names:
-        raise RecordingError(
-            f"{name}: {index!r} is the index, expected a column: call reset_index()"
-        )
+    index = _index(table)
+    if index in want.names and index not in names:
+        raise _of_index(index, name)
     require(name, want.names, names)
     arrays = {column: _array(table[column], column, name) for column in want.names}
     return recording_of(arrays, want, where=name, name=name, torque_gain=torque_gain)
+
+
+def table_names(table: ColumnTable, name: str) -> tuple[str, ...]:
+    """Return the names of a table's columns, those that are texts.
+
+    Parameters
+    ----------
+    table : DataFrame, mapping of str to array_like, or the like
+    name : str
+        Of the table; used in messages.
+
+    Raises
+    ------
+    RecordingError
+        If it names no columns, or its time is the index of its rows.
+    """
+    names = [column for column in _names(table, name) if isinstance(column, str)]
+    index = _index(table)
+    if index is not None and is_time(index) and not any(map(is_time, names)):
+        raise _of_index(index, name)
+    return tuple(names)
 
 
 def _names(table: ColumnTable, where: str) -> list[str]:
@@ -72,6 +92,18 @@ def _names(table: ColumnTable, where: str) -> list[str]:
     raise RecordingError(
         f"{where}: {type(table).__name__} has neither columns nor keys, expected "
         "a data frame or a mapping of arrays"
+    )
+
+
+def _index(table: ColumnTable) -> str | None:
+    """Return the name of a data frame's index, if it has one."""
+    found = getattr(getattr(table, "index", None), "name", None)
+    return found if isinstance(found, str) else None
+
+
+def _of_index(index: str | None, where: str) -> RecordingError:
+    return RecordingError(
+        f"{where}: {index!r} is the index, expected a column: call reset_index()"
     )
 
 
