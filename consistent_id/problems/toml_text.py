@@ -1,6 +1,7 @@
 """The text of a problem file, written from its content, with comments."""
 
 import json
+import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -80,4 +81,6 @@ def _value(value: object) -> str:
     if isinstance(value, Mapping):
         pairs = (f"{_value(key)} = {_value(item)}" for key, item in value.items())
         return f"{{{', '.join(pairs)}}}"
+    if value == math.inf:
+        return "inf"
     return json.dumps(value, ensure_ascii=False)
