@@ -24,7 +24,7 @@ from consistent_id.recordings.signals import PDGains
 from consistent_id.robot.loaders import mjcf_assets
 from consistent_id.robot.parameters import did_you_mean
 
-STEP = 2.5e-4
+STEP = 5e-4
 """Longest time step [s].  MuJoCo's steps are of first order: a drive's stiffness counts
 as damping for half a step, which at 1 ms is a few per cent of what drives have."""
 
