@@ -66,6 +66,7 @@ from consistent_id.estimation.evidence import Evidence
 from consistent_id.estimation.fit import Fit
 from consistent_id.estimation.gains import DriveGains, identify_gains
 from consistent_id.estimation.instrumental import instrumental_variables
+from consistent_id.estimation.joint_springs import JointSprings, joint_springs
 from consistent_id.estimation.judge import judge
 from consistent_id.estimation.least_squares import (
     least_squares,
@@ -339,6 +340,7 @@ __all__ = [
     "Joint",
     "JointLimits",
     "JointSamples",
+    "JointSprings",
     "LinearRelation",
     "Link",
     "LinkCondition",
@@ -463,6 +465,7 @@ __all__ = [
     "identify_payload",
     "instrumental_variables",
     "joint_noise",
+    "joint_springs",
     "joint_torque_regressor",
     "judge",
     "kalman_differentiated",

@@ -14,15 +14,16 @@ if TYPE_CHECKING:
     from consistent_id.recordings.signals import PDGains
 
 
-def _pair(text: str) -> tuple[float, float]:
-    """Read two numbers with a comma between them."""
+def _gain(text: str) -> tuple[float, float, float]:
+    """Read two or three numbers with commas between them."""
     try:
-        kp, kd = map(float, text.split(","))
+        kp, kd, *limit = map(float, text.split(","))
+        (most,) = limit or [float("inf")]
     except ValueError:
         raise argparse.ArgumentTypeError(
-            f"{text} is no pair of gains, expected KP,KD such as 60,1.5"
+            f"{text} is no gain, expected KP,KD such as 60,1.5, or KP,KD,LIMIT"
         ) from None
-    return kp, kd
+    return kp, kd, most
 
 
 COLUMNS = (
@@ -58,11 +59,10 @@ TORQUE_GAIN = Option(
 # What makes torque of commands, where the log has no torque.
 GAINS = (
     Option(
-        "--gains KP,KD ...",
-        "of PD-controlled joints, one pair for all or one each: torque is computed "
-        "from "
-        "commands of position",
-        _pair,
+        "--gains KP,KD[,LIMIT] ...",
+        "of PD-controlled joints, for all or one each: torque is computed from "
+        "commands of position, and clipped at the drive's limit (N m, N) if it is given",
+        _gain,
     ),
     Option(
         "--position-command NAME",
@@ -216,12 +216,13 @@ def _held(word: str) -> tuple[str, float]:
         ) from None
 
 
-def _gains(pairs: Sequence[tuple[float, float]]) -> "PDGains | None":
+def _gains(given: Sequence[tuple[float, float, float]]) -> "PDGains | None":
     import numpy as np
 
     from consistent_id.recordings.signals import PDGains
 
-    if not pairs:
+    if not given:
         return None
-    kp, kd = (np.array(values) for values in zip(*pairs, strict=True))
-    return PDGains(kp[0], kd[0]) if len(pairs) == 1 else PDGains(kp, kd)
+    kp, kd, limit = np.array(given).T
+    one = (kp[0], kd[0], limit[0])
+    return PDGains(*one) if len(given) == 1 else PDGains(kp, kd, limit)

@@ -3,7 +3,7 @@
 An entry names the function that exports, which is imported when it is called.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -124,4 +124,25 @@ def exported(
     module = import_module(f"consistent_id.export.{known.module}")
     function = getattr(module, known.function)
     export: Export = function(estimate, allow_refused=allow_refused, **options)
-    return export
+    notes = _of_springs(estimate, gains)
+    return replace(export, notes=(*export.notes, *notes)) if notes else export
+
+
+def _of_springs(estimate: "Estimate", gains: "PDGains | None") -> tuple[str, ...]:
+    """Say that no file has the springs between motors and links."""
+    from math import isfinite
+
+    if gains is None:
+        return ()
+    joints = estimate.model.robot.joint_names
+    springs = ", ".join(
+        f"{joint} ({k:.3g} N m/rad)"
+        for joint, k in zip(joints, gains.of(len(joints)).stiffness, strict=True)
+        if isfinite(k)
+    )
+    if not springs:
+        return ()
+    return (
+        f"the file has no springs between motors and links, of {springs}: in MuJoCo, "
+        "give the body a second joint on the same axis, with that stiffness",
+    )

@@ -37,6 +37,12 @@ from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.chains import Selection
 from consistent_id.robot.parameters import did_you_mean
 
+DRY = 0.05
+"""Width of friction's change of sign where commands are to be replayed, [rad/s or m/s].
+Friction of simulators is dry.  A wider change can fit torque better, as what is creep,
+play and lag, and then replays worse: on parts of the training motion that were not
+learnt from, rollouts of two real robots choose 0.05 and less, and torque 0.1."""
+
 _SWITCHES = tuple(name for name, value in DEFAULTS.items() if value in (False, "none"))
 
 
@@ -100,7 +106,8 @@ def draft_problem(
     band : float, optional, [Hz]
         Up to which torque is to be predicted; see `select_model`.
     friction_velocity : float, optional, [rad/s or m/s]
-        Width of friction's change of sign (`velocity_scale`); by default chosen.
+        Width of friction's change of sign (`velocity_scale`); by default chosen, and
+        `DRY` for logs of commands.
     keep : sequence of str
         Of what `select_model` chooses, what stays as in the plain model.
     select : bool
@@ -141,6 +148,8 @@ def draft_problem(
     clock = clock_of(list(raws.values()))
     split = split_logs(raws, clock, whole=bool(given.validation))
     table = _plain_drive(gains) if drive is None else _drive_table(drive)
+    if friction_velocity is None and gains is not None:
+        friction_velocity = DRY
     if friction_velocity is not None:
         table = msgspec.structs.replace(table, velocity_scale=friction_velocity)
     chosen = _plain_cutoff(logs, table, split.training, clock, cutoff, select)

@@ -13,6 +13,7 @@ from consistent_id.estimation.drive_calibration import (
     CalibrationFit,
     fit_calibration,
 )
+from consistent_id.estimation.joint_springs import JointSprings, joint_springs
 from consistent_id.problems.file import DataTable, GainsTable
 from consistent_id.problems.log_entries import gains_of_drives
 from consistent_id.recordings.recording import Recording
@@ -35,17 +36,20 @@ class FoundDrives:
         The scan of the delay, if it is to be found.
     fit : CalibrationFit, optional
         If scales or biases are to be found, and the delay with them.
+    springs : JointSprings, optional
+        If springs between motors and links are to be found.
     """
 
     gains: PDGains | None = None
     calibration: DriveCalibration = DriveCalibration()  # noqa: RUF009  frozen
     delay: CommandDelay | None = None
     fit: CalibrationFit | None = None
+    springs: JointSprings | None = None
 
     def tables(self) -> list[Table]:
         """Return what was found, for people; nothing if nothing was asked for."""
-        found = self.fit or self.delay
-        return [] if found is None else [found.table()]
+        found = (self.fit or self.delay, self.springs)
+        return [one.table() for one in found if one is not None]
 
 
 def found_drives(
@@ -53,6 +57,7 @@ def found_drives(
     model: TorqueModel,
     constraints: Sequence[Constraint],
     prepared: Prepared,
+    groups: Sequence[Sequence[str]] = (),
 ) -> FoundDrives:
     """Return gains and calibration; what the file calls estimated, from the data.
 
@@ -63,6 +68,8 @@ def found_drives(
     constraints : sequence of Constraint
     prepared : callable
         From a calibration to the training recordings, prepared.
+    groups : sequence of sequence of str
+        Joints of equal motors.
 
     Raises
     ------
@@ -86,14 +93,22 @@ def found_drives(
         fit = fit_calibration(
             model, prepared, asked, start=known, constraints=constraints
         )
-        known = fit.calibration
-    return FoundDrives(known.gains(gains), known, late, fit)
+        known = replace(fit.calibration, compliance=known.compliance)
+    springs = None
+    if data.gains.stiffness == "estimated":
+        springs = joint_springs(
+            model, prepared(known), groups=groups, constraints=constraints
+        )
+        known = replace(known, compliance=springs.compliance)
+    return FoundDrives(known.gains(gains), known, late, fit, springs)
 
 
 def _stated(table: GainsTable) -> DriveCalibration:
     """Return what is stated of drives and encoders; right ones where nothing is."""
+    unstated = table.stiffness is None or table.stiffness == "estimated"
     return DriveCalibration(
         0.0 if table.delay == "estimated" else float(table.delay),
         np.array(1.0 if table.scale == "estimated" else table.scale),
         np.array(0.0 if table.encoder_bias == "estimated" else table.encoder_bias),
+        1.0 / np.array(np.inf if unstated else table.stiffness),
     )

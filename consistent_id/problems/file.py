@@ -224,6 +224,8 @@ class GainsTable(Table, frozen=True, kw_only=True):
     With them torque is computed from what the joints were told, commands being late by
     a delay [s].  The drives make `scale` times that torque, and encoders read the
     position plus `encoder_bias` [rad or m]: numbers, or what the training data say.
+    Between motors, where encoders are, and links there are springs of a `stiffness`
+    [N m/rad or N/m], if it is given.
     """
 
     kp: NonNegative | list[NonNegative]
@@ -232,6 +234,7 @@ class GainsTable(Table, frozen=True, kw_only=True):
     delay: NonNegative | Literal["estimated"] = 0.0
     scale: Positive | list[Positive] | Literal["estimated"] = 1.0
     encoder_bias: float | list[float] | Literal["estimated"] = 0.0
+    stiffness: Positive | list[Positive] | Literal["estimated"] | None = None
 
 
 class DataTable(Table, frozen=True, kw_only=True):

@@ -77,7 +77,7 @@ def gains_table(
     return GainsTable(
         kp=gains.kp.tolist(),
         kd=gains.kd.tolist(),
-        torque_limit=limit.tolist() if np.isfinite(limit).all() else None,
+        torque_limit=limit.tolist() if np.isfinite(limit).any() else None,
         delay=delay,
     )
 

@@ -42,6 +42,7 @@ from consistent_id.problems.preparation import (
 from consistent_id.recordings.readers import read_recording, read_track
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import DriveCalibration, PDGains, Track
+from consistent_id.regression.elastic_joints import as_rigid
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.rows.slip import without_slip
 from consistent_id.regression.rows.wrench_sensor import carried
@@ -205,7 +206,8 @@ class Problem:
     def drives(self) -> FoundDrives:
         """Gains and calibration of PD-controlled joints, as stated or found."""
         data = self.table.data
-        return found_drives(data, self.model, self.constraints, self._calibrated)
+        equal = self.table.constraints.equal_motors
+        return found_drives(data, self.model, self.constraints, self._calibrated, equal)
 
     @property
     def gains(self) -> PDGains | None:
@@ -225,7 +227,7 @@ class Problem:
     def prepare(self, recording: Recording) -> Recording:
         """Prepare a recording as the file asks; the longest part if it has gaps."""
         data = self._data()
-        return max(Log(recording, data.preparation, self._then).prepared(), key=len)
+        return max(Log(recording, data.preparation, self._then()).prepared(), key=len)
 
     def _track(self, entry: TrackTable) -> Track:
         return read_track(
@@ -269,17 +271,27 @@ class Problem:
             if entry.role == role:
                 yield self._shared_log(entry), span_of(self._raw(entry), entry)
 
-    def _log(self, entry: RecordingTable, raw: Recording | None = None) -> Log:
-        """Return an entry's log, joined with its tracks."""
+    def _log(
+        self,
+        entry: RecordingTable,
+        raw: Recording | None = None,
+        calibration: DriveCalibration | None = None,
+    ) -> Log:
+        """Return an entry's log, joined with its tracks; see `_raw`."""
         raw = self._raw(entry) if raw is None else raw
         for other in entry.tracks:
             raw = joined(raw, self._track(other), other.delay)
-        return Log(raw, self._data().preparation, self._then)
+        return Log(raw, self._data().preparation, self._then(calibration))
 
-    @property
-    def _then(self) -> Callable[[Recording], Recording] | None:
-        """What is done to a prepared part that takes the robot."""
+    def _then(
+        self, calibration: DriveCalibration | None = None
+    ) -> Callable[[Recording], Recording] | None:
+        """Return what is done to a prepared part that takes the robot."""
         sensor, arm, robot = self.table.wrist_sensor, self.arm, self.model.robot
+        if self.table.data is not None and self.table.data.gains is not None:
+            known = self.drives.calibration if calibration is None else calibration
+            soft = known.of(len(robot)).compliance
+            return lambda log: as_rigid(robot, log, soft)
         slip = self._data().preparation.most_slip
         if sensor is not None and arm is not None:
             return lambda log: carried(robot, arm, log, sensor.frame)
@@ -311,7 +323,9 @@ class Problem:
             for entry in self._data().recordings
             if entry.role == "training"
             for raw in [self._raw(entry, calibration)]
-            for part in self._log(entry, raw).prepared(*span_of(raw, entry))
+            for part in self._log(entry, raw, calibration).prepared(
+                *span_of(raw, entry)
+            )
         ]
 
     @cached_property

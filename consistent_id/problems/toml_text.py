@@ -1,6 +1,7 @@
 """The text of a problem file, written from its content, with comments."""
 
 import json
+import math
 from collections.abc import Iterator, Mapping
 from textwrap import wrap
 from typing import Any
@@ -92,4 +93,6 @@ def _value(value: object) -> str:
             f"{bare_key(str(key))} = {_value(item)}" for key, item in value.items()
         )
         return f"{{{', '.join(pairs)}}}"
+    if value == math.inf:
+        return "inf"
     return json.dumps(value, ensure_ascii=False)

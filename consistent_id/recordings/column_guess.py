@@ -227,7 +227,7 @@ def _patterns(
     def fits(text: str) -> bool:
         if channel == "current":
             return is_current(text) and not channel_of(text)
-        return channel_of(text) == channel
+        return channel_of(text, names) == channel
 
     found: dict[str, _Pattern] = {}
     for name in names:

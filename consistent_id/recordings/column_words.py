@@ -5,6 +5,7 @@ Robots and Franka, and of people who write their own.
 """
 
 import re
+from collections.abc import Iterable
 
 from consistent_id.recordings.readers.units import unit_of_a_name
 
@@ -60,6 +61,7 @@ _COMMANDS = {f"{short}{word}" for short in ("q", "pos", "p") for word in _COMMAN
 _COMMANDS |= {"aspos"}  # KUKA
 _COMMANDED |= {"d"}
 _OTHER = {"error", "limit", "action", "ext", "external", "computed"}
+_STATE = {"observation", "state"}  # LeRobot
 _MEASURED = {"observation", "state", "actual"}
 _DEGREES = ({"ai", "pos"}, {"axis", "act"}, {"feedback", "joints"})  # KUKA, ABB
 _TIMES: tuple[str, ...] = (
@@ -89,10 +91,18 @@ def words(pattern: str) -> set[str]:
     return whole | set(re.findall(r"[a-z]+", parts.lower()))
 
 
-def channel_of(pattern: str) -> str:
+def channel_of(pattern: str, names: Iterable[str] = ()) -> str:
     """Return the channel that a pattern is of; empty for none.
 
-    Of what is not measured, commands of position alone are a channel.
+    Of what is not measured, commands of position alone are a channel.  A plain
+    ``action`` is one beside ``observation.state`` (LeRobot), of which it is the target;
+    elsewhere it is what a policy gave out, in units of its own.
+
+    Parameters
+    ----------
+    pattern : str
+    names : iterable of str
+        All columns of the log.
 
     Examples
     --------
@@ -100,8 +110,12 @@ def channel_of(pattern: str) -> str:
     ('velocity', 'position_command')
     >>> channel_of("dq_des_{joint}"), channel_of("q_error_{joint}")
     ('', '')
+    >>> channel_of("action"), channel_of("action", ["observation.state", "action"])
+    ('', 'position_command')
     """
     said = words(pattern)
+    if said == {"action"} and any(_STATE <= words(name) for name in names):
+        return "position_command"
     if "action" in said and not said & _MEASURED:  # LeRobot, of its followers
         fits = [c for c in CHANNELS if any(phrase <= said for phrase in _WORDS[c])]
         return "position_command" if fits == ["position"] else ""

@@ -10,6 +10,7 @@ from consistent_id import (
     draft_problem,
     load_urdf,
 )
+from consistent_id.problems.drafting import DRY
 from consistent_id.problems.robot_logs import robot_logs
 from tests.helpers.logged import DRIVE, URDF, moved
 
@@ -100,3 +101,13 @@ def test_a_command_reaches_its_drive_before_the_next_is_sent(tmp_path):
     urdf, logs = commanded_logs(tmp_path, 1.0, late=0.017)
     draft = draft_problem(urdf, logs, gains=GAINS, select=False)
     assert draft.delay == 0.01
+
+
+@pytest.mark.slow
+def test_friction_of_a_draft_is_nearly_dry_unless_another_is_asked_for(arm):
+    urdf, logs = arm
+    for asked, drafted in ((None, DRY), (0.2, 0.2)):
+        draft = draft_problem(urdf, logs[0], gains=GAINS, friction_velocity=asked)
+        assert draft.selection is not None
+        assert draft.table(urdf.parent).drive.velocity_scale == drafted
+        assert all(s.move.kind != "velocity_scale" for s in draft.selection.steps)

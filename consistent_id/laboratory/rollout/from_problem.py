@@ -5,6 +5,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from consistent_id._support.arrays import Vector
 from consistent_id._support.tables import Table
 from consistent_id.comparison.block_scatter import (
@@ -103,6 +105,7 @@ class ProblemRollout:
                         "velocity scale",
                         "friction slope of",
                         "delay [ms]",
+                        "springs [N m/rad]",
                     ),
                     (
                         (
@@ -110,6 +113,7 @@ class ProblemRollout:
                             f"{s.velocity_scale:g}",
                             ", ".join(s.friction_slope) or "none",
                             f"{1e3 * s.delay:g}",
+                            self._springs(),
                         ),
                     ),
                     (
@@ -120,6 +124,16 @@ class ProblemRollout:
             )
         tables += self.problem.drives.tables()
         return tables if self.scatter is None else [*tables, self.scatter.table()]
+
+    def _springs(self) -> str:
+        joints = self.problem.model.robot.joint_names
+        stiffness = gains_of(self.problem).of(len(joints)).stiffness
+        named = ", ".join(
+            f"{joint} {k:.3g}"
+            for joint, k in zip(joints, stiffness.tolist(), strict=True)
+            if np.isfinite(k)
+        )
+        return named or "none"
 
     def to_dict(self) -> dict[str, Any]:
         """Return what was found by name, for JSON."""
@@ -140,6 +154,15 @@ class ProblemRollout:
                 "velocity_scale": s.velocity_scale,
                 "friction_slope": list(s.friction_slope),
                 "delay": s.delay,
+                "stiffness": {
+                    joint: k
+                    for joint, k in zip(
+                        self.problem.model.robot.joint_names,
+                        s.stiffness or (),
+                        strict=False,
+                    )
+                    if np.isfinite(k)
+                },
                 "error": self.settings.error,
             }
         return record

@@ -5,12 +5,14 @@ model begins again at the robot's state after every window.  In closed loop a st
 drive hides what a model lacks; here nothing does.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.errors import RecordingError
 from consistent_id.export.mjcf_body import require_mujoco
-from consistent_id.laboratory.rollout.replay import Replay
+from consistent_id.laboratory.rollout.replay import Replay, begin
 from consistent_id.laboratory.rollout.replay_model import ReplayModel
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import PDGains, commanded
@@ -25,7 +27,7 @@ _SPAN = 11  # samples of a cubic through positions, whose slope is where a windo
 
 def free_gains(gains: PDGains) -> PDGains:
     """Return gains without feedback, of drives with the same limits."""
-    return PDGains(0.0 * gains.kp, 0.0 * gains.kd, gains.torque_limit)
+    return replace(gains, kp=0.0 * gains.kp, kd=0.0 * gains.kd)
 
 
 def open_loop(
@@ -75,11 +77,12 @@ def open_loop(
     steps = np.repeat(0.5 * (torque[:-1] + torque[1:]), per_sample, axis=0)
     control = steps[: count * length * per_sample].reshape(count, -1, torque.shape[1])
     velocity = _velocity(log)
+    acceleration = np.gradient(velocity, log.time, axis=0)
     kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
     starts = np.zeros((count, mujoco.mj_stateSize(compiled, kind)))
     for k, start in enumerate(starts):
-        data.qpos[model.positions] = log.position[k * length]
-        data.qvel[model.velocities] = velocity[k * length]
+        at = k * length
+        begin(model, data, log.position[at], velocity[at], acceleration[at])
         mujoco.mj_getState(compiled, data, start, kind)
     workers = [mujoco.MjData(compiled) for _ in range(_THREADS)]
     states = np.asarray(rollout.rollout(compiled, workers, starts, control)[0])

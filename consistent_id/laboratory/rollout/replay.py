@@ -1,6 +1,7 @@
 """One model's motion under the commands of a log."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -9,9 +10,12 @@ from consistent_id.errors import RecordingError
 from consistent_id.export.mjcf_body import require_mujoco
 from consistent_id.laboratory.rollout.held_commands import drive_commands
 from consistent_id.laboratory.rollout.replay_model import ReplayModel
+from consistent_id.laboratory.rollout.springs import deflect
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import resampled
 from consistent_id.recordings.signals.clocks import is_uniform, own_rate
+
+_FIRST = 5  # samples whose mean acceleration says how far springs are deflected
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,8 +112,8 @@ def replay(
     if velocity is None:
         velocity = np.gradient(log.position, log.time, axis=0)
     data = mujoco.MjData(compiled)
-    data.qpos[model.positions] = log.position[0]
-    data.qvel[model.velocities] = velocity[0]
+    acceleration = np.gradient(velocity[:_FIRST], log.time[:_FIRST], axis=0)
+    begin(model, data, log.position[0], velocity[0], acceleration.mean(axis=0))
     kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
     start = np.zeros(mujoco.mj_stateSize(compiled, kind))
     mujoco.mj_getState(compiled, data, start, kind)
@@ -123,3 +127,22 @@ def replay(
     q = states[:, 1 : 1 + compiled.nq]
     dq = states[:, 1 + compiled.nq : 1 + compiled.nq + compiled.nv]
     return Replay(model.name, log, q[:, model.positions], dq[:, model.velocities])
+
+
+def begin(
+    model: ReplayModel, data: Any, q: Vector, dq: Vector, acceleration: Vector
+) -> None:
+    """Put a model in a state of the robot, springs in equilibrium.
+
+    Parameters
+    ----------
+    model : ReplayModel
+    data : mujoco.MjData
+    q, dq, acceleration : ndarray, shape (joints,)
+        Of the motors.
+    """
+    data.qpos[model.positions] = q
+    data.qvel[model.velocities] = dq
+    whole = np.zeros(model.compiled.nv)
+    whole[model.velocities] = acceleration
+    deflect(model.compiled, data, whole)

@@ -37,12 +37,16 @@ class Settings:
         Joints whose friction varies with position.
     delay : float, [s]
         Of commands.
+    stiffness : tuple of float, optional, [N m/rad or N/m]
+        Of springs between motors and links, one each, infinite for a rigid joint; by
+        default those of the problem.
     """
 
     cutoff: float = 10.0
     velocity_scale: float = 0.05
     friction_slope: tuple[str, ...] = ()
     delay: float = 0.0
+    stiffness: tuple[float, ...] | None = None
 
 
 def with_settings(problem: Problem, settings: Settings) -> Problem:
@@ -72,6 +76,7 @@ def with_settings(problem: Problem, settings: Settings) -> Problem:
         delay=settings.delay,
         scale=known.scale.tolist(),
         encoder_bias=known.encoder_bias.tolist(),
+        stiffness=_stated(problem, settings.stiffness),
     )
     data = change(table.data, gains=gains, preparation=preparation)
     named = dict.fromkeys((*table.joints, *settings.friction_slope), JointTable())
@@ -88,6 +93,14 @@ def with_settings(problem: Problem, settings: Settings) -> Problem:
     made = problem_of(changed, file)
     made._read.update(problem._read)
     return replace(made, source=problem.source)
+
+
+def _stated(problem: Problem, stiffness: Sequence[float] | None) -> list[float] | None:
+    """Return the stiffness of springs as a file states it; None for a rigid robot."""
+    if stiffness is None:
+        joints = len(problem.model.robot)
+        stiffness = gains_of(problem).of(joints).stiffness.tolist()
+    return list(stiffness) if np.isfinite(stiffness).any() else None
 
 
 def torque_fit(

@@ -11,13 +11,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from consistent_id.errors import InfeasibleError, RecordingError, SolverError
+from consistent_id.estimation.joint_springs import joint_springs
 from consistent_id.laboratory.rollout.inner_split import Spans, slow_and_fast, within
 from consistent_id.laboratory.rollout.settings import (
     Settings,
+    gains_of,
     rollout_error,
     torque_fit,
     with_settings,
 )
+from consistent_id.laboratory.rollout.springs import SpringError
 from consistent_id.problems.problem import Problem
 
 CUTOFFS = (5.0, 7.5, 10.0, 15.0, 20.0, 30.0)  # Hz, of motion and torque
@@ -25,8 +28,9 @@ SCALES = (0.01, 0.02, 0.05, 0.1)  # rad/s or m/s, of the change of sign of frict
 DELAYS = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0)  # of commands, in periods of the slowest log
 
 WORTH = 0.025
-"""Relative gain that friction which varies with position must bring: the floor that was
-found for other terms of a model, so that they are not chosen by chance."""
+"""Relative gain that a spring, or friction which varies with position, must bring: the
+floor that was found for other terms of a model, so that they are not chosen by chance.
+"""
 
 _PASSES = 2  # over all settings; the second seldom changes one
 
@@ -70,7 +74,7 @@ def chosen_settings(problem: Problem, start: Settings | None = None) -> Settings
 
     def error(settings: Settings) -> float:
         if settings not in tried:
-            tried[settings] = _crossed(with_settings(problem, settings), parts)
+            tried[settings] = error_of_parts(with_settings(problem, settings), parts)
         return tried[settings]
 
     delays = _delays(problem)
@@ -87,6 +91,7 @@ def chosen_settings(problem: Problem, start: Settings | None = None) -> Settings
         best = _with_slopes(best, motor_groups(problem), error)
         if best == before:
             break
+    best = with_springs(best, problem, error)
     best = min((best, replace(best, delay=_between(best, delays, error))), key=error)
     if not np.isfinite(error(best)):
         raise RecordingError(
@@ -132,6 +137,38 @@ def _with_slopes(
     return sloped(now)
 
 
+def with_springs(
+    best: Settings, problem: Problem, error: Callable[[Settings], float]
+) -> Settings:
+    """Return settings with springs behind motors, if the data ask for them.
+
+    The torque fit finds them, see `joint_springs`; rollouts must confirm them.  If the
+    problem states springs, or its file not all inertias, which they would carry, none
+    are looked for.
+
+    Parameters
+    ----------
+    best : Settings
+    problem : Problem
+    error : callable
+        Of rollouts that were not learnt from.
+    """
+    known = np.isfinite(gains_of(problem).stiffness).any()
+    if known or problem.model.robot.nominal is None:
+        return best
+    made = with_settings(problem, best)
+    found = joint_springs(
+        made.model,
+        made.training,
+        groups=made.table.constraints.equal_motors,
+        constraints=made.constraints,
+    )
+    if not found.compliance.any():
+        return best
+    sprung = replace(best, stiffness=tuple(found.stiffness.tolist()))
+    return sprung if error(sprung) < (1.0 - WORTH) * error(best) else best
+
+
 def _between(
     best: Settings, delays: Sequence[float], error: Callable[[Settings], float]
 ) -> float:
@@ -159,8 +196,8 @@ def _cutoffs(problem: Problem) -> list[float]:
     return [cutoff for cutoff in CUTOFFS if cutoff < 0.4 * min(rates)]
 
 
-def _crossed(problem: Problem, parts: tuple[Spans, Spans]) -> float:
-    """Return the error of rollouts of each part by a fit to the other."""
+def error_of_parts(problem: Problem, parts: tuple[Spans, Spans]) -> float:
+    """Return the error of rollouts of each part by a fit to the other [rad or m]."""
     both = [_error(problem, *parts), _error(problem, *reversed(parts))]
     return float(np.sqrt(np.mean(np.square(both))))
 
@@ -169,6 +206,8 @@ def _error(problem: Problem, learnt: Spans, judged: Spans) -> float:
     """Return the error of rollouts; infinite if there is no fit, or they diverge."""
     try:
         estimate, _ = torque_fit(problem, within(problem.training, learnt))
-    except (InfeasibleError, SolverError):
+        return rollout_error(
+            problem, estimate, within(problem.logs("training"), judged)
+        )
+    except (InfeasibleError, SolverError, SpringError):
         return np.inf
-    return rollout_error(problem, estimate, within(problem.logs("training"), judged))

@@ -8,6 +8,8 @@ from consistent_id._support.arrays import Matrix, Vector, array_default, freeze,
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.recording import Recording
 
+_GAINS = ("kp", "kd", "torque_limit", "stiffness")
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PDGains:
@@ -21,11 +23,14 @@ class PDGains:
     kd : array_like, shape () or (joints,), [N m s/rad or N s/m]
     torque_limit : array_like, shape () or (joints,), [N m or N]
         Where the drive clips the torque; infinite if it does not.
+    stiffness : array_like, shape () or (joints,), [N m/rad or N/m]
+        Of the spring between motor and link, the encoder being the motor's; infinite
+        for a rigid joint.
 
     Raises
     ------
     RecordingError
-        If a gain is negative or not finite, or a limit is not positive.
+        If a gain is negative or not finite, or a limit or stiffness is not positive.
 
     Examples
     --------
@@ -36,17 +41,16 @@ class PDGains:
     kp: Vector
     kd: Vector
     torque_limit: Vector = array_default(np.inf)
+    stiffness: Vector = array_default(np.inf)
 
     def __post_init__(self) -> None:
-        for name in ("kp", "kd", "torque_limit"):
-            value = getattr(self, name)
+        for name in _GAINS:
+            value, positive = getattr(self, name), name not in ("kp", "kd")
             shape = (None,) if np.ndim(value) else ()
-            array = frozen(
-                value, shape, name, RecordingError, finite=name != "torque_limit"
-            )
-            least = 0.0 if name != "torque_limit" else np.nextafter(0.0, 1.0)
+            array = frozen(value, shape, name, RecordingError, finite=not positive)
+            least = np.nextafter(0.0, 1.0) if positive else 0.0
             if not (array >= least).all():
-                expected = "positive" if name == "torque_limit" else "0 or more"
+                expected = "positive" if positive else "0 or more"
                 raise RecordingError(f"{name} is {array}, expected {expected}")
             freeze(self, **{name: array})
 
@@ -59,7 +63,7 @@ class PDGains:
             If there are gains for another number of joints.
         """
         values = {}
-        for name in ("kp", "kd", "torque_limit"):
+        for name in _GAINS:
             array = getattr(self, name)
             if array.ndim and len(array) != joints:
                 raise RecordingError(

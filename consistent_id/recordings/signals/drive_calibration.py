@@ -1,4 +1,4 @@
-"""What drives and encoders of PD-controlled joints get wrong, as a value."""
+"""What drives, encoders and gears of PD-controlled joints get wrong, as a value."""
 
 from dataclasses import dataclass, replace
 
@@ -9,39 +9,48 @@ from consistent_id.errors import RecordingError
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.commanded import PDGains, commanded
 
+_BY_JOINT = ("scale", "encoder_bias", "compliance")
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DriveCalibration:
-    """Delay of commands, scale of the drives' torque, and biases of encoders.
+    """Delay of commands, torque scales, biases of encoders, and springs of joints.
 
     The drive of a joint makes ``scale`` times the torque that its gains state, from
     commands that reach it late; and its encoder reads the joint's position plus
     ``encoder_bias``.  A drive compares command and reading, so its torque does not feel
-    the bias; gravity does.
+    the bias; gravity does.  Between motor, where the encoder is, and link there may be
+    a spring of ``compliance``; see `as_rigid`.
 
     Parameters
     ----------
     delay : float, [s]
     scale : array_like, shape () or (joints,)
     encoder_bias : array_like, shape () or (joints,), [rad or m]
+    compliance : array_like, shape () or (joints,), [rad/(N m) or m/N]
+        Zero for a rigid joint.
 
     Raises
     ------
     RecordingError
-        If the delay is negative, a scale is not positive, or a bias not finite.
+        If the delay or a compliance is negative, a scale is not positive, or a bias
+        not finite.
     """
 
     delay: float = 0.0
     scale: Vector = array_default(1.0)
     encoder_bias: Vector = array_default(0.0)
+    compliance: Vector = array_default(0.0)
 
     def __post_init__(self) -> None:
-        for name in ("scale", "encoder_bias"):
+        for name in _BY_JOINT:
             value = getattr(self, name)
             shape = (None,) if np.ndim(value) else ()
             freeze(self, **{name: frozen(value, shape, name, RecordingError)})
         if not (np.asarray(self.scale) > 0.0).all():
             raise RecordingError(f"scale is {self.scale}, expected positive numbers")
+        if not (np.asarray(self.compliance) >= 0.0).all():
+            raise RecordingError(f"compliance is {self.compliance}, expected 0 or more")
         if not 0.0 <= self.delay < np.inf:
             raise RecordingError(
                 f"delay of commands is {self.delay} s, expected 0 or more"
@@ -55,22 +64,26 @@ class DriveCalibration:
         RecordingError
             If there are values for another number of joints.
         """
-        for name in ("scale", "encoder_bias"):
+        values = {}
+        for name in _BY_JOINT:
             array = getattr(self, name)
             if array.ndim and len(array) != joints:
                 raise RecordingError(
                     f"{name} has {len(array)} values for {joints} joints; give one "
                     "for all, or one each in the robot's order"
                 )
-        scale = np.broadcast_to(self.scale, (joints,))
-        bias = np.broadcast_to(self.encoder_bias, (joints,))
-        return DriveCalibration(self.delay, scale, bias)
+            values[name] = np.broadcast_to(array, (joints,))
+        return DriveCalibration(self.delay, **values)
 
     def gains(self, gains: PDGains) -> PDGains:
-        """Return what stated gains really are; torque limits are in the same units."""
+        """Return what stated gains really are; torque limits are in the same units.
+
+        A spring comes behind the one that is stated.
+        """
         scale = self.scale
         limit = gains.torque_limit * scale
-        return PDGains(gains.kp * scale, gains.kd * scale, limit)
+        stiff = stiffness_of(self.compliance + 1.0 / gains.stiffness)
+        return PDGains(gains.kp * scale, gains.kd * scale, limit, stiff)
 
     def log(self, recording: Recording) -> Recording:
         """Return a log in true positions, with what feed-forward torque really is.
@@ -86,6 +99,12 @@ class DriveCalibration:
             position_command=None if told is None else told - bias,
             torque_command=None if forward is None else forward * scale,
         )
+
+
+def stiffness_of(compliance: Vector) -> Vector:
+    """Return the stiffness of springs, infinite for a rigid joint, [N m/rad or N/m]."""
+    rigid = np.full(np.shape(compliance), np.inf)
+    return np.asarray(np.divide(1.0, compliance, out=rigid, where=compliance > 0.0))
 
 
 def calibrated(

@@ -1,0 +1,145 @@
+"""Joints with a spring between motor and link (two masses at each joint).
+
+The encoder sits at the motor, which is at ``theta``; the link is off by ``delta``:
+
+``tau = drive(theta) + body(theta + delta)``,
+``body(theta + delta) + d delta' + k delta = 0``.
+
+Rotor and friction of the drive move with the motor, bodies with the link.  What it
+takes to move bodies as the links do, less what it would take as the motors do, is no
+part of a rigid robot's torque.  Taken out of the recorded torque, it leaves that of the
+same robot without springs, which all else is about.
+
+Bodies vibrate on their springs, so ``delta`` follows from the motion of motors by a
+differential equation: linear, with the mass matrix of the mean position, solved mode by
+mode; what bodies' torque has besides stands on its other side, from the round before.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from consistent_id._support.arrays import Matrix, Vector
+from consistent_id.errors import ModelError, RecordingError
+from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.signals.clocks import uniform_rate
+from consistent_id.regression.drive.drive_terms import DriveTerms
+from consistent_id.regression.mass_matrix import mass_matrices
+from consistent_id.regression.regressor import TorqueModel
+from consistent_id.robot.model import RobotModel
+
+DAMPING = 0.03
+"""Of a link on its spring, over the critical one: gears and belts have 1 to 10 %."""
+
+_ROUNDS = 3
+"""Of deflections from torque and torque from deflections: each leaves what the mass
+matrix changes over the motion of what was left."""
+
+
+def as_rigid(robot: RobotModel, recording: Recording, compliance: Vector) -> Recording:
+    """Return a recording with the torque that the robot would need without springs.
+
+    Parameters
+    ----------
+    robot : RobotModel
+        With nominal bodies: they say what springs carry.
+    recording : Recording
+        With position of the motors as seen from the links, velocity, acceleration and
+        torque; filtered.
+    compliance : ndarray, shape (joints,), [rad/(N m) or m/N]
+        Zero for a rigid joint.
+
+    Raises
+    ------
+    ModelError
+        If bodies of the robot are not known.
+    RecordingError
+        If the recording's clock is not uniform.
+    """
+    torque = recording.torque
+    if torque is None or not np.any(compliance):
+        return recording
+    rigid = np.array(torque)
+    places = [recording.joints.index(name) for name in robot.joint_names]
+    rigid[:, places] -= deflection_torque(robot, recording, compliance)
+    return replace(recording, torque=rigid)
+
+
+def deflection_torque(
+    robot: RobotModel, recording: Recording, compliance: Vector
+) -> Matrix:
+    """Return what springs add to joint torques, shape (samples, joints), [N m or N].
+
+    Parameters and errors are those of `as_rigid`.
+    """
+    motors = recording.of(robot.joint_names)
+    q, dq, ddq = motors.position, motors.velocity, motors.acceleration
+    if dq is None or ddq is None:
+        raise RecordingError(
+            f"{motors.name}: what springs carry needs velocity and acceleration; call "
+            "signals.differentiated(recording) first"
+        )
+    bodies, x = TorqueModel(robot, DriveTerms()), _nominal(robot)
+    soft = np.flatnonzero(compliance)
+    M = mass_matrices(bodies, x, q.mean(axis=0)[None])[0][np.ix_(soft, soft)]
+    stiff = carried = bodies.predict(x, q, dq, ddq)
+    change = np.zeros((3, *q.shape))  # of position, velocity and acceleration
+    for _ in range(_ROUNDS):
+        force = change[2][:, soft] @ M - carried[:, soft]
+        step = 1.0 / uniform_rate(recording)
+        change[:, :, soft] = _vibration(M, 1.0 / compliance[soft], force, step)
+        carried = bodies.predict(x, q + change[0], dq + change[1], ddq + change[2])
+    return np.asarray(carried - stiff)
+
+
+def link_inertias(robot: RobotModel, q: Vector) -> Vector:
+    """Return what each joint's spring carries if only it moves, [kg m^2 or kg].
+
+    Parameters
+    ----------
+    robot : RobotModel
+        With nominal bodies.
+    q : ndarray, shape (joints,), [rad or m]
+    """
+    M = mass_matrices(TorqueModel(robot, DriveTerms()), _nominal(robot), q[None])[0]
+    return np.array(np.diag(M))
+
+
+def _nominal(robot: RobotModel) -> Vector:
+    x = robot.nominal
+    if x is None:
+        raise ModelError(
+            f"robot {robot.name!r}: springs between motors and links carry its bodies, "
+            "but its file does not state all of their inertias; leave stiffness out"
+        )
+    return x
+
+
+def _vibration(M: Matrix, stiffness: Vector, force: Matrix, step: float) -> Matrix:
+    """Solve ``M delta'' + D delta' + K delta = force``, from equilibrium.
+
+    Each mode has the damping `DAMPING`, and the force is linear between samples.
+
+    Returns
+    -------
+    ndarray, shape (3, samples, springs)
+        Deflection, its velocity and acceleration.
+    """
+    from scipy.linalg import eigh
+    from scipy.signal import lsim
+
+    squares, modes = eigh(np.diag(stiffness), M)
+    time = step * np.arange(len(force))
+    found = np.zeros((3, *force.shape))
+    for square, mode in zip(squares.tolist(), modes.T, strict=True):
+        row = [-square, -2.0 * DAMPING * np.sqrt(square)]
+        push = force @ mode
+        system = (
+            [[0.0, 1.0], row],
+            [[0.0], [1.0]],
+            [[1, 0], [0, 1], row],
+            [[0], [0], [1]],
+        )
+        _, motion, _ = lsim(system, push, time, X0=[push[0] / square, 0.0])
+        found += motion.T[:, :, None] * mode
+    return found
