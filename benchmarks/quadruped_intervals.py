@@ -1,20 +1,21 @@
-"""Whether intervals hold the trunk of Go2 that MuJoCo simulates, with dry friction.
+"""Whether intervals hold the trunk of a robot that MuJoCo simulates on its feet.
 
-Of each log of `quadruped.py` the ten parameters of the trunk are estimated with known
-legs, joints at rest left out.  Counted are those that 95 % intervals hold: by noise as
-correlated as the residuals are; with the scatter between blocks of the motion, as
-`uncertainty` adds it to standard errors; and among all consistent robots.
+Of each log of `quadruped.py`, with dry friction, the ten parameters of the trunk are
+estimated, all other bodies known and joints at rest left out.  Counted are those that
+95 % intervals hold: by noise as correlated as the residuals are; with the scatter
+between blocks of the motion, as `uncertainty` adds it to standard errors; and among all
+consistent robots.
 
-    python benchmarks/quadruped_intervals.py --logs 4
+    python benchmarks/quadruped_intervals.py --robot quadruped --logs 4
 """
 
 import argparse
-import os
-from pathlib import Path
 from time import process_time
 
 import numpy as np
 import quadruped
+from standing_robots import ROBOTS
+from standing_simulation import prepared, simulated
 
 import consistent_id as ci
 from consistent_id.comparison.parameter_uncertainty import NORMAL, uncertainty
@@ -23,26 +24,20 @@ from consistent_id.regression.segments import segment_regressions
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--robot", choices=ROBOTS, default="quadruped")
     parser.add_argument("--logs", type=int, default=4, help="simulated, each its seed")
     parser.add_argument("--first", type=int, default=0, help="seed of the first")
     options = parser.parse_args()
-    path = Path(os.environ["CONSISTENT_ID_DATASETS"]) / "unitree_go2" / "go2.xml"
-    truth = quadruped.robots(path)
-    trunk = truth.with_box.links[0].nominal.vector
-    drive = ci.DriveTerms(
-        rotor_inertia=True, viscous=True, coulomb="tanh", velocity_scale=0.02
-    )
-    model = ci.TorqueModel(truth.nominal, drive)
-    constraints = [
-        ci.PhysicalConsistency(),
-        ci.NonNegativeDrive(),
-        ci.FixedParameters(quadruped.known_of_legs(truth, path)),
-    ]
+    robot = ROBOTS[options.robot]()
+    trunk = robot.true_trunk.vector
+    own = slice(10 * robot.number, 10 * robot.number + 10)
+    model = ci.TorqueModel(robot.nominal, quadruped.DRIVE)
+    constraints = [*quadruped.SIGNS, ci.FixedParameters(robot.known())]
     print("log | by noise | with blocks | consistent robots | farthest, errors")
     totals = np.zeros(3, dtype=int)
     for seed in range(options.first, options.first + options.logs):
         started = process_time()
-        log = quadruped.prepared(quadruped.simulated(path, seed))
+        log = prepared(simulated(robot, seed))
         log = ci.without_rests(log, quadruped.REST, reach=quadruped.REACH)
         found = uncertainty(
             model,
@@ -51,14 +46,15 @@ def main() -> None:
             base=ci.contact_free_base(model, log.contacts),
             replicates=2,
         )
+        mine = found.parameters[own]
         values, errors = (
-            np.array([getattr(p, what) for p in found.parameters[:10]])
+            np.array([getattr(p, what) for p in mine])
             for what in ("value", "standard_error")
         )
-        between = np.zeros(10) if found.blocks is None else found.blocks.variance[:10]
+        between = np.zeros(10) if found.blocks is None else found.blocks.variance[own]
         noise = np.sqrt(np.maximum(errors**2 - between, 0.0))
         off = abs(values - trunk)
-        low, high = np.array([p.consistent for p in found.parameters[:10]]).T
+        low, high = np.array([p.consistent for p in mine]).T
         held = np.array(
             [
                 np.sum(off <= NORMAL * noise),

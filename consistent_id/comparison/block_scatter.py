@@ -177,6 +177,5 @@ def _fit(regression: Regression, free: FreeParameters) -> _Fit:
             "a block of the motion leaves parameters open that are free; take fewer "
             "blocks, or fix these parameters"
         )
-    steps = np.linalg.inv(np.linalg.qr(A / scale, mode="r")) / scale[:, None]
     values = free.start + free.directions @ least_squares(A, rest)
-    return _Fit(values, np.linalg.norm(free.directions @ steps, axis=1))
+    return _Fit(values, free.moves(A))

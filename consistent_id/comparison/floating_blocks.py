@@ -14,6 +14,7 @@ from consistent_id._support.arrays import Vector
 from consistent_id.comparison.block_scatter import BLOCKS, BlockScatter, block_scatter
 from consistent_id.constraints import Constraint
 from consistent_id.errors import NotExcitedError
+from consistent_id.estimation.equalities import FreeParameters
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.noise import joint_noise
 from consistent_id.regression.regression import Regression
@@ -30,10 +31,14 @@ class FloatingBlocks:
     scatter : BlockScatter
     between : ndarray, shape (parameters,)
         Standard deviation between blocks, beyond noise; zero of what is fixed.
+    unit : ndarray, shape (parameters,)
+        How far a parameter moves if the weighted squared misfit rises by one, with
+        equalities held; zero of what is fixed or does not differ.
     """
 
     scatter: BlockScatter
     between: Vector
+    unit: Vector
 
     @property
     def variance(self) -> Vector:
@@ -41,12 +46,23 @@ class FloatingBlocks:
         return np.asarray(self.between**2 / self.scatter.blocks)
 
     @property
+    def squared_misfit(self) -> Vector:
+        """What moving each parameter by the root of its `variance` adds."""
+        free = self.unit > 0.0
+        return np.asarray(self.variance * free / np.where(free, self.unit, 1.0) ** 2)
+
+    @property
+    def freedom(self) -> float:
+        """Degrees of freedom of the scatter."""
+        return self.scatter.blocks - 1.0
+
+    @property
     def sentence(self) -> str:
         """What standard errors contain."""
         return (
             f"Scatter of parameters between {self.scatter.blocks} blocks, beyond "
             f"noise, is added: 95 % are {self.scatter.quantile:.2f} standard errors "
-            "either way. Intervals of consistent robots do not contain it"
+            "either way"
         )
 
 
@@ -79,4 +95,7 @@ def floating_blocks(
         return None
     between = np.zeros(len(model.layout))
     between[[model.layout.index(name) for name in found.names]] = found.between
-    return FloatingBlocks(found, between)
+    free = FreeParameters.of(constraints, model)
+    unit = free.moves(merged(segments).stacked()[:, :-1] @ free.directions)
+    unit[between == 0.0] = 0.0
+    return FloatingBlocks(found, between, unit)

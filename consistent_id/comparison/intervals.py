@@ -20,6 +20,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Array, Vector, freeze_arrays
 from consistent_id._support.threads import single_threaded, worker_threads
+from consistent_id.comparison.floating_blocks import FloatingBlocks
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.cones.programmes import (
     Ball,
@@ -105,6 +106,7 @@ def consistent_intervals(
     joint: bool = False,
     base: BaseParameters | None = None,
     noise: ResidualNoise | None = None,
+    blocks: FloatingBlocks | None = None,
 ) -> ConsistentIntervals:
     """Bound every standard parameter over all robots that fit and satisfy constraints.
 
@@ -123,6 +125,8 @@ def consistent_intervals(
     base : BaseParameters, optional
     noise : ResidualNoise, optional
         Of the regression; with scatter between recordings, if there are several.
+    blocks : FloatingBlocks, optional
+        What parameters differ by between blocks of the motion: intervals contain it.
 
     Raises
     ------
@@ -141,7 +145,7 @@ def consistent_intervals(
     least = max(best.misfit, best.scaled.size) ** 2
     if slack is None:
         noise = residual_noise(regression, base) if noise is None else noise
-        added = _added(noise, base, level, joint)
+        added = _added(noise, base, level, joint, blocks)
     else:
         added = np.full(len(model.layout), ((1.0 + slack) ** 2 - 1.0) * least)
     unit = best.scaled.unit
@@ -169,18 +173,26 @@ def consistent_intervals(
 
 
 def _added(
-    noise: ResidualNoise, base: BaseParameters, level: float, joint: bool
+    noise: ResidualNoise,
+    base: BaseParameters,
+    level: float,
+    joint: bool,
+    blocks: FloatingBlocks | None,
 ) -> Vector:
     """Return the squared misfit that each parameter's interval allows."""
     from scipy.special import fdtri, stdtrit
 
     of_parameters = base.lift(np.eye(len(base)))
     freedom = noise.freedoms(of_parameters)
+    squared = noise.squared_misfit(of_parameters)
+    if blocks is not None:
+        freedom = np.minimum(freedom, blocks.freedom)
+        squared = squared + blocks.squared_misfit
     if joint:
         ratio = noise.rank * fdtri(noise.rank, freedom, level)
     else:
         ratio = stdtrit(freedom, 0.5 + level / 2.0) ** 2
-    return np.asarray(ratio * noise.squared_misfit(of_parameters))
+    return np.asarray(ratio * squared)
 
 
 def _box(model: TorqueModel, best: BestFit) -> tuple[Vector, Vector]:

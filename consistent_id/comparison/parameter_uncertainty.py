@@ -204,7 +204,13 @@ def uncertainty(
         progress=progress,
     )
     intervals = consistent_intervals(
-        model, whole, constraints=constraints, slack=slack, base=base, noise=noise
+        model,
+        whole,
+        constraints=constraints,
+        slack=slack,
+        base=base,
+        noise=noise,
+        blocks=blocks,
     )
     verdicts = determinations(
         model,

@@ -59,6 +59,20 @@ class FreeParameters:
         """Return rows and their right-hand side in what is free."""
         return Y @ self.directions, tau - Y @ self.start
 
+    def moves(self, A: Matrix) -> Vector:
+        """Return how far each parameter moves as ``||A y||^2`` rises by one.
+
+        With white noise of level one these are standard errors.
+
+        Parameters
+        ----------
+        A : ndarray, shape (rows, free)
+            Of full rank.
+        """
+        scale = np.linalg.norm(A, axis=0)
+        steps = np.linalg.inv(np.linalg.qr(A / scale, mode="r")) / scale[:, None]
+        return np.asarray(np.linalg.norm(self.directions @ steps, axis=1))
+
 
 def least_squares(A: Matrix, b: Vector) -> Vector:
     """Return the smallest solution in unit columns."""

@@ -46,6 +46,11 @@ def test_a_drift_from_block_to_block_is_in_the_standard_error():
     )
     assert abs(bias.value - BIAS - shifts.mean()) < bias.standard_error
     assert found.quantile == pytest.approx(2.571, abs=1e-3)  # t, five degrees
+    # Without constraints the interval of consistent robots is that of least squares.
+    low, high = bias.consistent
+    half = found.quantile * bias.standard_error
+    assert low == pytest.approx(bias.value - half, abs=0.1 * half)
+    assert high == pytest.approx(bias.value + half, abs=0.1 * half)
 
 
 def test_without_drift_blocks_add_next_to_nothing():

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._support.arrays import Matrix, Vector, checked
+from consistent_id._support.arrays import IntArray, Matrix, Vector, checked
 from consistent_id._support.threads import single_threaded, worker_threads
 from consistent_id.errors import NotExcitedError, ProblemError
 from consistent_id.recordings.contacts import ContactFlags
@@ -24,6 +24,7 @@ from consistent_id.regression.motion_arrays import Motion, motion_of
 from consistent_id.regression.regression import Regression, triangle
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.row_names import CONTACT_FREE, row_names
+from consistent_id.regression.row_structure import row_structure
 from consistent_id.regression.rows.contact_maps import contact_maps
 from consistent_id.regression.rows.contact_mixing import unmeasured_contacts
 
@@ -69,6 +70,7 @@ def contact_free_regression(
     whole = _every_row(model)
     rows = len(whole.torque_joints)
     levels = _levels(sigma, rows)
+    kept, expand = row_structure(whole, mixed=True)[0]
     pieces = [
         (recording.contacts, motion.samples(start, start + _CHUNK), start)
         for recording in several(recordings)
@@ -77,14 +79,14 @@ def contact_free_regression(
     ]
 
     def compressed(piece: tuple[Sequence[ContactFlags], Motion, int]) -> _Part:
-        return _compress(whole, *piece, levels)
+        return _compress(whole, kept, *piece, levels)
 
+    R: Matrix = np.zeros((0, len(kept) + 1))
+    count, peak = 0, 0.0
     with worker_threads(_WORKERS) as pool:
-        parts = list(pool.map(compressed, pieces))
-    R: Matrix = np.zeros((0, len(model.layout) + 1))
-    for part in parts:
-        R = triangle(np.asfortranarray(np.vstack([R, part.factor])))
-    count = sum(part.rows for part in parts)
+        for part in pool.map(compressed, pieces):
+            R = triangle(np.asfortranarray(np.vstack([R, part.factor])))
+            count, peak = count + part.rows, max(peak, part.peak)
     if not count:
         raise NotExcitedError(
             "no sample has a row that is free of contact forces: every one has an "
@@ -93,10 +95,10 @@ def contact_free_regression(
     return Regression(
         layout=model.layout,
         joints=model.torque_joints,
-        factors=(R,),
+        factors=(np.hstack([R[:, :-1] @ expand, R[:, -1:]]),),
         counts=(count,),
         fingerprint=model.fingerprint,
-        peaks=np.array([max(part.peak for part in parts)]),
+        peaks=np.array([peak]),
     )
 
 
@@ -126,18 +128,19 @@ class _Part(NamedTuple):
 
 def _compress(
     whole: TorqueModel,
+    kept: IntArray,
     contacts: Sequence[ContactFlags],
     motion: Motion,
     start: int,
     levels: Vector,
 ) -> _Part:
-    """Return the triangular factor of a chunk's rows, free of contact forces."""
+    """Return the triangular factor of the kept columns, free of contact forces."""
     n = len(motion.q)
     flags = [contact.samples(slice(start, start + n)) for contact in contacts]
     state = motion.q, motion.dq, motion.ddq
     ((_, Y),) = whole.chunks(*state, size=n, base=motion.base)
-    rows = np.empty((n, Y.shape[0], Y.shape[1] + 1))
-    rows[:, :, :-1] = np.moveaxis(Y, 2, 0)
+    rows = np.empty((n, Y.shape[0], len(kept) + 1))
+    rows[:, :, :-1] = np.moveaxis(Y[:, kept], 2, 0)
     rows[:, :, -1] = motion.torque
     turned = None if motion.base is None else motion.base.rotation
     unknown = None if motion.weights is None else motion.weights == 0.0
