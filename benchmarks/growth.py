@@ -3,8 +3,8 @@
 ``python benchmarks/growth.py [--joints 2 5 10 20 29 40] [--limb 7] [--samples 20000]
 [--constraints 10 30 100 300 1000]``.  Processor seconds, one thread, the least of
 `--runs`.  A limb hangs on a base that is fixed; a chain is one limb.  Base parameters
-are those of a robot that nothing is known of.  The estimate starts from a new regression
-and base parameters, and ends with its certificate and its audit.  Constraints are
+are those of a robot that nothing is known of.  The estimate starts from a new
+regression and base parameters, and ends with certificate and audit.  Constraints are
 relations of five parameters each, besides consistency, masses and signs, of an arm of
 7 joints.
 """
