@@ -194,12 +194,19 @@ def _twist(joint: Joint, pose: Array) -> Array:
     axis = np.einsum("abn,b->an", pose[:, :3], joint.axis)
     if joint.kind == "prismatic":
         return np.concatenate([np.zeros_like(axis), axis])
-    return np.concatenate([axis, np.cross(pose[:, 3], axis, axis=0)])
+    return np.concatenate([axis, _cross(pose[:, 3], axis)])
 
 
 def _momentum(m: float, moments: Array, twist: Array) -> Array:
     """Return ``(n, f)``, shape (6, poses)."""
     S, h, e, v = moments[:, :3], moments[:, 3], twist[:3], twist[3:]
     n = np.einsum("aan->n", S) * e - np.einsum("abn,bn->an", S, e)
-    n += np.cross(h, v, axis=0)
-    return np.concatenate([n, m * v + np.cross(e, h, axis=0)])
+    n += _cross(h, v)
+    return np.concatenate([n, m * v + _cross(e, h)])
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """Return the cross product of vectors, shape (3, poses)."""
+    x, y, z = a
+    u, v, w = b
+    return np.stack([y * w - z * v, z * u - x * w, x * v - y * u])
