@@ -1,14 +1,18 @@
-"""How cost grows with joints: fitted exponents, for chains and for trees of limbs.
+"""How cost grows with joints and with constraints: fitted exponents.
 
-``python benchmarks/growth.py [--joints 2 5 10 20 29 40] [--limb 7] [--samples 20000]``.
-Processor seconds, one thread, the least of `--runs`.  A limb hangs on a base that is
-fixed; a chain is one limb.  The estimate starts from a regression and base parameters,
-and ends with its certificate and its audit.
+``python benchmarks/growth.py [--joints 2 5 10 20 29 40] [--limb 7] [--samples 20000]
+[--constraints 10 30 100 300 1000]``.  Processor seconds, one thread, the least of
+`--runs`.  A limb hangs on a base that is fixed; a chain is one limb.  Base parameters
+are those of a robot that nothing is known of.  The estimate starts from a new
+regression and base parameters, and ends with certificate and audit.  Constraints are
+relations of five parameters each, besides consistency, masses and signs, of an arm of
+7 joints.
 """
 
 import argparse
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from time import process_time
 from typing import TypeVar
@@ -80,10 +84,9 @@ def measured(joints: int, limb: int, samples: int, runs: int) -> dict[str, float
     data = log(model, samples)
     ci.build_regression(model, data)  # imports, and the structure of rows
     compress, regression = least(lambda: ci.build_regression(model, data), runs)
-    find, base = least(lambda: ci.base_parameters(model), runs)
-    solve, estimate = least(
-        lambda: ci.constrained_least_squares(model, regression, base=base), runs
-    )
+    find, _ = least(lambda: ci.base_parameters(replace(model)), runs)
+    base = ci.base_parameters(model)
+    solve, estimate = least(lambda: solved(model, regression, base), runs)
     times = {"compression": compress, "base parameters": find, "estimate": solve}
     per_sample, size = 1e6 * compress / samples, len(model.layout)
     print(
@@ -94,12 +97,56 @@ def measured(joints: int, limb: int, samples: int, runs: int) -> dict[str, float
     return times
 
 
+def solved(
+    model: ci.TorqueModel,
+    regression: ci.Regression,
+    base: ci.BaseParameters,
+    more: Sequence[ci.LinearRelation] = (),
+) -> ci.Estimate:
+    """Return the constrained estimate of a regression as if it were just made."""
+    constraints = (
+        ci.PhysicalConsistency(),
+        ci.FixedMasses(),
+        ci.NonNegativeDrive(),
+        *more,
+    )
+    return ci.constrained_least_squares(
+        model, replace(regression), base=base, constraints=constraints
+    )
+
+
+def constrained(number: int, samples: int, runs: int) -> float:
+    """Return processor seconds with so many constraints more; print a row."""
+    model = tree(7, 7)
+    regression = ci.build_regression(model, log(model, samples))
+    base, rng = ci.base_parameters(model), np.random.default_rng(number)
+    x = np.zeros(len(model.layout))
+    x[:70] = np.ravel(model.robot.nominal)
+    relations = []
+    for _ in range(number):
+        terms = {i: float(rng.normal()) for i in rng.permutation(70)[:5].tolist()}
+        value = sum(c * x[i] for i, c in terms.items())
+        size = sum(abs(c * x[i]) for i, c in terms.items())
+        named = {model.layout.names[i]: c for i, c in terms.items()}
+        relations.append(
+            ci.LinearRelation(named, value - 0.02 * size, value + 0.02 * size)
+        )
+    taken, estimate = least(lambda: solved(model, regression, base, relations), runs)
+    print(
+        f"| {number} | {1e3 * taken:.0f} | {estimate.certificate.verdict} |", flush=True
+    )
+    return taken
+
+
 def main() -> None:
-    """Print the table and the exponents."""
+    """Print the tables and the exponents."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--joints", type=int, nargs="+", default=[2, 5, 10, 20, 29, 40])
     parser.add_argument("--limb", type=int, default=7, help="its joints (default: 7)")
     parser.add_argument("--samples", type=int, default=20_000)
+    parser.add_argument(
+        "--constraints", type=int, nargs="+", default=[10, 30, 100, 300, 1000]
+    )
     parser.add_argument("--runs", type=int, default=2)
     given = parser.parse_args()
     print(f"Limbs of {given.limb} joints, {given.samples} samples\n")
@@ -115,8 +162,18 @@ def main() -> None:
         ]
     for stage in found[0]:
         times = [one[stage] for one in found]
-        exponent, _ = np.polyfit(np.log(given.joints), np.log(times), 1)
-        print(f"\n{stage}: grows as joints^{exponent:.2f}")
+        print(f"\n{stage}: grows as joints^{_exponent(given.joints, times):.2f}")
+    print("\n| relations | estimate [ms] | verdict |\n|--:|--:|---|")
+    with threadpool_limits(1):
+        taken = [
+            constrained(number, given.samples, given.runs)
+            for number in given.constraints
+        ]
+    print(f"\nestimate: grows as relations^{_exponent(given.constraints, taken):.2f}")
+
+
+def _exponent(sizes: Sequence[int], times: Sequence[float]) -> float:
+    return float(np.polyfit(np.log(sizes), np.log(times), 1)[0])
 
 
 if __name__ == "__main__":

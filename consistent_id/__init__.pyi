@@ -132,6 +132,8 @@ from consistent_id.problems.draft import Draft
 from consistent_id.problems.drafting import draft_problem
 from consistent_id.problems.fleet.fleet import fleet_estimate, identify_fleet
 from consistent_id.problems.fleet.fleet_result import Fleet, FleetRobot
+from consistent_id.problems.fleet.found_payload import FoundPayload
+from consistent_id.problems.fleet.payloads import CarriedBody
 from consistent_id.problems.log_identification import identify_log
 from consistent_id.problems.problem import Problem, load_problem
 from consistent_id.problems.selection.select import select_model
@@ -285,6 +287,7 @@ __all__ = [
     "Box",
     "CalibrationFit",
     "Capsule",
+    "CarriedBody",
     "CentreOfMassBoxes",
     "CentreOfMassIn",
     "Certificate",
@@ -329,6 +332,7 @@ __all__ = [
     "Fleet",
     "FleetRobot",
     "Fold",
+    "FoundPayload",
     "FourierFit",
     "FourierTrajectory",
     "GearCoupling",

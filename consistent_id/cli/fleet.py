@@ -10,7 +10,8 @@ from consistent_id.cli.option import Option
 from consistent_id.cli.options import EXECUTOR, OUTPUT, TIME_LIMIT, add_command
 
 _MORE = """Each robot has a problem file of its own, of the same model. Links, rotor
-inertias, springs and coupled gears are shared, friction and offsets each robot's own;
+inertias, springs and coupled gears are shared, friction and offsets each robot's own,
+and so is what a robot carries, if its file has [payload] with the link that carries it;
 robots with other bodies are named and left out of what is shared. Recordings are read
 piece by piece, so that they may be larger than memory; those for training count.
 --output gets fleet.md, fleet.json and bodies.json, the shared estimate. Exit code 1: do
@@ -52,9 +53,11 @@ def run_fleet(options: argparse.Namespace) -> int:
         require_writable(options.output)
     problems = [load_problem(file) for file in _files(options.problem)]
     fleet = identify_fleet(problems, executor=options.executor)
+    payloads = fleet.payload_table()
     tables = [
         fleet.headline(),
         fleet.table(),
+        *([] if payloads is None else [payloads]),
         fleet.own_table(),
         fleet.bodies.table(),
     ]

@@ -18,7 +18,8 @@ from consistent_id.constraints.cones.least_norm import LeastNorm, solve_least_no
 from consistent_id.constraints.cones.sets import ConicSet, SemidefiniteBlock, block_rows
 from consistent_id.constraints.distances import nominal_point
 from consistent_id.errors import ProblemError, SolverError
-from consistent_id.regression.base import BaseParameters, random_regressor
+from consistent_id.regression.base import BaseParameters
+from consistent_id.regression.random_rows import random_rows
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.scaling import link_scales
@@ -169,8 +170,8 @@ def _nearest(
     unit: Vector,
 ) -> NearestRobot | None:
     """Return the possible robot whose torque along random motions differs least."""
-    W = random_regressor(model)[:, list(base.independent)]
-    R = np.linalg.qr(np.concatenate(list(np.swapaxes(W, 1, 2))), mode="r")
+    rows = random_rows(model).stacked()[:, list(base.independent)]
+    R = np.linalg.qr(rows, mode="r")
     size = float(np.linalg.norm(R @ base_values))
     if size == 0.0:
         return None

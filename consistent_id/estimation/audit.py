@@ -12,13 +12,12 @@ from consistent_id.estimation.estimate import Certificate, Estimate
 from consistent_id.estimation.fit import fit_of
 from consistent_id.estimation.scaled_fit import ScaledFit
 from consistent_id.regression.base import BaseParameters, linear_combination
-from consistent_id.regression.linear import solve_linear
 from consistent_id.regression.mass_matrix import (
     POSES,
     least_mass_eigenvalue,
     random_poses,
 )
-from consistent_id.regression.noise import residual_sigma
+from consistent_id.regression.noise import base_solution, residual_sigma
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import residual_noise
@@ -76,8 +75,7 @@ def audited(
     least = least_mass_eigenvalue(model, x, random_poses(model, POSES, _SEED))
     figures = _figures(problem, scaled, x, proof, least, links)
     consistent = any(isinstance(c, PhysicalConsistency) for c in problem.constraints)
-    R, columns = regression.stacked(), list(base.independent)
-    solution = solve_linear(R[:, columns], R[:, -1])
+    solution = base_solution(regression, base)
     return Estimate(
         method=method,
         model=model,

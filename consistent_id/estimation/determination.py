@@ -98,13 +98,12 @@ def parameter_sizes(model: TorqueModel, regression: Regression, x: Vector) -> Ve
     """
     units, n = link_scales(model.robot).units, model.layout.inertial_size
     sizes = np.append(units, np.ones(len(x) - n))
-    for i in range(len(x)):
-        own = [F for F in regression.factors if np.sum(F[:, i] ** 2) > 0.0]
-        if own:
-            torque, column = (
-                np.sqrt(sum(float(np.sum(F[:, k] ** 2)) for F in own)) for k in (-1, i)
-            )
-            sizes[i] = USED * torque / column
+    squares = np.array([np.sum(F**2, axis=0) for F in regression.factors])
+    columns, torque = squares[:, :-1], squares[:, -1]
+    felt = columns > 0.0  # by each joint, shape (joints, parameters)
+    used = felt.any(axis=0)
+    ratio = (torque @ felt)[used] / columns.sum(axis=0)[used]
+    sizes[used] = USED * np.sqrt(ratio)
     return np.maximum(sizes, abs(x))
 
 

@@ -13,7 +13,7 @@ from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays, 
 from consistent_id.estimation.guessed_torque import guessed_share
 from consistent_id.estimation.stiction import holding, moving_shares
 from consistent_id.regression.base import BaseParameters
-from consistent_id.regression.linear import solve_linear
+from consistent_id.regression.noise import base_solution
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.row_names import in_newton
@@ -145,8 +145,7 @@ def fit_of(
     x = frozen(x, (len(model.layout),), "parameters")
     counts = np.array(regression.counts, dtype=np.float64)
     size = np.maximum(regression.torque_rms, np.finfo(float).tiny)
-    R = regression.stacked()
-    free = solve_linear(R[:, list(base.independent)], R[:, -1])
+    free = base_solution(regression, base)
     unconstrained = base.lift(free.x)
     drive = np.append(x, 0.0)
     drive[: model.layout.inertial_size] = 0.0

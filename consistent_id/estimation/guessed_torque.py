@@ -9,8 +9,9 @@ from dataclasses import replace
 import numpy as np
 
 from consistent_id._support.arrays import BoolArray, Matrix, Vector
-from consistent_id.regression.base import BaseParameters, random_regressor
+from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.linear import DATA_RANK_TOLERANCE
+from consistent_id.regression.random_rows import random_rows
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import residual_noise
@@ -53,8 +54,8 @@ def guessed_share(
     if not model.robot.connected:
         return np.nan
     every = replace(model, torque_joints=()) if model.robot.floating else model
-    W = random_regressor(every)  # rows, parameters, samples
-    unit = _units(W)
+    rows = random_rows(every)
+    unit = 1.0 / np.where(rows.norms > 0.0, rows.norms, 1.0)
     u = x / unit  # torque on other motions that each parameter makes
     noise = residual_noise(regression, base)
     free = _null(known * unit)
@@ -64,18 +65,10 @@ def guessed_share(
     _, s, axes = np.linalg.svd(told)
     weight = prior / (prior + np.append(s, np.zeros(len(axes) - len(s))) ** 2)
     guess = unit * (free @ (axes.T @ (weight * (axes @ (free.T @ u)))))
-    torque, guessed = (
-        np.sqrt(np.mean(np.einsum("rps,p->rs", W, v) ** 2, axis=1)) for v in (x, guess)
-    )
+    torque, guessed = rows.rms(x), rows.rms(guess)
     matters = _matters(every, torque)
     share = guessed[matters] / torque[matters]
     return float(min(share.max(initial=0.0), 1.0))
-
-
-def _units(W: Matrix) -> Vector:
-    """Return sizes of parameters that make as much torque as each other."""
-    norms = np.sqrt(np.sum(W**2, axis=(0, 2)))
-    return np.asarray(1.0 / np.where(norms > 0.0, norms, 1.0))
 
 
 def _null(rows: Matrix) -> Matrix:

@@ -15,6 +15,7 @@ _WEIGHTS = 30  # weights of the prior tried, at the most,
 _UNPROVEN = 5  # and without a certified fit in a row: the next proves no more
 _FIRST = -12.0  # logarithm of the first weight over the slack: what real logs end near
 _SLOPE = 1.2  # of the share used up over the weight, in logarithms, where it matters
+_STEEPEST = 2.0  # the same far below: what a faint pull moves grows with its square
 _BEYOND = 0.3  # by how much to step beyond what that slope says, so as to bracket
 _STEP = np.log(1e3)  # by which the weight grows or shrinks, at the most
 _AIM = np.log(0.98)  # share of the slack to use up
@@ -114,6 +115,8 @@ class _Search:
         high = min((p for p in tried if p.used > 0.0), default=None)
         if low is None or high is None:
             step = min(abs(here.used) / _SLOPE + _BEYOND, _STEP)
+            if high is None:
+                step = max(step, abs(here.used) / _STEEPEST)
             return _Search(self.log_weight + (step if high is None else -step), tried)
         width = high.weight - low.weight
         aim = _interpolated(low, high, tried)

@@ -188,7 +188,8 @@ def identify_payload(
         regression,
         constraints=[
             *(OfBareRobot(constraint, robot) for constraint in constraints),
-            *_known_of(load),
+            OfLoad(PhysicalConsistency(), load.name),
+            *datasheet_constraints(load),
             *load_constraints,
         ],
         prior=prior,
@@ -226,10 +227,10 @@ def _fitted(
     return _Fitted(regression, least_squares(robot.model, regression, base=robot.base))
 
 
-def _known_of(load: Link) -> list[Constraint]:
-    """Return what holds of a load: consistency, and its datasheet."""
+def datasheet_constraints(load: Link) -> list[Constraint]:
+    """Return what a load's datasheet says of it."""
     sheet: Datasheet = load.datasheet
-    known: list[Constraint] = [OfLoad(PhysicalConsistency(), load.name)]
+    known: list[Constraint] = []
     if sheet.mass is not None:
         known.append(FixedMasses({load.name: sheet.mass}))
     if sheet.mass_bounds is not None:

@@ -71,6 +71,12 @@ class LinkTable(Table, frozen=True, kw_only=True):
     com_box: Annotated[list[Three], Meta(min_length=2, max_length=2)] | None = None
 
 
+class PayloadTable(LinkTable, frozen=True, kw_only=True):
+    """What the robot carries, and the datasheet of that in the carrier's frame."""
+
+    link: str
+
+
 class CouplingTable(Table, frozen=True, kw_only=True):
     """Terms of two joints whose gears are coupled."""
 
@@ -315,6 +321,7 @@ class ProblemTable(Table, frozen=True, kw_only=True):
     source: str = ""
     licence: str = ""
     links: dict[str, LinkTable] = {}
+    payload: PayloadTable | None = None
     drive: DriveTable = DriveTable()
     joints: dict[str, JointTable] = {}
     couplings: list[CouplingTable] = []

@@ -65,10 +65,14 @@ def torque_model(table: ProblemTable, file: Path) -> TorqueModel:
 
 
 def described(robot: RobotModel, table: ProblemTable) -> RobotModel:
-    """Return a robot with the datasheet of a problem file over its own."""
-    return robot.with_datasheet(
-        {name: _datasheet(robot, name, link) for name, link in table.links.items()}
-    )
+    """Return a robot with the datasheet of a problem file over its own.
+
+    Of a link that carries something, link and load are one body: no datasheet is its.
+    """
+    sheets = {name: _datasheet(robot, name, link) for name, link in table.links.items()}
+    if table.payload is not None:
+        sheets[table.payload.link] = Datasheet()
+    return robot.with_datasheet(sheets)
 
 
 def drive_of(table: ProblemTable, robot: RobotModel) -> TorqueModel:
@@ -163,6 +167,11 @@ def _dh_row(row: DHTable) -> DHRow:
 def _datasheet(robot: RobotModel, name: str, table: LinkTable) -> Datasheet:
     """Datasheet of the file over that of the model."""
     known = {link.name: link.datasheet for link in robot.links}.get(name, Datasheet())
+    return datasheet_of(table, known)
+
+
+def datasheet_of(table: LinkTable, known: Datasheet = Datasheet()) -> Datasheet:  # noqa: B008  frozen
+    """Return what a table states of a body, over what is known besides."""
     bounds = table.mass_bounds
     return Datasheet(
         mass=known.mass if table.mass is None else table.mass,

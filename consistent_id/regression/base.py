@@ -7,20 +7,18 @@ of the robot.  The independent ones carry the base parameters [Gautier1991]_: wi
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays
 from consistent_id._support.threads import single_threaded
 from consistent_id.errors import NotExcitedError
-from consistent_id.recordings.base_motion import BaseMotion
-from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.independent_columns import (
     STRUCTURAL_TOLERANCE,
     ColumnSplit,
     split_at_gap,
 )
+from consistent_id.regression.random_rows import random_rows
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.parameters import ParameterLayout
 
@@ -116,8 +114,7 @@ def base_parameters(
         are what can be told of them whatever the others are, and their base
         parameters hold none of the others.
     """
-    W = random_regressor(model, seed=seed)
-    columns = np.concatenate(list(W), axis=1).T
+    columns = random_rows(model, seed=seed).stacked()
     kinds = column_kinds(model.layout)
     order = [*(i for i in range(len(kinds)) if i not in set(last)), *last]
     found = split_at_gap(columns[:, order], [kinds[i] for i in order])
@@ -159,54 +156,6 @@ def column_kinds(layout: ParameterLayout) -> tuple[str, ...]:
     drive = (name.rpartition(".")[2] for name in layout.names[inertial:])
     units = zip(layout.units[inertial:], drive, strict=True)
     return (*layout.units[:inertial], *(" ".join(pair) for pair in units))
-
-
-def random_regressor(model: TorqueModel, *, seed: int = 0) -> Array:
-    """Return the regressor of random states, (torque joints, parameters, samples).
-
-    There are three times as many samples as there are parameters.  Every other one is
-    slow for joints whose friction at rest fades: at full speed nothing is left of it.
-    """
-    states = random_states(model, seed=seed)
-    return model.regressor(states.q, states.dq, states.ddq, base=states.base)
-
-
-class RandomStates(NamedTuple):
-    """Random states of joints, shape (samples, joints), and of a floating base."""
-
-    q: Matrix
-    dq: Matrix
-    ddq: Matrix
-    base: BaseMotion | None
-
-
-def random_states(model: TorqueModel, *, seed: int = 0) -> RandomStates:
-    """Return the states of `random_regressor`."""
-    rng = np.random.default_rng(seed)
-    n, p = len(model.robot), len(model.layout)
-    samples = 3 * p
-    q = rng.uniform(-np.pi, np.pi, (samples, n))
-    dq, ddq = rng.uniform(-2.0, 2.0, (2, samples, n))
-    dq[::2] *= [_slow(terms) for terms in model.terms]
-    base = _random_base(model, samples, rng) if model.robot.floating else None
-    return RandomStates(q, dq, ddq, base)
-
-
-def _random_base(
-    model: TorqueModel, samples: int, rng: np.random.Generator
-) -> BaseMotion:
-    """Return random motion of a base, in all directions of gravity."""
-    w, dw, a = rng.uniform(-2.0, 2.0, (3, samples, 3))
-    R, _ = np.linalg.qr(rng.normal(size=(samples, 3, 3)))
-    R *= np.linalg.det(R)[:, None, None]
-    down = np.swapaxes(R, 1, 2) @ model.robot.gravity
-    return BaseMotion(w, dw, a - down, R)
-
-
-def _slow(terms: DriveTerms) -> float:
-    """Return what slows a joint's random velocity, so that fading friction shows."""
-    fading = (term.fading_velocity for term in terms.terms)
-    return min((v for v in fading if v is not None), default=1.0)
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,12 +7,12 @@ one body of mass ``m``, first moment ``h`` and second moment ``Sigma``, with the
 ``M_ij = e_i.n_j + v_i.f_j``.
 """
 
-from dataclasses import replace
+from collections.abc import Sequence
 
 import numpy as np
 
-from consistent_id._support.arrays import Array, BoolArray, Matrix, Vector
-from consistent_id.recordings.base_motion import BaseMotion
+from consistent_id._support.arrays import Array, BoolArray, IntArray, Matrix, Vector
+from consistent_id.regression.drive_entries import drive_entries
 from consistent_id.regression.regressor import CHUNK, TorqueModel
 from consistent_id.robot.inertia import pseudo_inertia
 from consistent_id.robot.kinematics import ancestors
@@ -43,14 +43,24 @@ def mass_matrices(model: TorqueModel, parameters: Vector, q: Array) -> Array:
 
     Symmetric; rotor inertia and couplings are part of them.
     """
-    n = len(model.robot)
-    M = np.zeros((n, n, len(q)))
+    every = range(len(model.robot))
+    return np.moveaxis(_blocks(model, parameters, q, [np.array(every)])[0], 2, 0)
+
+
+def _blocks(
+    model: TorqueModel, parameters: Vector, q: Array, groups: Sequence[IntArray]
+) -> list[Array]:
+    """Return blocks of mass matrices, each shape (joints, joints, poses)."""
     links = parameters[: model.layout.inertial_size].reshape(-1, 10)
+    drives = _of_drives(model, parameters)
+    blocks = [np.empty((len(group), len(group), len(q))) for group in groups]
     for start in range(0, len(q), CHUNK):
         part = slice(start, start + CHUNK)
-        M[:, :, part] = _of_links(model.robot, links, q[part])
-    M += _of_drives(model, parameters)[:, :, None]
-    return np.moveaxis(M, 2, 0)
+        M = _of_links(model.robot, links, q[part])
+        for block, group in zip(blocks, groups, strict=True):
+            own = np.ix_(group, group)
+            np.add(M[own], drives[own][:, :, None], out=block[:, :, part])
+    return blocks
 
 
 def least_mass_eigenvalue(model: TorqueModel, parameters: Vector, q: Array) -> float:
@@ -59,21 +69,42 @@ def least_mass_eigenvalue(model: TorqueModel, parameters: Vector, q: Array) -> f
     That of the joints: a base that floats counts as held.  Bodies without joints have
     the least eigenvalue of their pseudo-inertias.
 
-    Eigenvalues are computed where ``M - least 1`` is not positive definite, with the
+    Limbs that share no moving body are blocks of the matrix, with eigenvalues of their
+    own.  These are computed where ``M - least 1`` is not positive definite, with the
     least eigenvalue of some of the poses: elsewhere all are larger.
     """
     if not len(model.robot):
         bodies = parameters[: model.layout.inertial_size].reshape(-1, 10)
         return float(np.linalg.eigvalsh(pseudo_inertia(bodies)).min())
-    M = mass_matrices(model, parameters, q)
-    least = float(np.linalg.eigvalsh(M[:_FIRST]).min())
-    lower = M[~_positive_definite(M - least * np.eye(M.shape[1]))]
-    return min(least, float(np.linalg.eigvalsh(lower).min(initial=np.inf)))
+    blocks = _blocks(model, parameters, q, _limbs(model, parameters))
+    least = min(_least(M[:, :, :_FIRST]) for M in blocks)
+    below = (M[:, :, ~_positive_definite(M, least)] for M in blocks)
+    return min(least, *map(_least, below))
 
 
-def _positive_definite(M: Array) -> BoolArray:
-    """Return which symmetric matrices have positive pivots alone, shape (poses,)."""
-    A = np.ascontiguousarray(np.moveaxis(M, 0, 2))
+def _least(M: Array) -> float:
+    """Return the least eigenvalue of matrices, shape (joints, joints, poses)."""
+    values = np.linalg.eigvalsh(np.moveaxis(M, 2, 0))
+    return float(values.min(initial=np.inf))
+
+
+def _limbs(model: TorqueModel, parameters: Vector) -> list[IntArray]:
+    """Return groups of joints between which all entries are zero, at every pose."""
+    from scipy.sparse.csgraph import connected_components
+
+    robot, G = model.robot, model.robot.joint_rates != 0.0
+    linked = np.eye(len(robot.joints), dtype=bool)
+    for j in range(len(robot.joints)):
+        linked[list(ancestors(robot, j)), j] = True
+    pattern = G.T @ linked @ G | (_of_drives(model, parameters) != 0.0)
+    count, group = connected_components(pattern, directed=False)
+    return [np.flatnonzero(group == k) for k in range(count)]
+
+
+def _positive_definite(M: Array, shift: float) -> BoolArray:
+    """Return where ``M - shift 1`` has positive pivots alone, shape (poses,)."""
+    A = M.copy()
+    A[range(len(A)), range(len(A))] -= shift
     positive = np.ones(A.shape[2], dtype=bool)
     for k in range(len(A)):
         positive &= A[k, k] > _PIVOT
@@ -86,20 +117,11 @@ def _positive_definite(M: Array) -> BoolArray:
 def _of_drives(model: TorqueModel, parameters: Vector) -> Matrix:
     """Return what accelerations ask of the drives, the same at every pose."""
     n = len(model.robot)
-    drives = parameters.copy()
-    drives[: model.layout.inertial_size] = 0.0
-    rest, unit = np.zeros((n + 1, n)), np.eye(n + 1, n)
-    names, base = model.robot.joint_names, None
-    whole = model.torque_joints == names
-    # The bias of a wrench sensor, in the last columns, is of the base's rows alone.
-    every_joint = (
-        model if whole else replace(model, torque_joints=names, wrench_bias=False)
-    )
-    drives = drives[: len(every_joint.layout)]
-    if model.robot.floating:
-        base = BaseMotion.at_rest(n + 1)
-    torque = every_joint.predict(drives, rest, rest, unit, base=base)
-    return np.asarray((torque[:n] - torque[n]).T)
+    rest, unit = np.zeros((n, n + 1)), np.eye(n, n + 1)
+    torque, loads = np.zeros((n, n + 1)), dict.fromkeys(range(n), np.zeros(n + 1))
+    for j, column, values in drive_entries(model, rest, rest, unit, loads):
+        torque[j] += parameters[column] * values
+    return np.asarray(torque[:, :n] - torque[:, n:])
 
 
 def _of_links(robot: RobotModel, links: Array, q: Array) -> Array:
@@ -172,12 +194,19 @@ def _twist(joint: Joint, pose: Array) -> Array:
     axis = np.einsum("abn,b->an", pose[:, :3], joint.axis)
     if joint.kind == "prismatic":
         return np.concatenate([np.zeros_like(axis), axis])
-    return np.concatenate([axis, np.cross(pose[:, 3], axis, axis=0)])
+    return np.concatenate([axis, _cross(pose[:, 3], axis)])
 
 
 def _momentum(m: float, moments: Array, twist: Array) -> Array:
     """Return ``(n, f)``, shape (6, poses)."""
     S, h, e, v = moments[:, :3], moments[:, 3], twist[:3], twist[3:]
     n = np.einsum("aan->n", S) * e - np.einsum("abn,bn->an", S, e)
-    n += np.cross(h, v, axis=0)
-    return np.concatenate([n, m * v + np.cross(e, h, axis=0)])
+    n += _cross(h, v)
+    return np.concatenate([n, m * v + _cross(e, h)])
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """Return the cross product of vectors, shape (3, poses)."""
+    x, y, z = a
+    u, v, w = b
+    return np.stack([y * w - z * v, z * u - x * w, x * v - y * u])

@@ -27,6 +27,8 @@ def in_order(names: Sequence[str], robot: RobotModel) -> tuple[str, ...]:
     if not robot.connected or tuple(names) == (CONTACT_FREE,):
         return tuple(names)
     known = row_names(robot)
+    if names and not robot.joint_names and not set(names) & set(known):
+        return tuple(names)  # of one body alone, whose rows somebody else gives
     for name in names:
         if name not in known:
             near = did_you_mean(name, known)

@@ -1,5 +1,7 @@
 """The noise of each joint's torque, from residuals of weighted least squares."""
 
+from functools import lru_cache
+
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
@@ -54,6 +56,7 @@ def joint_noise(
     return sigma
 
 
+@lru_cache(maxsize=8)
 def base_solution(regression: Regression, base: BaseParameters) -> LinearSolution:
     """Return the base parameters of weighted least squares, and their null space.
 

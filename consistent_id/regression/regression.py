@@ -7,6 +7,7 @@ recordings add; weights of joints scale factors.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Self
 
 import numpy as np
@@ -143,8 +144,7 @@ class Regression:
 
         With fewer rows than columns it has as many rows as there are.
         """
-        scaled = [f / s for f, s in zip(self.factors, self.sigma, strict=True)]
-        return triangle(np.vstack(scaled))
+        return _stacked(self)
 
     def residual_rms(self, x: ArrayLike) -> Vector:
         """Root-mean-square torque residual of each joint, [N m or N], unweighted."""
@@ -156,6 +156,15 @@ class Regression:
     def torque_rms(self) -> Vector:
         """Root-mean-square torque of each joint, [N m or N]."""
         return self.residual_rms(np.zeros(len(self.layout)))
+
+
+@lru_cache(maxsize=8)
+def _stacked(regression: Regression) -> Matrix:
+    """Return all factors as one: what is said of an estimate is computed from it."""
+    pairs = zip(regression.factors, regression.sigma, strict=True)
+    R = triangle(np.vstack([factor / sigma for factor, sigma in pairs]))
+    R.setflags(write=False)
+    return R
 
 
 @single_threaded

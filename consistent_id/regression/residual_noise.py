@@ -1,13 +1,14 @@
 """The noise that residuals show, and what it does to parameters: one value per fit."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.regression.base import BaseParameters
-from consistent_id.regression.linear import DATA_RANK_TOLERANCE, solve_linear
-from consistent_id.regression.noise import residual_sigma
+from consistent_id.regression.linear import DATA_RANK_TOLERANCE
+from consistent_id.regression.noise import base_solution, residual_sigma
 from consistent_id.regression.regression import Regression
 
 _EXACT = 1e-6  # residual, relative to the torque, that counts as none
@@ -152,6 +153,7 @@ class ResidualNoise:
         )
 
 
+@lru_cache(maxsize=8)
 def residual_noise(regression: Regression, base: BaseParameters) -> ResidualNoise:
     """Find the noise in the residuals of least squares.
 
@@ -161,8 +163,7 @@ def residual_noise(regression: Regression, base: BaseParameters) -> ResidualNois
         If the data excite nothing.
     """
     columns = list(base.independent)
-    R = regression.stacked()
-    solution = solve_linear(R[:, columns], R[:, -1])
+    R, solution = regression.stacked(), base_solution(regression, base)
     sigma = residual_sigma(regression, base.lift(solution.x), solution.rank)
     floor = _EXACT * np.maximum(regression.torque_rms, 1e-12)
     steps, length = _steps(R[:, columns]), regression.correlation

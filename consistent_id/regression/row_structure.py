@@ -5,8 +5,8 @@ from functools import lru_cache
 import numpy as np
 
 from consistent_id._support.arrays import IntArray, Matrix
-from consistent_id.regression.base import random_regressor
 from consistent_id.regression.independent_columns import STRUCTURAL_TOLERANCE
+from consistent_id.regression.random_rows import random_rows
 from consistent_id.regression.regressor import TorqueModel
 
 
@@ -28,12 +28,11 @@ def row_structure(
     """
     p, inertial = len(model.layout), model.layout.inertial_size
     structure: list[tuple[IntArray, Matrix]] = []
-    rows = random_regressor(model)
-    if mixed:
-        count, rows = len(rows), np.concatenate(list(rows), axis=1)[None]
+    found, count = random_rows(model), len(model.torque_joints)
+    rows = [found.stacked()] if mixed else [found.dense(row) for row in range(count)]
     for row in rows:
-        kept, K = _pivoted_columns(row[:inertial].T)
-        drive = [i for i in range(inertial, p) if row[i].any()]
+        kept, K = _pivoted_columns(row[:, :inertial])
+        drive = [i for i in range(inertial, p) if row[:, i].any()]
         expand = np.zeros((len(kept) + len(drive), p))
         expand[: len(kept), :inertial] = K
         expand[range(len(kept), len(expand)), drive] = 1.0

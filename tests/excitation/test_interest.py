@@ -27,7 +27,7 @@ from consistent_id.excitation.interest import (
 )
 from consistent_id.excitation.relative_accuracy import relative_accuracy
 from consistent_id.excitation.sources import problem_to_excite, with_open_parameters
-from consistent_id.regression.base import random_regressor
+from consistent_id.regression.random_rows import random_regressor
 
 INTERESTS = [("link3",), ("link2",), ("*.viscous",), ("joint1", "link3.h?")]
 

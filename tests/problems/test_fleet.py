@@ -16,7 +16,6 @@ from consistent_id.cli import main
 from consistent_id.constraints import lowered
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.best_fit import best_fit
-from consistent_id.problems.fleet import fleet as fleets
 from consistent_id.problems.fleet.fleet_model import (
     OwnSet,
     fleet_model,
@@ -24,6 +23,7 @@ from consistent_id.problems.fleet.fleet_model import (
     shared_constraints,
 )
 from consistent_id.problems.fleet.robot_share import own_fit, robot_share
+from consistent_id.problems.fleet.settling import StoredRobot, own_fits, settle
 from consistent_id.problems.fleet.share_files import read_share, write_share
 from consistent_id.regression.base import base_parameters
 from consistent_id.regression.noise import joint_noise
@@ -149,7 +149,7 @@ def test_the_answer_is_the_optimum_of_all_robots_together(model, tmp_path):
         again = read_share(file, fleet)
         np.testing.assert_array_equal(again.stacked(), share.shared.stacked())
         robots.append(
-            fleets._Robot(name, file, share.own, share.shared.sigma, 1.0, 1.0, 1)
+            StoredRobot(name, file, share.own, share.shared.sigma, 1.0, 1.0, 1)
         )
     kept = shared_constraints(fleet, constraints)
 
@@ -157,11 +157,10 @@ def test_the_answer_is_the_optimum_of_all_robots_together(model, tmp_path):
         found = best_fit(fleet.shared, regression, kept, base=base)
         return SimpleNamespace(parameters=found.parameters)
 
-    bodies, settled = fleets._settled(
-        fleet, robots, fleets._together(fleet, robots), limits, solved
-    )
-    own = {r.name: fleets._own(r, bodies.parameters, limits) for r in robots}
-    assert settled and any(fit.bound for fits in own.values() for fit in fits)
+    found = settle(fleet, robots, limits, solved)
+    bodies = found.bodies
+    own = {r.name: own_fits(r, bodies.parameters, limits) for r in robots}
+    assert found.settled and any(fit.bound for fits in own.values() for fit in fits)
     parameters = {
         name: fleet.parameters(bodies.parameters, [fit.values for fit in fits])
         for name, fits in own.items()
@@ -332,6 +331,28 @@ def test_logs_that_cannot_be_streamed_are_read_whole(folders):
         mixed.bodies.base_values, streamed.bodies.base_values, rtol=1e-6, atol=1e-8
     )
     assert mixed.outliers == streamed.outliers
+
+
+def test_a_file_says_what_its_robot_carries(folders, tmp_path, capsys):
+    text = (folders / "robot2" / "problem.toml").read_text()
+    told = folders / "robot2" / "loaded.toml"
+    told.write_text(text + '[payload]\nlink = "fore"\nmass_bounds = [0.0, 2.0]\n')
+    others = [str(folders / f"robot{k}" / "problem.toml") for k in (0, 1, 3, 4)]
+    main(["fleet", *others, str(told), "--output", str(tmp_path), "--json"])
+    record = json.loads(capsys.readouterr().out)
+    found = record["robots"]["robot2"]["payload"]
+    assert record["outliers"] == [] and found["optimum"] == "certified"
+    for name, value in (("m", 0.5), ("hx", 0.15), ("hy", 0.05)):  # at (0.3, 0.1, 0)
+        error = found["standard_errors"][name]
+        assert abs(found["parameters"][name] - value) < 3 * error < 0.05
+    assert "Payloads of the robots" in (tmp_path / "fleet.md").read_text()
+    # A robot by itself: link and load are one body, of no known mass.
+    sheets = {
+        link.name: link.datasheet for link in ci.load_problem(told).model.robot.links
+    }
+    assert sheets["fore"].mass is None and sheets["upper"].mass == 4.0
+    assert main(["fleet", str(told)]) == 2
+    assert "every robot carries something" in capsys.readouterr().err
 
 
 def test_robots_of_two_types_are_refused(folders, tmp_path, capsys):

@@ -9,6 +9,7 @@ from robots import random_robot
 
 from consistent_id import DHRow, DriveTerms, GearCoupling, TorqueModel, from_modified_dh
 from consistent_id.regression.mass_matrix import (
+    _limbs,
     least_mass_eigenvalue,
     mass_matrices,
     random_poses,
@@ -81,6 +82,34 @@ def test_the_least_eigenvalue_is_that_of_all_matrices(seed):
     model = TorqueModel(robot)
     x = robot.nominal if seed % 2 else rng.normal(size=len(model.layout))
     q = random_poses(model, 5000, seed)
+    expected = np.linalg.eigvalsh(mass_matrices(model, x, q)).min()
+    assert least_mass_eigenvalue(model, x, q) == pytest.approx(expected, abs=1e-12)
+
+
+@pytest.mark.parametrize("coupled", [False, True])
+def test_limbs_have_eigenvalues_of_their_own_unless_rotors_couple_them(coupled):
+    rng = np.random.default_rng(1)
+    _, arm = random_robot(rng, 3)
+    limbs = tuple(
+        replace(joint, name=f"{side}{joint.name}", parent=parent)
+        for side, first in (("left ", 0), ("right ", 3))
+        for joint in arm.joints
+        for parent in (-1 if joint.parent < 0 else first + joint.parent,)
+    )
+    links = tuple(
+        replace(link, name=f"{side}{link.name}")
+        for side in ("left ", "right ")
+        for link in arm.links
+    )
+    robot = replace(arm, joints=limbs, links=links)
+    across = GearCoupling(limbs[2].name, limbs[5].name, rotor_inertia=True)
+    model = TorqueModel(robot, couplings=(across,) if coupled else ())
+    x = rng.normal(size=len(model.layout))
+    q = random_poses(model, 200, seed=0)
+    groups = _limbs(model, x)
+    assert [g.tolist() for g in groups] == (
+        [[0, 1, 2, 3, 4, 5]] if coupled else [[0, 1, 2], [3, 4, 5]]
+    )
     expected = np.linalg.eigvalsh(mass_matrices(model, x, q)).min()
     assert least_mass_eigenvalue(model, x, q) == pytest.approx(expected, abs=1e-12)
 

@@ -15,13 +15,10 @@ from consistent_id.constraints import Constraint
 from consistent_id.constraints.cones.sets import ConicSet, SemidefiniteBlock
 from consistent_id.errors import ModelError, NotExcitedError, ProblemError
 from consistent_id.recordings.recording import Recording
-from consistent_id.regression.base import (
-    BaseParameters,
-    column_kinds,
-    random_regressor,
-)
+from consistent_id.regression.base import BaseParameters, column_kinds
 from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.independent_columns import split_at_gap
+from consistent_id.regression.random_rows import random_rows
 from consistent_id.regression.regression import Regression, build_regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.segments import merged
@@ -252,10 +249,9 @@ def _no_base(model: TorqueModel) -> BaseParameters:
 
 def _base(robot: LoadedRobot) -> BaseParameters:
     """Return the base parameters of random motions without and with the load."""
-    # A rank does not tell a regressor from its triangular factor, nor does K.
     parts = []
     for seed in (0, 1):
-        W = np.concatenate(list(random_regressor(robot.bare, seed=seed)), axis=1).T
+        W = random_rows(robot.bare, seed=seed).stacked()
         wide = np.zeros((len(W), len(robot.model.layout)))
         wide[:, robot.place] = W
         if seed == 1:

@@ -1,23 +1,21 @@
 """Robots of one type, identified together.
 
-Bodies are shared, friction and offsets each robot's own.  Own parameters are taken out
-of each robot's regression, so that the cost grows with the number of robots and the
-shared problem has the size of one robot's.  Where a robot's own parameters are held by
-constraints, the rows that they then fail to explain go back to the shared problem, and
-it is solved again, until no bound changes: that is the optimum of all together.
+Bodies are shared; friction, offsets and what a robot carries are each robot's own.  Own
+parameters are taken out of each robot's regression, so that the cost grows with the
+number of robots and the shared problem has the size of one robot's; `settling` says how
+constraints on them are kept.
 """
 
 import tempfile
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from time import perf_counter
 
 import numpy as np
 
-from consistent_id._support.arrays import Matrix, Vector
-from consistent_id._support.executors import Executor, tree_reduced
+from consistent_id._support.arrays import Matrix
+from consistent_id._support.executors import Executor
 from consistent_id._support.threads import single_threaded
 from consistent_id.constraints import Constraint, lowered
 from consistent_id.constraints.priors import Prior
@@ -27,6 +25,7 @@ from consistent_id.estimation.constrained import (
     constrained_least_squares,
 )
 from consistent_id.estimation.estimate import Estimate
+from consistent_id.estimation.scaled_fit import base_factor
 from consistent_id.problems.fleet.fleet_model import (
     FleetModel,
     OwnSet,
@@ -35,25 +34,36 @@ from consistent_id.problems.fleet.fleet_model import (
     shared_constraints,
 )
 from consistent_id.problems.fleet.fleet_result import Fleet, FleetRobot
+from consistent_id.problems.fleet.found_payload import (
+    SharedErrors,
+    found_payload,
+    shared_errors,
+)
 from consistent_id.problems.fleet.outliers import Outliers, find_outliers
-from consistent_id.problems.fleet.robot_share import (
-    OwnFit,
-    RobotShare,
-    bound_rows,
-    own_fit,
-    robot_share,
+from consistent_id.problems.fleet.payloads import (
+    FREE,
+    CarriedBody,
+    PlacedBody,
+    placed,
+    without_load,
+)
+from consistent_id.problems.fleet.robot_share import RobotShare, robot_share
+from consistent_id.problems.fleet.settling import (
+    StoredRobot,
+    held_rows,
+    own_fits,
+    settle,
 )
 from consistent_id.problems.fleet.share_files import read_share, write_share
+from consistent_id.problems.model import datasheet_of
 from consistent_id.problems.problem import Problem
 from consistent_id.problems.several import require_distinct
 from consistent_id.problems.streaming.obstacle import obstacle
 from consistent_id.problems.streaming.stream import stream_regression
 from consistent_id.regression.base import BaseParameters, base_parameters
-from consistent_id.regression.correlated_noise import CorrelatedNoise
-from consistent_id.regression.regression import Regression, build_regression, triangle
+from consistent_id.regression.regression import Regression, build_regression
 from consistent_id.regression.regressor import TorqueModel
-
-_ROUNDS = 20  # of the shared problem, until no bound of own parameters changes
+from consistent_id.robot.parameters import did_you_mean
 
 
 def identify_fleet(
@@ -62,9 +72,9 @@ def identify_fleet(
     """Identify robots of one type from a problem file each.
 
     Bodies, rotor inertias, springs and coupled gears are shared, friction and offsets
-    each robot's own; robots whose bodies are others are named and left out of what is
-    shared.  Training recordings count; they are streamed if that is possible, see
-    `stream_regression`.
+    each robot's own, and so is what its file's [payload] is.  Robots whose bodies are
+    others are named and left out of what is shared.  Training recordings count; they
+    are streamed if that is possible, see `stream_regression`.
 
     Parameters
     ----------
@@ -84,8 +94,14 @@ def identify_fleet(
     if not problems:
         raise ProblemError("there is no robot in the fleet")
     require_distinct([problem.name for problem in problems])
-    first = problems[0]
-    for problem in problems[1:]:
+    payloads = {p.name: body for p in problems if (body := carried_body(p)) is not None}
+    first = next((p for p in problems if p.name not in payloads), None)
+    if first is None:
+        raise ProblemError(
+            "fleet: every robot carries something, so that nothing tells the link from "
+            "its load; give a robot without [payload]"
+        )
+    for problem in problems:
         for what in ("constraints", "prior", "links"):
             if getattr(problem.table, what) != getattr(first.table, what):
                 raise ProblemError(
@@ -100,7 +116,8 @@ def identify_fleet(
     started = perf_counter()
     fleet = fleet_model(first.model)
     shares = Executor.named(executor).map(partial(_share_of, fleet), problems)
-    return _identified(fleet, shares, first.constraints, first.prior, started)
+    given = first.constraints, first.prior
+    return _identified(fleet, shares, payloads, *given, started)
 
 
 def fleet_estimate(
@@ -109,17 +126,30 @@ def fleet_estimate(
     *,
     constraints: Sequence[Constraint] = DEFAULT_CONSTRAINTS,
     prior: Prior | None = None,
+    payloads: Mapping[str, CarriedBody] | None = None,
 ) -> Fleet:
     """Identify robots of one type from their regressions, by name.
 
     See `identify_fleet`; regressions are those of `stream_regression`,
-    `build_regression` or `load_regression`.
+    `build_regression` or `load_regression`, payloads what single robots carry.
     """
     if not regressions:
         raise ProblemError("there is no robot in the fleet")
     started, fleet = perf_counter(), fleet_model(model)
     shares = (robot_share(name, fleet, r) for name, r in regressions.items())
-    return _identified(fleet, shares, constraints, prior, started)
+    carried = {} if payloads is None else payloads
+    for name in set(carried) - set(regressions):
+        near = did_you_mean(name, list(regressions))
+        raise ProblemError(f"payload of {name!r}: no such robot; {near}")
+    return _identified(fleet, shares, carried, constraints, prior, started)
+
+
+def carried_body(problem: Problem) -> CarriedBody | None:
+    """Return what a problem's robot carries, if its file says so."""
+    table = problem.table.payload
+    if table is None:
+        return None
+    return CarriedBody(table.link, datasheet_of(table))
 
 
 def _share_of(fleet: FleetModel, problem: Problem) -> RobotShare:
@@ -133,156 +163,89 @@ def _share_of(fleet: FleetModel, problem: Problem) -> RobotShare:
         raise NotExcitedError(f"{problem.name}: {cause}") from None
 
 
-@dataclass(frozen=True, eq=False)
-class _Robot:
-    """What memory holds of a robot."""
-
-    name: str
-    file: Path
-    own: tuple[Matrix, ...]
-    sigma: Vector
-    torque: float
-    alone: float
-    samples: int
-
-
 @single_threaded
 def _identified(
     fleet: FleetModel,
     shares: Iterable[RobotShare],
+    payloads: Mapping[str, CarriedBody],
     constraints: Sequence[Constraint],
     prior: Prior | None,
     started: float,
 ) -> Fleet:
     limits = own_sets(fleet, lowered(constraints, fleet.whole))
     base = base_parameters(fleet.shared)
+    kept = shared_constraints(fleet, constraints)
+    places = {name: placed(fleet, body, name) for name, body in payloads.items()}
     with tempfile.TemporaryDirectory(prefix="consistent-id-fleet-") as folder:
-        robots, factors = _stored(shares, Path(folder), base)
+        robots, factors = _stored(shares, Path(folder), base, places)
         outliers = find_outliers(factors)
-        alike = [
-            robot for robot, out in zip(robots, outliers.named, strict=True) if not out
-        ]
-        shared = _together(fleet, alike)
         solved = partial(
             constrained_least_squares,
             fleet.shared,
-            constraints=shared_constraints(fleet, constraints),
+            constraints=kept,
             prior=prior,
             base=base,
             method="fleet",
         )
-        bodies, settled = _settled(fleet, alike, shared, limits, solved)
+        pairs = zip(robots, outliers.named, strict=True)
+        alike = [robot for robot, out in pairs if not out]
+        settled = settle(fleet, alike, limits, solved)
+        known = lowered(kept, fleet.shared).A_eq
+        errors = shared_errors(settled.shared, settled.bodies, known)
         found = tuple(
-            _robot(fleet, robot, bodies.parameters, limits, outliers, k)
+            _robot(fleet, robot, settled.bodies, errors, limits, outliers, k)
             for k, robot in enumerate(robots)
         )
     return Fleet(
         model=fleet.whole,
-        bodies=bodies,
+        bodies=settled.bodies,
         robots=found,
         spread=outliers.spread,
-        settled=settled,
+        settled=settled.settled,
         seconds=perf_counter() - started,
     )
 
 
 def _stored(
-    shares: Iterable[RobotShare], folder: Path, base: BaseParameters
-) -> tuple[list[_Robot], list[Matrix]]:
+    shares: Iterable[RobotShare],
+    folder: Path,
+    base: BaseParameters,
+    places: Mapping[str, PlacedBody],
+) -> tuple[list[StoredRobot], list[Matrix]]:
     """Write the robots' parts to a folder; return what memory holds of them.
 
     Beside the robots these are the factors by which outliers are found.
     """
     robots, factors = [], []
     for k, share in enumerate(shares):
-        file = folder / f"{k}.npz"
+        file, place, r = folder / f"{k}.npz", places.get(share.name), share.shared
         write_share(file, share)
-        factors.append(_weighted(share, base))
-        r = share.shared
+        alike = r.weighted(share.level)
+        if place is not None:
+            alike = without_load(alike, place, FREE)
+        factors.append(base_factor(alike, base))
         ends = share.torque, share.alone, max(r.counts)
-        robots.append(_Robot(share.name, file, share.own, r.sigma, *ends))
+        robots.append(StoredRobot(share.name, file, share.own, r.sigma, *ends, place))
     return robots, factors
-
-
-def _weighted(share: RobotShare, base: BaseParameters) -> Matrix:
-    """Return the factor of shared base parameters, rows divided by the noise."""
-    pairs = zip(share.shared.factors, share.level, strict=True)
-    rows = np.vstack([F[:, [*base.independent, -1]] / level for F, level in pairs])
-    return triangle(np.asfortranarray(rows))
-
-
-def _together(fleet: FleetModel, robots: Sequence[_Robot]) -> Regression:
-    """Return the regression of what robots share, in the noise of the first."""
-    reference = robots[0].sigma
-
-    def weighted(robot: _Robot) -> Regression:
-        r = read_share(robot.file, fleet)
-        scale = reference / r.sigma
-        noise = r.noise
-        if noise is not None:
-            scores = zip(noise.scores, scale, strict=True)
-            noise = CorrelatedNoise(noise.effective, tuple(N * c**2 for N, c in scores))
-        factors = tuple(F * c for F, c in zip(r.factors, scale, strict=True))
-        return replace(
-            r, factors=factors, noise=noise, sigma=reference, peaks=r.peaks * scale
-        )
-
-    whole = tree_reduced(map(weighted, robots), Regression.__add__)
-    if whole is None:
-        raise ProblemError("no robot is left to share bodies with others; give more")
-    return whole
-
-
-def _settled(
-    fleet: FleetModel,
-    robots: Sequence[_Robot],
-    shared: Regression,
-    limits: Sequence[OwnSet],
-    solved: "partial[Estimate]",
-) -> tuple[Estimate, bool]:
-    """Solve the shared problem until no bound of own parameters changes."""
-    nothing = np.zeros(0)
-    bounds = [[OwnFit(nothing, ()) for _ in limits] for _ in robots]
-    for _ in range(_ROUNDS):
-        factors = []
-        for j, limit in enumerate(limits):
-            extra = [
-                bound_rows(robot.own[j], len(shared.layout), limit, fits[j])
-                * (shared.sigma[j] / robot.sigma[j])
-                for robot, fits in zip(robots, bounds, strict=True)
-                if fits[j].bound or len(limit.b_eq)
-            ]
-            rows = np.vstack([shared.factors[j], *extra])
-            factors.append(triangle(np.asfortranarray(rows)))
-        bodies = solved(replace(shared, factors=tuple(factors)))
-        found = [_own(robot, bodies.parameters, limits) for robot in robots]
-        if [_reached(f) for f in found] == [_reached(f) for f in bounds]:
-            return bodies, True
-        bounds = found
-    return bodies, False
-
-
-def _own(robot: _Robot, shared: Vector, limits: Sequence[OwnSet]) -> list[OwnFit]:
-    pairs = zip(robot.own, limits, strict=True)
-    return [own_fit(rows, shared, limit) for rows, limit in pairs]
-
-
-def _reached(fits: Sequence[OwnFit]) -> list[tuple[int, ...]]:
-    return [fit.bound for fit in fits]
 
 
 def _robot(
     fleet: FleetModel,
-    robot: _Robot,
-    shared: Vector,
+    robot: StoredRobot,
+    bodies: Estimate,
+    errors: SharedErrors,
     limits: Sequence[OwnSet],
     outliers: Outliers,
-    place: int,
+    number: int,
 ) -> FleetRobot:
     """Return what was found of one robot."""
-    own = [fit.values for fit in _own(robot, shared, limits)]
-    regression = read_share(robot.file, fleet)
-    z = np.append(shared, -1.0)
+    x, payload = bodies.parameters, None
+    if robot.place is not None:
+        held = held_rows(fleet, robot, robot.place, x, limits)
+        payload = found_payload(held, robot.place, bodies, errors)
+        x = robot.place.added(x, payload.estimate.parameters)
+    own = [fit.values for fit in own_fits(robot, x, limits)]
+    regression, z = read_share(robot.file, fleet), np.append(x, -1.0)
     left = [F @ z for F in regression.factors]
     left += [
         rows @ np.concatenate([y, z]) for rows, y in zip(robot.own, own, strict=True)
@@ -292,11 +255,12 @@ def _robot(
     return FleetRobot(
         name=robot.name,
         samples=robot.samples,
-        parameters=fleet.parameters(shared, own),
+        parameters=fleet.parameters(x, own),
         misfit=misfit / size,
         alone=robot.alone / size,
-        statistic=float(outliers.statistic[place]),
-        freedom=int(outliers.freedom[place]),
-        p_value=float(outliers.p_values[place]),
-        outlier=bool(outliers.named[place]),
+        statistic=float(outliers.statistic[number]),
+        freedom=int(outliers.freedom[number]),
+        p_value=float(outliers.p_values[number]),
+        outlier=bool(outliers.named[number]),
+        payload=payload,
     )

@@ -9,6 +9,7 @@ from consistent_id._support.arrays import Vector, freeze_arrays
 from consistent_id._support.tables import Table
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.estimate import Estimate
+from consistent_id.problems.fleet.found_payload import FoundPayload
 from consistent_id.problems.fleet.outliers import FEWEST, LEVEL
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.parameters import did_you_mean
@@ -26,7 +27,7 @@ class FleetRobot:
     name : str
     samples : int
     parameters : array_like, shape (parameters,)
-        The shared bodies and its own friction.
+        The shared bodies, its payload in the link that carries it, its own friction.
     misfit : float
         RMS residual over RMS torque, all joints stacked, with the fleet's bodies.
     alone : float
@@ -39,6 +40,8 @@ class FleetRobot:
         Chance of so much, among robots that scatter as this fleet does.
     outlier : bool
         Whether it was left out of what is shared.
+    payload : FoundPayload, optional
+        What it carries, if it was said to carry something.
     """
 
     name: str
@@ -50,6 +53,7 @@ class FleetRobot:
     freedom: int
     p_value: float
     outlier: bool
+    payload: FoundPayload | None = None
 
     def __post_init__(self) -> None:
         freeze_arrays(self, {"parameters": (None,)}, self.name)
@@ -168,6 +172,36 @@ class Fleet:
             tuple(rows),
         )
 
+    def payload_table(self) -> Table | None:
+        """Return what robots carry: masses and centres; None if none carries a load."""
+        rows = []
+        for robot in self.robots:
+            found = robot.payload
+            if found is None:
+                continue
+            body, error = found.body, found.standard_errors[0]
+            rows.append(
+                (
+                    robot.name,
+                    found.link,
+                    f"{body.mass:.4g}",
+                    f"{1.96 * error:.2g}" if np.isfinite(error) else "open",
+                    " ".join(f"{c:.3f}" for c in body.com) if body.mass > 0.0 else "-",
+                    found.estimate.certificate.verdict,
+                )
+            )
+        if not rows:
+            return None
+        return Table(
+            "Payloads of the robots",
+            ("robot", "on", "mass [kg]", "+- [kg]", "centre [m]", "optimum"),
+            tuple(rows),
+            (
+                "+-: 95 %, by noise and by the errors of the shared bodies; open: "
+                "nothing tells it from its link",
+            ),
+        )
+
     def to_dict(self) -> dict[str, Any]:
         """Return plain numbers and text, ready for JSON."""
         names = self.model.layout.names
@@ -190,6 +224,7 @@ class Fleet:
                     "parameters": dict(
                         zip(names, robot.parameters.tolist(), strict=True)
                     ),
+                    **({} if robot.payload is None else robot.payload.to_dict()),
                 }
                 for robot in self.robots
             },

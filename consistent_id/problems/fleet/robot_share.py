@@ -20,6 +20,7 @@ from consistent_id.regression.noise import joint_noise
 from consistent_id.regression.regression import Regression, triangle
 
 _RANK = 1e-10  # relative singular value that is rounding
+_SILENT = 1e-12  # norm of a column, relative to the largest, that is rounding
 _ROUNDING = 1e-9  # relative violation that is
 
 
@@ -96,7 +97,8 @@ def robot_share(name: str, fleet: FleetModel, regression: Regression) -> RobotSh
 def span(A: Matrix) -> Matrix:
     """Return orthonormal columns that span those of a matrix, up to rounding."""
     norms = np.linalg.norm(A, axis=0)
-    U, s, _ = np.linalg.svd(A / np.where(norms > 0.0, norms, 1.0), full_matrices=False)
+    heard = norms > _SILENT * norms.max(initial=0.0)
+    U, s, _ = np.linalg.svd(A[:, heard] / norms[heard], full_matrices=False)
     return U[:, s > DATA_RANK_TOLERANCE * s.max(initial=1e-300)]
 
 

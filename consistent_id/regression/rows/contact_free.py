@@ -16,11 +16,10 @@ from consistent_id.regression.base import (
     BaseParameters,
     base_parameters,
     column_kinds,
-    random_regressor,
-    random_states,
 )
 from consistent_id.regression.independent_columns import split_at_gap
 from consistent_id.regression.motion_arrays import Motion, motion_of
+from consistent_id.regression.random_rows import random_regressor, random_states
 from consistent_id.regression.regression import Regression, triangle
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.row_names import CONTACT_FREE, row_names

@@ -1,0 +1,259 @@
+"""What single robots of a fleet carry: a body of each one's own, fixed to a link.
+
+A load's ten columns are those of the link that carries it, so that along its robot's
+motion the link has the parameters ``x + p``, ``x`` shared and ``p`` its own.  Given the
+shared parameters, a load is a small cone programme.  Seen from the shared problem, its
+best misfit is a convex function of them, and near a point this is a sum of squares: the
+load moves as its cone allows, held back by a curvature that follows from slacks and
+multipliers.  What the load explains is projected out of the robot's
+rows, joint by joint, so that residuals stay those of joints.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays
+from consistent_id.constraints import Constraint, PhysicalConsistency
+from consistent_id.constraints.cones.sets import ConicSet
+from consistent_id.errors import ProblemError
+from consistent_id.estimation.best_fit import BestFit, best_fit
+from consistent_id.estimation.payload import datasheet_constraints
+from consistent_id.problems.fleet.fleet_model import FleetModel
+from consistent_id.problems.fleet.robot_share import span
+from consistent_id.regression.base import BaseParameters
+from consistent_id.regression.correlated_noise import CorrelatedNoise
+from consistent_id.regression.independent_columns import independent_columns
+from consistent_id.regression.regression import Regression, triangle
+from consistent_id.regression.regressor import TorqueModel
+from consistent_id.robot.free_bodies import free_bodies
+from consistent_id.robot.inertia import InertialParameters
+from consistent_id.robot.model import Datasheet, Link
+from consistent_id.robot.parameters import did_you_mean
+
+LOAD = "payload"
+"""Name of the body that a robot carries."""
+
+_LEAST = 1e-14  # slack, relative to the largest, that is rounding
+_TINY = float(np.finfo(float).tiny)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CarriedBody:
+    """What a robot of a fleet carries, beyond the bodies that all share.
+
+    Parameters
+    ----------
+    link : str
+        That carries it.
+    datasheet : Datasheet
+        What is known of the load, in the frame of that link.
+    """
+
+    link: str
+    datasheet: Datasheet = Datasheet()  # noqa: RUF009  frozen
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LoadFit:
+    """A load that fits best beside given shared parameters, and how it would move.
+
+    Parameters
+    ----------
+    body : array_like, shape (10,)
+    steps : array_like, shape (10, free)
+        Directions in which equalities let it move.
+    curvature : array_like, shape (any, free)
+        ``||curvature v||^2`` is what leaving its cone's faces costs a move
+        ``steps @ v``, in the units of the weighted squared misfit.
+    misfit : float
+        Weighted squared misfit of its robot's shared rows.
+    """
+
+    body: Vector
+    steps: Matrix
+    curvature: Matrix
+    misfit: float = np.inf
+
+    def __post_init__(self) -> None:
+        free = np.shape(self.steps)[1]
+        shapes = {"body": (10,), "steps": (10, free), "curvature": (None, free)}
+        freeze_arrays(self, shapes, LOAD)
+
+
+FREE = LoadFit(np.zeros(10), np.eye(10), np.zeros((0, 10)))
+"""A load that may be anything, physical or not."""
+
+
+@dataclass(frozen=True, slots=True)
+class PlacedBody:
+    """What a robot carries, and where its carrier stands among the shared parameters.
+
+    Parameters
+    ----------
+    carried : CarriedBody
+    columns : slice
+    """
+
+    carried: CarriedBody
+    columns: slice
+
+    def added(self, shared: Vector, body: Vector) -> Vector:
+        """Return shared parameters with a load in its carrier."""
+        x = shared.copy()
+        x[self.columns] += body
+        return x
+
+
+def placed(fleet: FleetModel, carried: CarriedBody, robot: str) -> PlacedBody:
+    """Return what a robot carries, its place looked up.
+
+    Raises
+    ------
+    ProblemError
+        If there is no such link.
+    """
+    links = fleet.shared.layout.links
+    if carried.link not in links:
+        near = did_you_mean(carried.link, links)
+        raise ProblemError(
+            f"fleet: {robot} carries something on link {carried.link!r}; {near}"
+        )
+    return PlacedBody(
+        carried, fleet.shared.layout.link_slice(links.index(carried.link))
+    )
+
+
+def without_load(
+    regression: Regression, place: PlacedBody, load: LoadFit
+) -> Regression:
+    """Return a robot's regression of shared parameters, its load projected out.
+
+    Exact where the load is `FREE`; else up to second order about its body, and exact
+    for the shared parameters beside which that was found.
+    """
+    rows = [F / s for F, s in zip(regression.factors, regression.sigma, strict=True)]
+    ends = np.cumsum([len(part) for part in rows])
+    W = np.vstack(rows)
+    A = W[:, place.columns]
+    W[:, -1] -= A @ load.body
+    A = np.vstack([A @ load.steps, load.curvature])
+    W = np.vstack([W, np.zeros((len(load.curvature), W.shape[1]))])
+    U = span(A)
+    explained = load.steps @ np.linalg.pinv(A) @ W
+    left = np.split(W - U @ (U.T @ W), ends[:-1])  # curvature goes with the last joint
+    factors = (
+        triangle(np.asfortranarray(part * s))
+        for part, s in zip(left, regression.sigma, strict=True)
+    )
+    return replace(
+        regression,
+        factors=tuple(factors),
+        noise=_noise_without(regression.noise, place.columns, explained[:, :-1]),
+    )
+
+
+def _noise_without(
+    noise: CorrelatedNoise | None, carrier: slice, explained: Matrix
+) -> CorrelatedNoise | None:
+    """Return scores of rows less what the carrier's columns explain of them."""
+    if noise is None:
+        return None
+    scores = tuple(N - N[:, carrier] @ explained for N in noise.scores)
+    return CorrelatedNoise(noise.effective, scores)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LoadProblem:
+    """A load beside given shared parameters, as an estimation problem of its own."""
+
+    model: TorqueModel
+    regression: Regression
+    base: BaseParameters
+    constraints: Sequence[Constraint]
+
+
+def load_problem(
+    regression: Regression, place: PlacedBody, shared: Vector
+) -> LoadProblem:
+    """Return what remains to be found of a robot, the shared parameters being given."""
+    model = load_model(regression.joints, None)
+    factors = tuple(
+        triangle(np.asfortranarray(np.column_stack([F[:, place.columns], F @ z])))
+        for F in regression.factors
+        for z in (np.append(-shared, 1.0),)
+    )
+    noise = regression.noise
+    if noise is not None:
+        scores = tuple(N[:, place.columns] for N in noise.scores)
+        noise = CorrelatedNoise(noise.effective, scores)
+    own = replace(
+        regression,
+        layout=model.layout,
+        factors=factors,
+        fingerprint=model.fingerprint,
+        noise=noise,
+    )
+    split = independent_columns(own.stacked()[:, :-1])
+    base = BaseParameters(model.layout, *split, fingerprint=model.fingerprint)
+    sheet = Link(LOAD, None, place.carried.datasheet)
+    constraints = (PhysicalConsistency(), *datasheet_constraints(sheet))
+    return LoadProblem(model, own, base, constraints)
+
+
+def load_model(
+    joints: tuple[str, ...], nominal: InertialParameters | None
+) -> TorqueModel:
+    """Return a body of ten parameters, with a row for each joint that feels it."""
+    return TorqueModel(free_bodies(LOAD, {LOAD: nominal}), torque_joints=joints)
+
+
+def load_fit(regression: Regression, place: PlacedBody, shared: Vector) -> LoadFit:
+    """Return the load that fits a robot best beside given shared parameters.
+
+    Raises
+    ------
+    InfeasibleError, NotExcitedError, SolverError
+        See `constrained_least_squares`.
+    """
+    own = load_problem(regression, place, shared)
+    found = best_fit(own.model, own.regression, own.constraints, base=own.base)
+    domain, unit = found.scaled.domain, found.scaled.unit
+    steps = _free_steps(domain)
+    curvature = found.scaled.size * _curvature(found) @ steps
+    return LoadFit(found.parameters, unit[:, None] * steps, curvature, found.misfit**2)
+
+
+def _free_steps(domain: ConicSet) -> Matrix:
+    """Return an orthonormal basis of the steps that equalities allow."""
+    _, s, Vt = np.linalg.svd(domain.A_eq)
+    return np.asarray(Vt[int((s > _LEAST).sum()) :].T)
+
+
+def _curvature(found: BestFit) -> Matrix:
+    """Return rows ``L`` with ``||L du||^2`` what constraints cost a small step.
+
+    For a slack ``s`` with a multiplier ``z`` this is ``z / s`` times the square of its
+    change.  For a matrix ``J`` with multipliers ``Z``, which have the same axes, it is
+    ``(z_i + z_j) / (s_i + s_j)`` times that of the entry ``ij`` along these axes.
+    """
+    domain, u = found.scaled.domain, found.solution.u
+    dual = found.solution.multipliers
+    slack = domain.b_in - domain.A_in @ u
+    rows = [np.sqrt(_ratio(dual.at_most, slack))[:, None] * domain.A_in]
+    for block, Z in zip(domain.blocks, dual.blocks, strict=True):
+        J = block.value(u)
+        sizes = [max(float(np.linalg.norm(M)), _TINY) for M in (J, Z)]
+        _, axes = np.linalg.eigh(J / sizes[0] - Z / sizes[1])
+        s, z = (np.einsum("ki,kl,li->i", axes, M, axes) for M in (J, Z))
+        costs = _ratio(np.add.outer(z, z), np.add.outer(s, s))
+        changes = np.sqrt(costs) * (axes.T @ block.coefficients @ axes)
+        rows.append(changes.reshape(len(u), -1).T)
+    return np.vstack(rows)
+
+
+def _ratio(multipliers: Array, slacks: Array) -> Array:
+    """Return multipliers over slacks, both taken to be positive."""
+    least = _LEAST * max(float(abs(slacks).max(initial=0.0)), _TINY)
+    return np.maximum(multipliers, 0.0) / np.maximum(slacks, least)

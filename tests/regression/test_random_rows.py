@@ -1,0 +1,43 @@
+"""Compressed rows of random motions: the same ranks, norms and torques as the rows."""
+
+import numpy as np
+import pytest
+from robots import random_robot
+
+from consistent_id import DriveTerms, TorqueModel
+from consistent_id.regression.random_rows import random_regressor, random_rows
+
+DRIVE = DriveTerms(
+    viscous=True, coulomb="tanh", velocity_scale=0.05, stribeck_velocity=0.01
+)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_they_are_the_rows_up_to_a_rotation(seed):
+    rng = np.random.default_rng(seed)
+    _, robot = random_robot(rng, 5, tree=bool(seed % 2))
+    model = TorqueModel(robot, DRIVE)
+    rows, W = random_rows(model, seed=seed), random_regressor(model, seed=seed)
+    assert rows.samples == W.shape[2]
+    for row, whole in enumerate(W):
+        R = rows.dense(row)
+        np.testing.assert_allclose(R.T @ R, whole @ whole.T, atol=1e-10)
+    S = rows.stacked()
+    squares = np.einsum("rps,rqs->pq", W, W)
+    np.testing.assert_allclose(S.T @ S, squares, atol=1e-9 * squares.max())
+    np.testing.assert_allclose(rows.norms**2, np.diag(squares), rtol=1e-12)
+    x = rng.normal(size=len(model.layout))
+    torque = np.einsum("rps,p->rs", W, x)
+    np.testing.assert_allclose(
+        rows.rms(x), np.sqrt(np.mean(torque**2, axis=1)), rtol=1e-12
+    )
+
+
+def test_rows_have_the_columns_of_what_they_carry_alone():
+    _, robot = random_robot(np.random.default_rng(0), 4, tree=False)
+    model = TorqueModel(robot, DriveTerms(stribeck_velocity=1e-3, coulomb="sign"))
+    last = random_rows(model).columns[-1]
+    inertial, per_joint = model.layout.inertial_size, len(model.terms[0].names)
+    assert not set(last) & set(range(inertial - 10))
+    # Friction that fades within a thousandth of the usual speed shows all the same.
+    assert set(last) >= set(range(len(model.layout) - per_joint, len(model.layout)))
