@@ -16,9 +16,12 @@ _UNPROVEN = 5  # and without a certified fit in a row: the next proves no more
 _FIRST = -12.0  # logarithm of the first weight over the slack: what real logs end near
 _SLOPE = 1.2  # of the share used up over the weight, in logarithms, where it matters
 _STEEPEST = 2.0  # the same far below: what a faint pull moves grows with its square
+_PATIENCE = 3  # steps in one direction, after which they grow twofold each
+_WIDE = 0.3  # width of a bracket in which interpolation may go astray
 _BEYOND = 0.3  # by how much to step beyond what that slope says, so as to bracket
 _STEP = np.log(1e3)  # by which the weight grows or shrinks, at the most
-_AIM = np.log(0.98)  # share of the slack to use up
+_AIM = 0.98  # share of the slack to use up, unless the proof asks for more
+_HALF = 0.5  # of the allowed gap that the slack's unused rest is to cost
 _APART = 1e-6  # shares closer than that, in logarithms, show no curvature
 _SMALL = 0.01  # squared distance that is as good as none
 
@@ -85,7 +88,10 @@ def nearest_within(best: BestFit, distance: NominalDistance, slack: float) -> Ne
                 kept = now
             if kept.distance_gap <= DISTANCE_GAP or unproven >= _UNPROVEN:
                 break
-        search = search.narrowed(excess / allowed)
+        # Of the proof's gap, the unused rest of the slack costs (1 - share) / worth.
+        worth = weight * max(found.squared_distance, _SMALL) / allowed
+        aim = max(_AIM, 1.0 - _HALF * DISTANCE_GAP * worth)
+        search = search.narrowed(excess / allowed, aim)
     if kept is not None:
         return kept
     if closest is None:
@@ -106,26 +112,37 @@ class _Search:
 
     log_weight: float
     tried: tuple[_Point, ...] = ()
+    widths: tuple[float, ...] = ()
 
-    def narrowed(self, used: float) -> "_Search":
-        """Return the next search, knowing what share of the slack a weight uses."""
+    def narrowed(self, used: float, aim: float = _AIM) -> "_Search":
+        """Return the next search, knowing what share of the slack a weight uses.
+
+        It aims at a weight that uses the share `aim`.
+        """
         here = _Point(self.log_weight, float(np.log(max(used, 1e-12))))
         tried = (*self.tried, here)
         low = max((p for p in tried if p.used <= 0.0), default=None)
         high = min((p for p in tried if p.used > 0.0), default=None)
         if low is None or high is None:
-            step = min(abs(here.used) / _SLOPE + _BEYOND, _STEP)
+            step = abs(here.used) / _SLOPE + _BEYOND
+            step = min(step * 2.0 ** max(len(tried) - _PATIENCE, 0), _STEP)
             if high is None:
                 step = max(step, abs(here.used) / _STEEPEST)
             return _Search(self.log_weight + (step if high is None else -step), tried)
         width = high.weight - low.weight
-        aim = _interpolated(low, high, tried)
-        aim = min(max(aim, low.weight + 0.05 * width), high.weight - 0.05 * width)
-        return _Search(aim, tried)
+        widths = (*self.widths, width)
+        if len(widths) > 2 and width > max(0.5 * widths[-3], _WIDE):
+            # Interpolation moves one end by little: the other one is too far away.
+            return _Search(low.weight + 0.5 * width, tried, widths)
+        weight = _interpolated(low, high, tried, float(np.log(aim)))
+        weight = min(max(weight, low.weight + 0.05 * width), high.weight - 0.05 * width)
+        return _Search(weight, tried, widths)
 
 
-def _interpolated(low: _Point, high: _Point, tried: Sequence[_Point]) -> float:
-    """Return the weight that is to use up the slack, from the nearest three tried."""
+def _interpolated(
+    low: _Point, high: _Point, tried: Sequence[_Point], aim: float
+) -> float:
+    """Return the weight that is to use a share, from the nearest three tried."""
     others = [p for p in tried if p not in (low, high)]
     points = [low, high, *sorted(others, key=lambda p: abs(p.used))[:1]]
     weights, used = np.array(points).T
@@ -133,5 +150,5 @@ def _interpolated(low: _Point, high: _Point, tried: Sequence[_Point]) -> float:
         weights, used = weights[:2], used[:2]
     # Lagrange's polynomial of the weight over the share.
     rest = [np.delete(used, i) for i in range(len(used))]
-    share = [np.prod((_AIM - r) / (u - r)) for u, r in zip(used, rest, strict=True)]
+    share = [np.prod((aim - r) / (u - r)) for u, r in zip(used, rest, strict=True)]
     return float(weights @ np.array(share))

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from time import perf_counter
+from typing import NamedTuple
 
 import numpy as np
 
@@ -31,6 +32,9 @@ HUBER_K = 1.345
 Gaussian noise [Huber1981]_."""
 
 _MAD = 1.4826  # standard deviation of a Gaussian over its median absolute deviation
+_ALIKE = 1e-8  # size of a difference of steps, relative to the largest, that is none
+_GROWN = 2.0  # growth of a step from which the mixing begins anew
+_MEMORY = 3  # steps before the last that each step is accelerated by: 2 to 8 are alike
 
 
 @single_threaded
@@ -42,12 +46,14 @@ def huber(
     base: BaseParameters | None = None,
     iterations: int = 30,
     tolerance: float = 1e-4,
+    regression: Regression | None = None,
 ) -> Estimate:
     """Estimate with Huber's loss: outliers pull with bounded force.
 
     Each joint's scale is the normalised median absolute residual; samples are weighted
     by ``min(1, k scale / |residual|)``.  The recordings are streamed once per
-    iteration, and no regressor is kept.
+    iteration, and no regressor is kept.  Anderson's mixing of the last steps halves
+    the iterations [WalkerNi2011]_.
 
     Parameters
     ----------
@@ -58,6 +64,8 @@ def huber(
     iterations : int
     tolerance : float
         Change of predicted torque, relative to each joint's scale, at which to stop.
+    regression : Regression, optional
+        Of the recordings, with its noise, if it is at hand.
 
     Returns
     -------
@@ -72,37 +80,20 @@ def huber(
     if isinstance(recordings, Recording):
         recordings = [recordings]
     base = base_parameters(model) if base is None else base
-    plain = build_regression(model, recordings)
+    plain = build_regression(model, recordings) if regression is None else regression
     sigma = joint_noise(model, plain, base=base)
     floor = 1e-6 * np.maximum(plain.torque_rms, 1e-12)
     motions = [_ready(motion_of(model, recording, None)) for recording in recordings]
-    counted = np.vstack([motion.counted for motion in motions])
-    residuals = _residuals(model, plain.weighted(sigma), base, motions)
-    change = np.inf
-    for _ in range(iterations):
-        scale = np.maximum(_MAD * _medians(abs(np.vstack(residuals)), counted), floor)
-        weights = [
-            np.sqrt(np.minimum(1.0, k * scale / np.maximum(abs(r), 1e-300)))
-            for r in residuals
-        ]
-        regression = reweighted(model, motions, weights)
-        updated = _residuals(model, regression.weighted(scale), base, motions)
-        change = max(
-            float((abs(new - old) / scale).max())
-            for new, old in zip(updated, residuals, strict=True)
-        )
-        residuals = updated
-        if change <= tolerance:
-            break
-    regression = build_regression(model, recordings, row_weights=weights)
-    estimate = least_squares(
-        model, regression.weighted(scale), base=base, method=Method.HUBER
-    )
+    x = base_solution(plain.weighted(sigma), base).x
+    reached = _settled(model, base, motions, x, k, floor, iterations, tolerance)
+    scale = reached.scale
+    final = reweighted(model, motions, reached.weights, noise=True).weighted(scale)
+    estimate = least_squares(model, final, base=base, method=Method.HUBER)
     return replace(
         estimate,
         sigma=scale,
-        base_covariance=_covariance(plain, base, residuals, k * scale),
-        certificate=_certificate(change, tolerance),
+        base_covariance=_covariance(plain, base, reached.residuals, k * scale),
+        certificate=_certificate(reached.change, tolerance),
         notes=(f"Huber's loss, k = {k:g}", *estimate.notes),
         seconds=perf_counter() - started,
         fit=fit_of(model, plain, estimate.parameters, base),
@@ -115,15 +106,80 @@ def _ready(motion: Motion) -> Motion:
     return motion if mixing is None else motion._replace(mixing=mixing.holding())
 
 
-def _residuals(
+class _Reached(NamedTuple):
+    """Where the reweighting ended: each joint's scale, and each motion's rows."""
+
+    scale: Vector
+    weights: list[Array]
+    residuals: list[Array]
+    change: float
+
+
+def _settled(
     model: TorqueModel,
-    regression: Regression,
     base: BaseParameters,
     motions: Sequence[Motion],
-) -> list[Array]:
-    """Return what the regression's least squares leaves of each motion's torque."""
-    x = base.lift(base_solution(regression, base).x)
+    x: Vector,
+    k: float,
+    floor: Vector,
+    iterations: int,
+    tolerance: float,
+) -> _Reached:
+    """Reweight rows until nothing changes any more, from base parameters on."""
+    counted = np.vstack([motion.counted for motion in motions])
+    columns = list(base.independent)
+    residuals = _residuals(model, base.lift(x), motions)
+    change: float = np.inf
+    steps: tuple[_Step, ...] = ()
+    for _ in range(iterations):
+        scale = np.maximum(_MAD * _medians(abs(np.vstack(residuals)), counted), floor)
+        weights = [
+            np.sqrt(np.minimum(1.0, k * scale / np.maximum(abs(r), 1e-300)))
+            for r in residuals
+        ]
+        R = reweighted(model, motions, weights).weighted(scale).stacked()
+        end = solve_linear(R[:, columns], R[:, -1]).x
+        updated = _residuals(model, base.lift(end), motions)
+        before, change = change, _largest_change(residuals, updated, scale)
+        if change <= tolerance:
+            break
+        kept = () if change > _GROWN * before else steps[-_MEMORY:]
+        steps = (*kept, _Step(x, end))
+        x = _mixed(steps, R[:, columns])
+        residuals = _residuals(model, base.lift(x), motions)
+    return _Reached(scale, weights, updated, change)
+
+
+class _Step(NamedTuple):
+    """Base parameters before a reweighting and after it."""
+
+    start: Vector
+    end: Vector
+
+
+def _mixed(steps: Sequence[_Step], metric: Matrix) -> Vector:
+    """Return where Anderson's mixing of steps leads: the next start.
+
+    Of all points that the last starts span, it takes the one whose own step would be
+    the shortest, if steps were linear; lengths are those of ``metric @ step``.
+    """
+    ends = np.array([step.end for step in steps])
+    taken = np.array([step.end - step.start for step in steps]) @ metric.T
+    share = np.linalg.lstsq(np.diff(taken, axis=0).T, taken[-1], rcond=_ALIKE)[0]
+    return np.asarray(ends[-1] - share @ np.diff(ends, axis=0))
+
+
+def _residuals(model: TorqueModel, x: Vector, motions: Sequence[Motion]) -> list[Array]:
+    """Return what parameters leave of each motion's torque."""
     return [m.torque - m.predicted(model, x) for m in motions]
+
+
+def _largest_change(
+    before: Sequence[Array], after: Sequence[Array], scale: Vector
+) -> float:
+    """Return the largest change of a residual, in units of its joint's scale."""
+    pairs = zip(before, after, strict=True)
+    return max(float((abs(new - old) / scale).max()) for old, new in pairs)
 
 
 def _medians(values: Array, counted: BoolArray) -> Vector:

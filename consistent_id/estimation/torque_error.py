@@ -69,7 +69,7 @@ def torque_errors(
     motion = motion_of(model, recording, None)
     if not motion.torque.any():
         raise ProblemError(f"{recording.name}: its torque is zero throughout")
-    regression = build_regression(model, recording)
+    regression = build_regression(model, recording, noise=False)
     counts, size = np.array(regression.counts), regression.torque_rms
     moving = moving_shares(model, regression)
     # Where rows are mixed, friction of a joint at rest is in all of them.

@@ -360,7 +360,7 @@ def identify(
     return (
         least_squares(model, regression, base=base),
         least_squares(model, weighted, base=base, method=Method.WEIGHTED_LEAST_SQUARES),
-        huber(model, training, base=base),
+        huber(model, training, base=base, regression=regression),
         *(
             constrained_least_squares(
                 model, data, constraints=kept, prior=chosen, base=base, method=method

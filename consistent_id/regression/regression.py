@@ -226,9 +226,13 @@ def build_regression(
 
 @single_threaded
 def reweighted(
-    model: TorqueModel, motions: Sequence[Motion], row_weights: Sequence[Array]
+    model: TorqueModel,
+    motions: Sequence[Motion],
+    row_weights: Sequence[Array],
+    *,
+    noise: bool = False,
 ) -> Regression:
-    """Compress motions whose rows are multiplied by factors, without their noise.
+    """Compress motions whose rows are multiplied by factors.
 
     For work that takes many passes; see `build_regression`.
 
@@ -238,13 +242,18 @@ def reweighted(
     motions : sequence of Motion
     row_weights : sequence of ndarray, each shape (samples, torque joints)
         Positive.  Rows that do not count in a motion do not count here either.
+    noise : bool
+        Find how noise is correlated.
     """
     weighted = [
         motion._replace(weights=w if motion.weights is None else w * motion.weights)
         for motion, w in zip(motions, row_weights, strict=True)
     ]
-    kept = [range(len(motion.q)) for motion in motions]
-    return _compressed(model, weighted, kept, RowFilter())
+    kept, plain = [range(len(motion.q)) for motion in motions], RowFilter()
+    regression = _compressed(model, weighted, kept, plain)
+    if not noise:
+        return regression
+    return _with_noise(model, regression, weighted, kept, plain)
 
 
 def compressed_pieces(

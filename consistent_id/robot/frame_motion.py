@@ -67,9 +67,9 @@ def frame_motion(
     ([0.5, 0.0, 0.0], [-2.0, 0.0, 0.0])
     """
     k, rotation, point = frame_in_link(robot, frame, point)
-    places = link_places(robot, q)
-    rotations, origins = places.rotation, places.translation
     path = ancestors(robot, k)[::-1]
+    places = link_places(robot, q, links=path)
+    rotations, origins = places.rotation, places.translation
     position = origins[:, k] + rotations[:, k] @ point
     jacobian = np.zeros((len(rotations), 6, len(robot.joints)))
     for j in path:

@@ -1,5 +1,6 @@
 """Where links and frames are, and how fast their points move, pose by pose."""
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,7 +60,9 @@ class LinkPlaces:
         return FramePlaces(turned @ place.rotation, moved)
 
 
-def link_places(robot: RobotModel, q: ArrayLike) -> LinkPlaces:
+def link_places(
+    robot: RobotModel, q: ArrayLike, *, links: Collection[int] | None = None
+) -> LinkPlaces:
     """Return where the links are.
 
     Link ``k`` on joint ``k`` with parent ``p``, at ``(R_p, t_p)``:
@@ -70,6 +73,9 @@ def link_places(robot: RobotModel, q: ArrayLike) -> LinkPlaces:
     ----------
     robot : RobotModel
     q : array_like, shape (samples, joints), [rad or m]
+    links : collection of int, optional
+        Those that are wanted, with all before them, in ascending order; by default all.
+        The others' places are zero.
 
     Examples
     --------
@@ -79,9 +85,10 @@ def link_places(robot: RobotModel, q: ArrayLike) -> LinkPlaces:
     [0.0, 0.5, 0.0]
     """
     q = robot.joint_positions(checked(q, (None, len(robot)), "joint positions"))
-    n, links = q.shape
-    rotation, translation = np.empty((n, links, 3, 3)), np.empty((n, links, 3))
-    for k, joint in enumerate(robot.joints):
+    n, count = q.shape
+    rotation, translation = np.zeros((n, count, 3, 3)), np.zeros((n, count, 3))
+    for k in range(count) if links is None else links:
+        joint = robot.joints[k]
         turned, moved = joint.rotation, joint.translation
         if joint.kind == "prismatic":
             moved = moved + q[:, k, None] * (joint.rotation @ joint.axis)
