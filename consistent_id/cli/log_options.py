@@ -61,7 +61,7 @@ GAINS = (
     Option(
         "--gains KP,KD[,LIMIT] ...",
         "of PD-controlled joints, for all or one each: torque is computed from "
-        "commands of position, and clipped at the drive's limit (N m, N) if it is given",
+        "commands of position, and clipped at the drive's limit (N m, N) if given",
         _gain,
     ),
     Option(
