@@ -57,8 +57,8 @@ def _of_all(shares: Vector) -> Finding:
         "torque unit",
         "fault",
         "all joints",
-        f"torques are {shares.min():.3g} to {shares.max():.3g} times the effort limits: "
-        "they are in another unit, a gain is missing, or the limits are not the robot's",
-        f"check unit and gain, such as times {1.0 / typical:.1g}, or correct the limits",
+        f"torques are {shares.min():.3g} to {shares.max():.3g} times the effort "
+        "limits: they are in another unit, a gain is missing, or the limits are wrong",
+        f"check unit and gain (times {1.0 / typical:.1g}?), or correct the limits",
         typical / _BEYOND,
     )
