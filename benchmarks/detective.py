@@ -44,20 +44,27 @@ A joint to which the model gives a spring has one there, too: a counterbalance
 takes gravity's part, and is no gain. In a log that ends before joints turn
 back, a gain alone is a warning and no fault. A constant torque says nothing of a
 gain. Inertial torque that is too large by one factor in several joints, where gravity
-is right, is a clock that runs slow. Then candidates are fitted: changes of channels
-(one entry each in the table of `diagnosis/corrections.py`), gravity's direction, other
-masses, another load, drift, coupled joints, contact. Least squares bounds what a
-physically consistent robot can explain; only candidates whose bound can win are fitted
-under constraints.
+is right, is a clock that runs slow. One torque a hundred times farther beyond its
+effort limit than any other is in another unit, and so are all torques where all
+limits, which have to differ, are exceeded by far. A gain of all joints, and such a
+clock, are guesses yet: a base that leans, and what else explains the log, is asked
+first. Then candidates are fitted: changes of channels (one entry each in the table of
+`diagnosis/corrections.py`), gravity's direction, other masses, another load, drift,
+coupled joints, contact. Least squares bounds what a physically consistent robot can
+explain; only candidates whose bound can win are fitted under constraints.
 
 A candidate is named only if it brings the constrained misfit down to the
 log's own noise: three times the torque's white noise, or 1.5 times what least
 squares without constraints leaves of the best candidate, whichever is larger,
 and 12 % of the torque at the most. If causes of several kinds do, none is
-named; nor is a fault that leaves twice what other masses alone leave. Other masses
-are named only if they explain the log as clean logs are explained, and nothing else
-explains it better. Otherwise the finding is "model does not explain", with the
-candidates and their figures.
+named; nor is a fault that leaves twice what other masses alone leave. A scale of one
+position near one is told as a candidate alone: a wrong length of the model does the
+same. What was read off a residual, as a drift, has to leave no more than clean logs
+do. A load weighs something: a lighter last link is one of other masses. A gain that
+explains little is a note; off by 30 % or more it is a warning, since free masses take
+it over. Other masses are named only if they explain the log as clean logs are
+explained, and nothing else explains it better. Otherwise the finding is "model does
+not explain", with the candidates and their figures.
 """
 
 

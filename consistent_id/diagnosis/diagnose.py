@@ -69,6 +69,7 @@ _LITTLE = ("standstill", "small motion", "slow motion")  # nothing more can be t
 # Of the torque, that zeros and gains have to explain: friction that no model knows
 # leaves 0.3 to 2 %, of which a zero may take 0.6 % where little else shows it.
 _WORTH = 0.008
+_LARGE = 2.0  # times a gain that is worth report, or what is sure of it
 # Causes that slopes on the nominal model suggest, and other causes may as well: they
 # are named if nothing else explains the log.
 _GUESSED = ("torque gain", "clock")
@@ -341,7 +342,7 @@ def _shifts(logs: Sequence[FittedLog]) -> list[Finding]:
         return lags  # beyond which linearisation tells little
     found = shift_findings(model, moved)
     if found and _explained(logs, moved.sizes) < _WORTH:
-        found = [replace(f, severity="note", statement=_unsure(f)) for f in found]
+        found = [_unsure(f) for f in found]
     return [*found, *hidden_zeros(model, moved), *lags]
 
 
@@ -352,8 +353,17 @@ def _explained(logs: Sequence[FittedLog], sizes: Vector) -> float:
     return float(max(sum(gain) / len(gain), 0.0) ** 0.5)
 
 
-def _unsure(finding: Finding) -> str:
-    return f"{finding.statement}, if nothing else is missing in the model"
+def _unsure(finding: Finding) -> Finding:
+    """Return what explains little: a note, or a warning if it is a large gain.
+
+    Free masses take a gain over, and predict its torque: little is left to explain.
+    """
+    large = finding.kind == "torque gain" and finding.score >= _LARGE
+    return replace(
+        finding,
+        severity="warning" if large else "note",
+        statement=f"{finding.statement}, if nothing else is missing in the model",
+    )
 
 
 def _moved(log: FittedLog, sizes: Vector) -> FittedLog:

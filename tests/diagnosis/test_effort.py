@@ -42,3 +42,15 @@ def test_one_torque_far_beyond_its_limit_as_no_other_is_in_another_unit(
     assert [(f.kind, f.where) for f in said] == (
         [("torque unit", log.joints[1])] if found else []
     )
+
+
+def test_torques_that_no_joint_could_give_are_in_another_unit():
+    log = clean_log(0)
+    strong = replace(log, torque=100.0 * log.torque)
+    usual = np.quantile(abs(log.torque), 0.95, axis=0)
+    (finding,) = effort_findings(_robot(2.0 * usual), strong)
+    assert (finding.kind, finding.where) == ("torque unit", "all joints")
+    assert "50 to 50 times" in finding.statement
+    # Limits that are all alike say nothing, and so do those of weak drives.
+    assert effort_findings(_robot([0.5] * 4), log) == []
+    assert effort_findings(_robot(usual / 2.0), log) == []
