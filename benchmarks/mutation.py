@@ -162,7 +162,9 @@ def stages(folder: Path, mutant: Mutant) -> Iterator[list[str]]:
     """Yield tests of a mutant, first those that name what its module defines."""
     module = folder / PACKAGE / mutant.path
     rooms = TESTS[Path(mutant.path).parts[0]]
-    files = [f for r in rooms for f in sorted((folder / "tests" / r).glob("test_*.py"))]
+    files = [
+        f for r in rooms for f in sorted((folder / "tests" / r).rglob("test_*.py"))
+    ]
     names = {
         node.name
         for node in ast.parse(mutant.source).body

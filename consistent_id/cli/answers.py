@@ -4,14 +4,17 @@ import argparse
 import json
 import logging
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from consistent_id.cli.colour import coloured, wants_colour
 from consistent_id.cli.shortened import shortened
 from consistent_id.errors import ConsistentIdError, SolverError
+
+if TYPE_CHECKING:
+    from consistent_id._support.tables import Table
 
 
 class Answer(NamedTuple):
@@ -25,7 +28,8 @@ class Answer(NamedTuple):
     record : object
         The same for ``--json``.
     write : callable, optional
-        Writes files when the answer has been printed, and returns their paths.
+        Writes files when the answer has been printed, unless none are to be written,
+        and returns their paths.
     whole : bool
         Whether the text is printed as it is, being a file or a script itself.
     """
@@ -35,6 +39,18 @@ class Answer(NamedTuple):
     record: object
     write: Callable[[], Sequence[Path]] | None = None
     whole: bool = False
+
+
+def tables_answer(
+    tables: Iterable["Table"],
+    record: object,
+    *,
+    usable: bool = True,
+    write: Callable[[], Sequence[Path]] | None = None,
+) -> Answer:
+    """Return tables as an answer; its exit code is 1 if a result is not to be used."""
+    text = "\n\n".join(table.text() for table in tables)
+    return Answer(0 if usable else 1, text, record, write)
 
 
 AnswerTo = Callable[[argparse.Namespace], Answer]
@@ -80,8 +96,10 @@ def _write(options: argparse.Namespace, answer: Answer, *, shown: bool = True) -
     """Write an answer's files and name them."""
     from consistent_id._support.files import together
 
+    if answer.write is None or getattr(options, "dry_run", False):
+        return
     with together():
-        paths = answer.write() if answer.write is not None else ()
+        paths = answer.write()
     if paths and shown and not options.json:
         print_text(options, "\nwritten: " + ", ".join(str(path) for path in paths))
 

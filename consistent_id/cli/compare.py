@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from consistent_id.cli.answers import Answer, answered, shows_progress
+from consistent_id.cli.answers import Answer, answered, shows_progress, tables_answer
 from consistent_id.cli.options import ACCEPT, PROBLEM, RESULTS, TIME_LIMIT, add_command
 
 _EXAMPLES = """
@@ -56,9 +56,5 @@ def _compare(options: argparse.Namespace) -> Answer:
 
         return write_comparison(study, tables, output)
 
-    return Answer(
-        0 if study.verdict.usable else 1,
-        "\n\n".join(table.text() for table in tables),
-        study_record(study),
-        None if options.dry_run else write,
-    )
+    record, usable = study_record(study), study.verdict.usable
+    return tables_answer(tables, record, usable=usable, write=write)

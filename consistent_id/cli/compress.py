@@ -84,6 +84,4 @@ def run_compress(options: argparse.Namespace) -> int:
     def write() -> list[Path]:
         return [save_regression(regression, options.output)]
 
-    return show(
-        options, Answer(0, table.text(), record, None if options.dry_run else write)
-    )
+    return show(options, Answer(0, table.text(), record, write))

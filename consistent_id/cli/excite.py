@@ -5,7 +5,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from consistent_id.cli.answers import Answer, answered, shows_progress
+from consistent_id.cli.answers import Answer, answered, shows_progress, tables_answer
 from consistent_id.cli.excite_options import (
     MOTION,
     PART,
@@ -102,8 +102,7 @@ def _excite(options: argparse.Namespace) -> Answer:
         require_viewer(folder / output.REPLAY)
     if options.dry_run:
         plan = output.planned_tables(problem, parameters)
-        text = "\n\n".join(table.text() for table in plan)
-        return Answer(0, text, [asdict(table) for table in plan])
+        return tables_answer(plan, [asdict(table) for table in plan])
     output.require_places(folder, formats)
     draft = _draft(options, folder)
     if draft is not None:

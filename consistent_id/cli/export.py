@@ -2,12 +2,17 @@
 
 import argparse
 import sys
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from consistent_id.cli.answers import Answer, show
 from consistent_id.cli.option import Option
 from consistent_id.cli.options import ACCEPT, ONE_PROBLEM, WRITES, add_command
 from consistent_id.export.export_formats import EXPORT_FORMATS, exported
+
+if TYPE_CHECKING:
+    from consistent_id.estimation.estimate import Estimate
+    from consistent_id.export.exported_file import Export
+    from consistent_id.problems.problem import Problem
 
 _MORE = f"""The formats are {", ".join(known.content for known in EXPORT_FORMATS)}. In
 the problem's own URDF only numbers change. What a format cannot express is printed.
@@ -76,19 +81,7 @@ def run_export(options: argparse.Namespace) -> int:
             file=sys.stderr,
         )
         return 1
-    # What is behind a wrench sensor is in no file of the arm's.
-    own = problem.model_files if problem.arm is None else {}
-    export = exported(
-        replace(estimate, judged=verdict),
-        options.format,
-        source=options.source or own.get(options.format),
-        folder=options.output.parent,
-        copy_files=options.copy_files,
-        gains=problem.gains,
-        delay=estimate.certificate.figures.get(
-            "delay of commands", problem.delay_of_commands
-        ),
-    )
+    export = _export(options, problem, replace(estimate, judged=verdict))
     written = None if options.dry_run else export.save(options.output)
     record = {
         "format": export.format,
@@ -102,3 +95,20 @@ def run_export(options: argparse.Namespace) -> int:
     lines = [verdict.sentence, *(f"  {note}" for note in notes)]
     lines.append(f"written: {written}" if written else "nothing was written")
     return show(options, Answer(0, "\n".join(lines), record))
+
+
+def _export(
+    options: argparse.Namespace, problem: "Problem", estimate: "Estimate"
+) -> "Export":
+    # What is behind a wrench sensor is in no file of the arm's.
+    own = problem.model_files if problem.arm is None else {}
+    delay = problem.delay_of_commands
+    return exported(
+        estimate,
+        options.format,
+        source=options.source or own.get(options.format),
+        folder=options.output.parent,
+        copy_files=options.copy_files,
+        gains=problem.gains,
+        delay=estimate.certificate.figures.get("delay of commands", delay),
+    )

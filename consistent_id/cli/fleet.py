@@ -5,7 +5,7 @@ import glob
 from pathlib import Path
 from typing import Any
 
-from consistent_id.cli.answers import Answer, show
+from consistent_id.cli.answers import show, tables_answer
 from consistent_id.cli.option import Option
 from consistent_id.cli.options import EXECUTOR, OUTPUT, TIME_LIMIT, add_command
 
@@ -76,11 +76,8 @@ def run_fleet(options: argparse.Namespace) -> int:
             fleet.bodies.save(folder / "bodies.json"),
         ]
 
-    shown = "\n\n".join(table.text() for table in tables)
-    code = 0 if fleet.bodies.verdict.usable else 1
-    return show(
-        options, Answer(code, shown, record, None if options.dry_run else write)
-    )
+    usable = fleet.bodies.verdict.usable
+    return show(options, tables_answer(tables, record, usable=usable, write=write))
 
 
 def _files(given: list[str]) -> list[Path]:

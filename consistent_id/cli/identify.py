@@ -5,7 +5,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from consistent_id.cli.answers import Answer, answered, show, shows_progress
+from consistent_id.cli.answers import (
+    Answer,
+    answered,
+    show,
+    shows_progress,
+    tables_answer,
+)
 from consistent_id.cli.log_options import DRAFT, draft_of
 from consistent_id.cli.option import Option
 from consistent_id.cli.options import (
@@ -193,9 +199,8 @@ def _answer(
             paths.append(report)
         return paths
 
-    text = "\n\n".join(table.text() for table in tables)
-    code = 0 if study.verdict.usable else 1
-    return Answer(code, text, record, None if options.dry_run else write_all)
+    usable = study.verdict.usable
+    return tables_answer(tables, record, usable=usable, write=write_all)
 
 
 def _refuse_drafting(options: argparse.Namespace) -> None:

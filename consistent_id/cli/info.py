@@ -4,7 +4,7 @@ import argparse
 from dataclasses import asdict
 from typing import Any
 
-from consistent_id.cli.answers import Answer, answered, show
+from consistent_id.cli.answers import Answer, answered, show, tables_answer
 from consistent_id.cli.options import PROBLEM, add_command
 
 _EXAMPLES = """
@@ -37,7 +37,7 @@ def run_info(options: argparse.Namespace) -> int:
     from consistent_id.problems.listing import list_problems
 
     table = list_problems(options.problem, files)
-    return show(options, Answer(0, table.text(), [asdict(table)]))
+    return show(options, tables_answer([table], [asdict(table)]))
 
 
 def _info(options: argparse.Namespace) -> Answer:
@@ -45,5 +45,4 @@ def _info(options: argparse.Namespace) -> Answer:
     from consistent_id.problems.problem import load_problem
 
     tables = problem_tables(load_problem(options.problem))
-    text = "\n\n".join(table.text() for table in tables)
-    return Answer(0, text, [asdict(table) for table in tables])
+    return tables_answer(tables, [asdict(table) for table in tables])

@@ -84,7 +84,7 @@ class Option:
 
     def _valued(self, value: str) -> dict[str, Any]:
         name, _, more = value.partition(" ")
-        default = () if more and self.default is None else self.default
+        default = () if more == "..." and self.default is None else self.default
         settings = {
             "type": self.kind or (Path if name in _PATHS else None),
             "metavar": name or None,

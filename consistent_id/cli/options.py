@@ -73,7 +73,7 @@ def add_command(
     more: str = "",
     examples: str,
     reads: bool = True,
-) -> None:
+) -> argparse.ArgumentParser:
     """Add a command to a parser's commands, with what every command takes.
 
     Parameters
@@ -105,3 +105,4 @@ def add_command(
     command.set_defaults(run=run)
     for option in (PRINTED, *((STRANGERS,) if reads else ()), *options):
         option.add_to(command)
+    return command

@@ -3,7 +3,7 @@
 import argparse
 from typing import Any
 
-from consistent_id.cli.answers import Answer, answered, shows_progress
+from consistent_id.cli.answers import Answer, answered, shows_progress, tables_answer
 from consistent_id.cli.excite_options import (
     MOTION,
     PART,
@@ -87,5 +87,4 @@ def _rehearse(options: argparse.Namespace) -> Answer:
         workers=options.workers,
         progress=shows_progress(options),
     )
-    text = "\n\n".join(table.text() for table in found.tables())
-    return Answer(0 if found.came_true else 1, text, found.to_dict())
+    return tables_answer(found.tables(), found.to_dict(), usable=found.came_true)

@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from consistent_id.cli.answers import Answer, answered, shows_progress
+from consistent_id.cli.answers import Answer, answered, shows_progress, tables_answer
 from consistent_id.cli.option import Option
 from consistent_id.cli.options import PROBLEM, RESULTS, add_command
 
@@ -63,8 +63,9 @@ def _reproduce(options: argparse.Namespace) -> Answer:
         problem, QUICK if options.quick else FULL, seed=options.seed, progress=show
     )
     tables = [table for part in sections_of(study) for table in part.tables]
-    text = "\n\n".join(table.text() for table in tables)
-    if not options.dry_run:
-        written = write_reproduction(study, folder)
-        text += "\n\nwritten: " + ", ".join(str(path) for path in written)
-    return Answer(0 if study.certified else 1, text, reproduction_record(study))
+
+    def write() -> list[Path]:
+        return write_reproduction(study, folder)
+
+    record = reproduction_record(study)
+    return tables_answer(tables, record, usable=study.certified, write=write)

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from consistent_id.cli.answers import Answer, answered
+from consistent_id.cli.answers import Answer, answered, tables_answer
 from consistent_id.cli.option import Option
 from consistent_id.cli.options import ACCEPT, OUTPUT, PROBLEM, TIME_LIMIT, add_command
 
@@ -73,17 +73,12 @@ def _rollout(options: argparse.Namespace) -> Answer:
         form=options.form,
         accepted=tuple(options.accept),
     )
-    text = "\n\n".join(table.text() for table in done.tables())
 
     def write() -> list[Path]:
         return [] if options.output is None else _written(done, options.output)
 
-    return Answer(
-        0 if done.estimate.verdict.usable else 1,
-        text,
-        done.to_dict(),
-        None if options.dry_run else write,
-    )
+    usable = done.estimate.verdict.usable
+    return tables_answer(done.tables(), done.to_dict(), usable=usable, write=write)
 
 
 def _written(done: "ProblemRollout", folder: Path) -> list[Path]:

@@ -78,4 +78,4 @@ def _select(options: argparse.Namespace) -> Answer:
 
     record = {**selection.to_dict(), "text": selection.text()}
     shown = selection.table().text()
-    return Answer(0, shown, record, None if options.dry_run else write)
+    return Answer(0, shown, record, write)

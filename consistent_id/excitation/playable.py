@@ -10,7 +10,7 @@ from consistent_id.errors import InfeasibleError, ProblemError
 from consistent_id.excitation.aims import Aim
 from consistent_id.excitation.design import design_trajectory
 from consistent_id.excitation.designed import ExcitationDesign
-from consistent_id.excitation.proven_moves import proven_move
+from consistent_id.excitation.proven_moves import ProvenMove, proven_move
 from consistent_id.excitation.request import DesignRequest, design_request
 from consistent_id.excitation.validating import ValidationPath, validation_trajectory
 from consistent_id.excitation.verification import Demands, Proof
@@ -102,44 +102,54 @@ def playable_design(
         workers=workers,
         progress=progress,
     )
-    moves: dict[str, Move] = {}
-    proofs: dict[str, Proof] = {}
+    played: dict[str, ProvenMove] = {}
     refusals: list[str] = []
-    notes = list(request.notes)
     validation = None
-
-    def play(
-        name: str, path: FourierTrajectory, proof: Proof, periods: int | None
-    ) -> None:
-        pose, required = request.start_pose, design.demands
-        try:
-            found = proven_move(
-                path,
-                proof,
-                required,
-                pose,
-                periods=periods,
-                smooth=design.form.smooth,
-                seed=seed,
-            )
-        except InfeasibleError as cause:
-            advice = _advice(path, required, request)
-            raise InfeasibleError(f"{cause}. {advice}") from None
-        moves[name], proofs[name] = found.move, found.proof
-        notes.extend([f"{name}: {found.note}"] if found.note else [])
-
     try:
-        play(TRAINING, design.trajectory, design.proof, request.periods)
+        played[TRAINING] = _played(
+            design, request, design.trajectory, design.proof, request.periods
+        )
     except (InfeasibleError, ProblemError) as cause:
         refusals.append(f"the trajectory cannot be played: {cause}")
     try:
         validation = validation_trajectory(design, seed=seed)
-        play(VALIDATION, validation.trajectory, validation.proof, None)
+        played[VALIDATION] = _played(
+            design, request, validation.trajectory, validation.proof
+        )
     except (InfeasibleError, ProblemError) as cause:
         refusals.append(f"there is no validation motion: {cause}")
+    notes = [f"{name}: {one.note}" for name, one in played.items() if one.note]
     return PlayableDesign(
-        design, validation, moves, proofs, tuple(refusals), tuple(notes)
+        design,
+        validation,
+        moves={name: one.move for name, one in played.items()},
+        proofs={name: one.proof for name, one in played.items()},
+        refusals=tuple(refusals),
+        notes=(*request.notes, *notes),
     )
+
+
+def _played(
+    design: ExcitationDesign,
+    request: DesignRequest,
+    path: FourierTrajectory,
+    proof: Proof,
+    periods: int | None = None,
+) -> ProvenMove:
+    """Return the move that plays a path; if there is none, advise on the start pose."""
+    try:
+        return proven_move(
+            path,
+            proof,
+            design.demands,
+            request.start_pose,
+            periods=periods,
+            smooth=design.form.smooth,
+            seed=design.seed,
+        )
+    except InfeasibleError as cause:
+        advice = _advice(path, design.demands, request)
+        raise InfeasibleError(f"{cause}. {advice}") from None
 
 
 def _advice(path: FourierTrajectory, demands: Demands, request: DesignRequest) -> str:

@@ -135,9 +135,9 @@ def guess_columns(
             patterns = _patterns("current", names, moved, held)
         if channel in ("velocity", "position_command"):
             patterns = [p for p in patterns if p.joints == moved]
-        if channel == "velocity" and not patterns:
-            continue
         if not patterns:
+            if channel == "velocity":
+                continue
             raise _not_found(log, channel, names, joints, chains)
         best, *others = patterns
         found = _with(found, channel, best)
@@ -145,13 +145,16 @@ def guess_columns(
             moved = best.joints
         elif channel == "torque" and best.joints != moved and not torque_joints:
             found = replace(found, torque_joints=best.joints)
-        mine = _expanded(best)
-        rivals = [p for p in others if len(p.joints) == len(best.joints)]
-        if also := [p.text for p in rivals if _expanded(p) != mine]:
-            notes.append(
-                f"{channel} is taken from {best.text}, not from {', '.join(also)}"
-            )
+        if also := _rivals(best, others):
+            notes.append(f"{channel} is taken from {best.text}, not from {also}")
     return _in_units(ColumnGuess(found, moved, tuple(notes)))
+
+
+def _rivals(best: _Pattern, others: Sequence[_Pattern]) -> str:
+    """Return the patterns of as many joints that stand for other columns."""
+    mine = _expanded(best)
+    alike = [p for p in others if len(p.joints) == len(best.joints)]
+    return ", ".join(p.text for p in alike if _expanded(p) != mine)
 
 
 def _in_units(guess: ColumnGuess) -> ColumnGuess:

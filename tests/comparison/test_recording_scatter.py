@@ -20,7 +20,7 @@ from consistent_id import (
 )
 from consistent_id.comparison.intervals import consistent_intervals
 from consistent_id.comparison.parameter_uncertainty import uncertainty
-from consistent_id.comparison.recording_scatter import recording_scatter
+from consistent_id.comparison.recording_scatter import excess, recording_scatter
 from consistent_id.regression.residual_noise import residual_noise
 from consistent_id.regression.segments import merged, segment_sources
 
@@ -116,6 +116,20 @@ def test_recordings_that_are_alike_cost_little():
         full = recording_scatter(parts, BASE).added_to(noise, parts, BASE)
         grown.append(np.trace(full.scatter) / np.trace(noise.inflation))
     assert np.median(grown) < 1.3
+
+
+def test_two_values_scatter_by_half_their_squared_difference():
+    x, w = np.array([[0.3], [-0.3]]), np.full((2, 1), 1 / 0.04)
+    found = excess(x, w)
+    assert found.ratio == pytest.approx(0.18 / 0.04)
+    assert found.unit == pytest.approx(0.04)
+    assert found.freedom == 1.0
+
+
+def test_two_recordings_are_enough_and_one_is_not():
+    parts = regressions(2, PLANTED, np.random.default_rng(4))
+    assert recording_scatter(parts, BASE).recordings == 2
+    assert recording_scatter(parts[:1], BASE) is None
 
 
 def test_a_recording_that_tells_too_little_does_not_count():

@@ -110,3 +110,12 @@ def test_masses_that_are_bounded_get_no_other_bound(known):
     found = attained_fit(model, build_regression(model, log), given, base=base)
     assert found.constraints == given
     assert found.note == ""
+
+
+def test_the_total_is_bounded_where_a_bound_of_one_mass_leaves_another_open():
+    model, _, log = arm(1, 2, 300, 0.7, 0.3)
+    given = (*BODIES, MassBounds({"link1": (0.0, 50.0)}))
+    base = base_parameters(model)
+    found = attained_fit(model, build_regression(model, log), given, base=base)
+    *others, total = found.constraints
+    assert (tuple(others), type(total)) == (given, TotalMass)

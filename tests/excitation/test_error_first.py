@@ -55,6 +55,7 @@ def test_least_errors_are_the_default_and_the_condition_number_is_reported():
     assert "condition number of" in text and "Share of each limit" in text
 
 
+@pytest.mark.slow
 def test_least_errors_need_a_better_path_than_the_least_condition_number():
     errors = mean_error(designed().trajectory)
     condition = designed(Aim("condition", refine=None)).trajectory

@@ -94,7 +94,10 @@ def test_a_merged_frame_is_where_the_file_puts_it(tmp_path):
 @pytest.mark.parametrize(
     "curve",
     [
-        circle(0.1, centre=[0.3, 0.1, 0.3], along=[0, 1, 0], across=[0, 0, 1]),
+        pytest.param(
+            circle(0.1, centre=[0.3, 0.1, 0.3], along=[0, 1, 0], across=[0, 0, 1]),
+            marks=pytest.mark.slow,
+        ),
         ellipsoid((0.1, 0.08, 0.06), centre=[0.3, 0.1, 0.4]),
         helix(0.08, 0.1, centre=[0.3, -0.1, 0.35]),
         through_points([[0.3, 0, 0.3], [0.35, 0.1, 0.25], [0.3, 0.15, 0.35]]),

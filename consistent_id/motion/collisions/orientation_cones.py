@@ -15,8 +15,7 @@ import numpy as np
 from consistent_id._support.arrays import Vector, array_default, freeze, freeze_arrays
 from consistent_id.errors import ProblemError
 from consistent_id.motion.collisions.bodies import Body, Sphere, plane
-from consistent_id.motion.collisions.scene import Pair, Scene
-from consistent_id.robot.kinematics import fixed_place
+from consistent_id.motion.collisions.scene import Scene, kept_off
 
 _RADIUS = 1e-3  # m; of the ball at the point, by which the face is set back
 _NARROWEST = np.radians(1.0)  # rad; from a cone of nothing, or of all directions
@@ -80,8 +79,6 @@ def within_cones(scene: Scene, cones: Iterable[OrientationCone]) -> Scene:
     [[0.0099]]
     """
     for cone in cones:
-        if fixed_place(scene.robot, cone.link).link < 0:
-            raise ProblemError(f"cone of {cone.link!r}: this link does not move")
         length = 1.0 / np.sin(cone.angle)
         point = Body(
             f"direction of {cone.link}",
@@ -93,10 +90,5 @@ def within_cones(scene: Scene, cones: Iterable[OrientationCone]) -> Scene:
         height = length * np.cos(cone.angle) - _RADIUS
         label = f"outside of the cone of {cone.link} (1 mm is 1 mrad)"
         beyond = replace(plane(height, cone.axis, label), turning=True)
-        first = len(scene.bodies)
-        scene = replace(
-            scene,
-            bodies=(*scene.bodies, point, beyond),
-            pairs=(*scene.pairs, Pair(first, first + 1)),
-        )
+        scene = kept_off(scene, point, [beyond], f"cone of {cone.link!r}")
     return scene

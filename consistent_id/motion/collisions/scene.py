@@ -1,6 +1,7 @@
 """What surrounds a robot, and which bodies must stay apart."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -108,6 +109,27 @@ class Scene:
     def names(self, pair: Pair) -> tuple[str, str]:
         """Return the names of a pair's bodies."""
         return self.bodies[pair.first].name, self.bodies[pair.second].name
+
+
+def kept_off(scene: Scene, body: Body, others: Sequence[Body], where: str) -> Scene:
+    """Return a scene with a body of the robot and others that it may not touch.
+
+    Raises
+    ------
+    ModelError
+        If the robot has no such link.
+    ProblemError
+        If the body's link does not move; `where` begins the message.
+    """
+    if place_of(scene.robot, body).link < 0:
+        raise ProblemError(f"{where}: this link does not move")
+    first = len(scene.bodies)
+    pairs = (Pair(first, first + 1 + k) for k in range(len(others)))
+    return replace(
+        scene,
+        bodies=(*scene.bodies, body, *others),
+        pairs=(*scene.pairs, *pairs),
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -5,15 +5,14 @@ search keeps the box, and a proof covers it, as those of collisions.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from consistent_id._support.arrays import Vector, array_default, freeze_arrays
 from consistent_id.errors import ProblemError
 from consistent_id.motion.collisions.bodies import Body, Sphere, plane
-from consistent_id.motion.collisions.scene import Pair, Scene
-from consistent_id.robot.kinematics import fixed_place
+from consistent_id.motion.collisions.scene import Scene, kept_off
 
 _RADIUS = 1e-3  # m; of the ball that stands for the point, by which faces are set back
 
@@ -70,20 +69,9 @@ def within_workspaces(scene: Scene, workspaces: Iterable[Workspace]) -> Scene:
     ['low x of link2', 'high x of link2', 'low y of link2', 'high y of link2']
     """
     for box in workspaces:
-        if fixed_place(scene.robot, box.link).link < 0:
-            raise ProblemError(f"workspace of {box.link!r}: this link does not move")
         point = f"point of {box.link}"
         ball = Body(point, Sphere(_RADIUS), box.link, translation=box.point)
-        first = len(scene.bodies)
-        faces = _faces(box)
-        scene = replace(
-            scene,
-            bodies=(*scene.bodies, ball, *faces),
-            pairs=(
-                *scene.pairs,
-                *(Pair(first, first + k) for k in range(1, len(faces) + 1)),
-            ),
-        )
+        scene = kept_off(scene, ball, _faces(box), f"workspace of {box.link!r}")
     return scene
 
 
