@@ -117,7 +117,8 @@ def add_draft_options(command: argparse.ArgumentParser) -> None:
         "--drive",
         nargs="+",
         metavar="TERM",
-        help="drive terms of all joints, such as viscous coulomb offset",
+        help="drive terms of all joints, such as viscous coulomb offset, and of one "
+        "joint in their place: JOINT=viscous,coulomb",
     )
     chosen.add_argument(
         "--cutoff", type=positive, metavar="HZ", help="cut-off of the motion"
