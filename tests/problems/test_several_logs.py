@@ -211,7 +211,7 @@ def test_a_joint_is_locked_where_the_shell_says(arm, capsys):
     arguments = ["init", str(urdf), str(first), "--dry-run", "--lock", "elbow=0.5"]
     assert main(arguments) == 0
     text = capsys.readouterr().out
-    assert 'locked = {elbow = 0.5}' in text
+    assert "locked = {elbow = 0.5}" in text
     assert "# Locked: elbow at 0.5." in text
     assert main([*arguments[:-1], "elbo"]) == 2
     assert "known: elbow" in capsys.readouterr().err
