@@ -124,15 +124,26 @@ def print_error(error: ConsistentIdError) -> int:
 
 @contextmanager
 def warnings_unless(quiet: bool) -> Iterator[None]:
-    """Let the package's warnings pass, unless the user wants quiet."""
+    """Let the package's warnings pass, each once, unless the user wants quiet."""
     logger = logging.getLogger("consistent_id")
-    before = logger.level
+    before, said = logger.level, set[str]()
+    handler = logging.StreamHandler()
+    handler.addFilter(lambda record: _is_new(record.getMessage(), said))
+    logger.addHandler(handler)
     if quiet:
         logger.setLevel(logging.ERROR)
     try:
         yield
     finally:
         logger.setLevel(before)
+        logger.removeHandler(handler)
+
+
+def _is_new(sentence: str, said: set[str]) -> bool:
+    """Return whether a sentence has not been said, and note that it is now."""
+    new = sentence not in said
+    said.add(sentence)
+    return new
 
 
 def shows_progress(options: argparse.Namespace) -> bool:

@@ -88,7 +88,9 @@ _MODEL = (
         choices=("model", "free"),
     ),
     Option(
-        "--drive TERM ...", "drive terms of all joints, such as viscous coulomb offset"
+        "--drive TERM ...",
+        "drive terms of all joints, such as viscous coulomb offset, and of one joint in "
+        "their place: JOINT=viscous,coulomb",
     ),
     Option("--cutoff HZ", "cut-off of the motion", positive),
     BAND,

@@ -10,8 +10,9 @@ from consistent_id.cli.option import Option
 from consistent_id.cli.options import PROBLEM, TIME_LIMIT, WRITES, add_command
 
 _MORE = """Drive terms, masses, cut-offs, rows and a delay are chosen from the training
-recordings alone, by the torque that is predicted on blocks that are left out.
-Interrupted, it shows the best choice so far."""
+recordings alone, by the torque that is predicted on blocks that are left out. What
+does not change stays as you wrote it, comments included. Interrupted, it shows the
+best choice so far."""
 _EXAMPLES = """
 consistent-id select problems/ur10e
 consistent-id select problems/ur10e --keep masses motion_cutoff --dry-run

@@ -48,7 +48,8 @@ def _in_degrees(share: Vector, beyond: BoolArray) -> Finding:
         "all joints",
         f"joints travel up to {share.max():.3g} times the range of their limits, "
         f"and {share.max() / _DEGREES:.0%} of it if positions are in degrees",
-        "multiply positions and velocities by pi / 180",
+        "read them as degrees (--units deg), or multiply positions and velocities by "
+        "pi / 180",
         float(np.median(share[beyond])) / _BEYOND,
     )
 

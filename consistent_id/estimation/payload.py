@@ -178,9 +178,8 @@ def identify_payload(
     correlation = correlation_length(
         list(robot.residuals(free.parameters, *runs)), regression.sigma
     )
-    slopes = gain_slopes(regression, robot.base)
     shares = _of_joints(gain_errors, model)
-    of_gains = np.linalg.norm(slopes * shares, axis=1)
+    of_gains = np.linalg.norm(gain_slopes(regression, robot.base) * shares, axis=1)
     errors = _standard_errors(robot, free, correlation, of_gains)
     _require_weight(InertialParameters(free.parameters[robot.load_slice]), errors)
     estimate = constrained_least_squares(

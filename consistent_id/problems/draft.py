@@ -1,7 +1,7 @@
 """A problem file for a robot and logs that have none; guesses are marked as such."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
@@ -14,6 +14,7 @@ from consistent_id.problems.file import (
     ConstraintsTable,
     DataTable,
     DriveTable,
+    JointTable,
     ModelTable,
     PreparationTable,
     ProblemTable,
@@ -80,6 +81,8 @@ class Draft:
         What else was guessed.
     drive : DriveTable
         Of all joints, as long as no model was selected.
+    joint_drives : mapping of str to JointTable
+        What some joints have else.
     selection : ModelSelection, optional
         The model that the training rows ask for.
     gains : PDGains, optional
@@ -107,6 +110,7 @@ class Draft:
     raw: Mapping[Path, Recording]
     notes: tuple[str, ...] = ()
     drive: DriveTable = DEFAULT_DRIVE
+    joint_drives: Mapping[str, JointTable] = field(default_factory=dict)
     selection: ModelSelection | None = None
     gains: PDGains | None = None
     delay: float | Literal["estimated"] = 0.0
@@ -161,6 +165,7 @@ class Draft:
                 locked=dict(self.held),
             ),
             drive=self.drive,
+            joints=dict(self.joint_drives),
             constraints=ConstraintsTable(bodies=self.bodies, masses=self.masses),
             data=DataTable(
                 recordings=[

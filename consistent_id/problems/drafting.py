@@ -3,7 +3,7 @@
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import msgspec
 
@@ -20,7 +20,6 @@ from consistent_id.problems.draft_rows import (
     moving_rows,
     split_logs,
 )
-from consistent_id.problems.file import DriveTable
 from consistent_id.problems.given_logs import GivenLog, given_logs
 from consistent_id.problems.late_velocity import on_time
 from consistent_id.problems.log_entries import with_torque
@@ -28,11 +27,11 @@ from consistent_id.problems.model import DEFAULT_DRIVE
 from consistent_id.problems.robot_logs import RobotLogs, robot_logs
 from consistent_id.problems.selection.select import select_model
 from consistent_id.problems.selection.setup import DRIVE, KINDS
+from consistent_id.problems.stated_drive import StatedDrive, stated_drive
 from consistent_id.recordings.readers.units import Units
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import PDGains
 from consistent_id.recordings.signals.clocks import own_rate
-from consistent_id.regression.drive.drive_terms import DEFAULTS
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.chains import Selection
 from consistent_id.robot.parameters import did_you_mean
@@ -42,9 +41,6 @@ DRY = 0.05
 Friction of simulators is dry.  A wider change can fit torque better, as what is creep,
 play and lag, and then replays worse: on parts of the training motion that were not
 learnt from, rollouts of two real robots choose 0.05 and less, and torque 0.1."""
-
-_SWITCHES = tuple(name for name, value in DEFAULTS.items() if value in (False, "none"))
-
 
 def draft_problem(
     model: str | Path,
@@ -99,8 +95,8 @@ def draft_problem(
         Whether the model's masses are known; where it has none, they are free. By
         default the data may contradict them.
     drive : sequence of str, optional
-        Drive terms of all joints, such as ``["viscous", "coulomb", "offset"]``; by
-        default chosen.
+        Drive terms of all joints, such as ``["viscous", "coulomb", "offset"]``, and of
+        one joint in their place, ``"wrist=viscous,coulomb"``; by default chosen.
     cutoff : float, optional, [Hz]
         Of the motion; by default chosen.
     band : float, optional, [Hz]
@@ -147,12 +143,10 @@ def draft_problem(
     raws = {file: with_torque(raw, gains) for file, raw in read.items()}
     clock = clock_of(list(raws.values()))
     split = split_logs(raws, clock, whole=bool(given.validation))
-    table = _plain_drive(gains) if drive is None else _drive_table(drive)
     if friction_velocity is None and gains is not None:
         friction_velocity = DRY
-    if friction_velocity is not None:
-        table = msgspec.structs.replace(table, velocity_scale=friction_velocity)
-    chosen = _plain_cutoff(logs, table, split.training, clock, cutoff, select)
+    stated = _stated(logs, drive, friction_velocity)
+    chosen = _plain_cutoff(logs, stated, split.training, clock, cutoff, select)
     draft = Draft(
         model=model,
         recordings=tuple(sorted(split.entries, key=lambda entry: entry.role)),
@@ -170,7 +164,8 @@ def draft_problem(
         masses=_masses(logs, masses),
         raw=read,
         notes=logs.notes,
-        drive=table,
+        drive=stated.common,
+        joint_drives=stated.joints,
         gains=gains,
         bodies=bodies,
     )
@@ -231,7 +226,7 @@ def _fixed(
 
 def _plain_cutoff(
     logs: RobotLogs,
-    drive: DriveTable,
+    drive: StatedDrive,
     training: Sequence[Recording],
     clock: Clock,
     given: float | None,
@@ -243,7 +238,8 @@ def _plain_cutoff(
     if select:
         return DraftCutoff(usual_cutoff(training), "the plain default")
     measured = tuple(logs.columns.torque_joints)
-    model = TorqueModel(logs.robot, drive.terms, torque_joints=measured)
+    terms = drive.terms(logs.robot.joint_names)
+    model = TorqueModel(logs.robot, terms, torque_joints=measured)
     return draft_cutoff(model, training, clock)
 
 
@@ -304,21 +300,15 @@ def _require_kinds(keep: Sequence[str]) -> None:
             )
 
 
-def _plain_drive(gains: PDGains | None) -> DriveTable:
-    """Return the drive of which nothing is known; PD-controlled motors have gears."""
-    if gains is None:
-        return DEFAULT_DRIVE
-    return msgspec.structs.replace(DEFAULT_DRIVE, rotor_inertia=True)
-
-
-def _drive_table(names: Sequence[str]) -> DriveTable:
-    """Return the drive terms of these names; those with shapes have usual ones."""
-    for name in names:
-        if name not in _SWITCHES:
-            near = did_you_mean(name, _SWITCHES)
-            raise ProblemError(f"no drive term {name!r}; {near}")
-    keys: dict[str, Any] = dict.fromkeys(names, True)
-    if keys.pop("coulomb", False):
-        width = DEFAULT_DRIVE.velocity_scale
-        keys |= {"coulomb": "tanh", "velocity_scale": width}
-    return DriveTable(**keys)
+def _stated(
+    logs: RobotLogs, words: Sequence[str] | None, width: float | None
+) -> StatedDrive:
+    """Return the drive that is asked for, or that of which nothing is known."""
+    if words is not None:
+        return stated_drive(words, logs.robot.joint_names, width=width)
+    plain = DEFAULT_DRIVE
+    if width is not None:
+        plain = msgspec.structs.replace(plain, velocity_scale=width)
+    if logs.gains is not None:  # PD-controlled motors have gears
+        plain = msgspec.structs.replace(plain, rotor_inertia=True)
+    return StatedDrive(plain, {})

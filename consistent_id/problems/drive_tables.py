@@ -85,4 +85,14 @@ class JointTable(_JointDrive, frozen=True, kw_only=True):  # type: ignore[misc, 
         return DriveTable(**(common | own))
 
 
+def exceptions(own: DriveTable, common: DriveTable) -> dict[str, Any]:
+    """Return what one joint has else than all, by key; zero stands for none."""
+    values = {key: getattr(own, key) for key in DEFAULTS}
+    return {
+        key: 0.0 if value is None else value
+        for key, value in values.items()
+        if value != getattr(common, key)
+    }
+
+
 _OPTIONAL = tuple(k for k, v in DEFAULTS.items() if v is None)

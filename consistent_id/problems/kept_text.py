@@ -9,6 +9,8 @@ from pathlib import Path
 from consistent_id.errors import ProblemError
 from consistent_id.problems.file import ProblemTable, problem_table
 
+_MOST_LINES = 1000  # three times the longest that was written by hand; more take long
+
 
 @dataclass(frozen=True, slots=True)
 class Statement:
@@ -81,8 +83,10 @@ def rewritten(
         Tables that the fresh text has otherwise, such as ``"data.preparation"``.
     expected : ProblemTable
         What the file has to say.  Where tables are written in a form that cannot be
-        replaced one by one, the fresh text is returned.
+        replaced one by one, or lines are very many, the fresh text is returned.
     """
+    if text.count("\n") > _MOST_LINES:
+        return fresh
     written, tail = _sections(text)
     anew, _ = _sections(fresh)
     groups = [tuple(path.split(".")) for path in changed]

@@ -23,7 +23,7 @@ def expanded(path: str, table: ProblemTable) -> str:
 
 
 def require_there(file: Path, table: ProblemTable) -> Path:
-    """Return a file; where it is not there, say where it comes from.
+    """Return a file, without ways up; where it is not there, say where it is from.
 
     Raises
     ------
@@ -32,7 +32,7 @@ def require_there(file: Path, table: ProblemTable) -> Path:
     """
     if table.source and not file.exists():
         raise ProblemError(f"problem {table.name!r}: no file {file}" + _origin(table))
-    return file
+    return file.resolve() if ".." in file.parts else file
 
 
 def _origin(table: ProblemTable) -> str:

@@ -103,6 +103,18 @@ def selected(robot: RobotModel, selection: Selection) -> RobotModel:
     return part
 
 
+def _said_to_follow(following: Mapping[str, float]) -> str:
+    """Say which joints follow ones that do not move, and where they are locked."""
+    if len(following) == 1:
+        ((name, position),) = following.items()
+        return (
+            f"joint {name!r} follows one that does not move; it is locked at "
+            f"{position:.6g}"
+        )
+    places = ", ".join(f"{name!r} at {at:.6g}" for name, at in following.items())
+    return f"{len(following)} joints follow ones that do not move; locked: {places}"
+
+
 def held(robot: RobotModel, positions: Mapping[str, float]) -> RobotModel:
     """Return the robot with some joints at rest at `positions` [rad or m].
 
@@ -127,13 +139,8 @@ def held(robot: RobotModel, positions: Mapping[str, float]) -> RobotModel:
         return robot
     positions = dict(positions)
     following = followers_at(robot.joints, positions)
-    for name, position in following.items():
-        _log.warning(
-            "robot %r: joint %r follows one that does not move; it is locked at %.6g",
-            robot.name,
-            name,
-            position,
-        )
+    if following:
+        _log.warning("robot %r: %s", robot.name, _said_to_follow(following))
     positions |= following
     held_base = not robot.floating or robot.joints[0].name in positions
     if held_base and set(robot.joint_names) <= positions.keys():

@@ -14,6 +14,7 @@ from logged import write_arm
 
 from consistent_id import load_problem, uncertainty
 from consistent_id.cli import main
+from consistent_id.cli.answers import warnings_unless
 from consistent_id.cli.colour import coloured, wants_colour
 from consistent_id.cli.time_limit import OutOfTime, within
 from consistent_id.cli.tool import tool_parser
@@ -98,6 +99,21 @@ def test_the_quiet_hear_no_warnings_and_others_do_later(arm, tmp_path, capsys):
     finally:
         logger.removeHandler(handler)
     capsys.readouterr()
+
+
+def test_a_warning_is_said_once_for_a_command(capsys):
+    logger = logging.getLogger("consistent_id.somewhere")
+    with warnings_unless(False):
+        for word in ("first", "second", "first"):
+            logger.warning("the %s", word)
+    with warnings_unless(False):
+        logger.warning("the first")
+    assert capsys.readouterr().err.split("\n") == [
+        "the first",
+        "the second",
+        "the first",
+        "",
+    ]
 
 
 @pytest.mark.slow

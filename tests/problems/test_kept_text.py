@@ -133,6 +133,13 @@ def test_a_form_that_cannot_be_replaced_table_by_table_is_written_anew(form):
     assert "# The end." not in kept
 
 
+def test_a_file_of_very_many_lines_is_written_anew_at_once():
+    gains = "torque_gain = [\n" + "1.0,\n" * 20_000 + "]\n"
+    long = TEXT.replace("[data]\n", "[data]\n" + gains)
+    kept, fresh = with_changes(long, data__preparation__motion_cutoff=5.0)
+    assert kept == fresh
+
+
 def test_header_names_in_quotes_and_texts_over_lines_are_read_as_toml_does():
     quoted = TEXT.replace("[joints.elbow]", '[ joints . "elbow" ]  # left').replace(
         'name = "arm"', 'name = "arm"\ndescription = """\n[drive]\n# not a comment"""'

@@ -85,6 +85,30 @@ def test_what_follows_a_locked_joint_is_locked_with_a_note(tmp_path, caplog):
     assert np.allclose(robot.nominal, expected.nominal, rtol=0, atol=1e-14)
 
 
+def test_of_many_that_follow_a_locked_joint_one_note_tells(tmp_path, caplog):
+    finger = """<joint name="finger{0}" type="prismatic">
+        <parent link="base"/> <child link="tip{0}"/> <axis xyz="0 1 0"/>
+        <limit lower="0" upper="1" velocity="1" effort="1"/> {1}
+      </joint> <link name="tip{0}"/>"""
+    mimic = '<mimic joint="finger0" multiplier="{0}"/>'
+    fingers = [finger.format(k, mimic.format(k) if k else "") for k in range(3)]
+    path = tmp_path / "hand.urdf"
+    path.write_text(
+        '<robot name="hand"><link name="base"/>'
+        '<joint name="wrist" type="revolute"> <parent link="base"/>'
+        '<child link="palm"/> <limit lower="0" upper="1" velocity="1" effort="1"/>'
+        f'</joint> <link name="palm"/> {"".join(fingers)}</robot>'
+    )
+    with caplog.at_level(logging.WARNING):
+        robot = load_urdf(path, locked={"finger0": 0.2})
+    assert robot.joint_names == ("wrist",)
+    notes = [r.getMessage() for r in caplog.records if "follow" in r.getMessage()]
+    assert notes == [
+        "robot 'hand': 2 joints follow ones that do not move; locked: "
+        "'finger1' at 0.2, 'finger2' at 0.4"
+    ]
+
+
 def test_what_follows_a_joint_of_another_branch_stands_as_at_its_zero():
     robot = _robot()
     part = chain(robot, base=robot.link_names[0])

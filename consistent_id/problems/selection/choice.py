@@ -3,11 +3,12 @@
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import msgspec
 
 from consistent_id.errors import ProblemError
+from consistent_id.problems.drive_tables import exceptions
 from consistent_id.problems.file import (
     CouplingTable,
     DataTable,
@@ -16,7 +17,6 @@ from consistent_id.problems.file import (
     LinkTable,
     ProblemTable,
 )
-from consistent_id.regression.drive.drive_terms import DEFAULTS
 from consistent_id.robot.model import RobotModel
 
 Masses = Literal["datasheet", "bounds", "free"]
@@ -131,21 +131,13 @@ def _joint_tables(
             else {"gear_ratio": known.gear_ratio, "motor_inertia": known.motor_inertia}
         )
         own = (
-            {} if measured and name not in measured else _other(by_joint[name], common)
+            {}
+            if measured and name not in measured
+            else exceptions(by_joint[name], common)
         )
         if own or any(v is not None for v in motor.values()):
             joints[name] = JointTable(**own, **motor)
     return common, joints
-
-
-def _other(own: DriveTable, common: DriveTable) -> dict[str, Any]:
-    """Return what one joint has else than all; zero stands for none."""
-    values = {key: getattr(own, key) for key in DEFAULTS}
-    return {
-        key: 0.0 if value is None else value
-        for key, value in values.items()
-        if value != getattr(common, key)
-    }
 
 
 def _link_tables(
