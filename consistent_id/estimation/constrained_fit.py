@@ -125,8 +125,13 @@ def constrained_fit(
     constraints: Sequence[Constraint],
     prior: Prior | None,
     base: BaseParameters,
+    *,
+    weight: float | None = None,
 ) -> ConstrainedFit:
     """Fit under constraints, then let the prior choose where the data do not.
+
+    Where a weight of the prior is searched for, `weight` is tried first: that of nearly
+    the same data.
 
     Raises
     ------
@@ -160,7 +165,7 @@ def constrained_fit(
     least = max(best.misfit, best.scaled.size) ** 2
     left = noise.one_error * (1.0 - inner.move) ** 2
     slack = prior.relative_slack(left, least)
-    return _nearest(best, distance, prior, slack, notes)
+    return _nearest(best, distance, prior, slack, notes, weight)
 
 
 def _nearest(
@@ -169,8 +174,9 @@ def _nearest(
     prior: PointToSet,
     slack: float,
     notes: tuple[str, ...],
+    weight: float | None,
 ) -> ConstrainedFit:
-    near = nearest_within(best, distance, slack)
+    near = nearest_within(best, distance, slack, first=weight)
     note = (
         f"nearest to nominal ({prior.distance} distance) among estimates whose misfit "
         f"is within {slack:.2g} (relative) of the best constrained fit"

@@ -48,7 +48,13 @@ class Nearest:
     allowed: float
 
 
-def nearest_within(best: BestFit, distance: NominalDistance, slack: float) -> Nearest:
+def nearest_within(
+    best: BestFit,
+    distance: NominalDistance,
+    slack: float,
+    *,
+    first: float | None = None,
+) -> Nearest:
     """Return the point nearest to nominal whose misfit is within `slack` of the best.
 
     A weight of the distance makes this a well-conditioned problem; its optimum ``u`` is
@@ -61,13 +67,24 @@ def nearest_within(best: BestFit, distance: NominalDistance, slack: float) -> Ne
 
     Where no weight keeps the misfit within the slack, which data of next to no noise
     can do to a solver, the point of the least misfit is returned, and says so.
+
+    Parameters
+    ----------
+    best : BestFit
+    distance : NominalDistance
+    slack : float
+        Relative misfit that may be given up.
+    first : float, optional
+        Weight that is tried first, such as that of nearly the same data.
     """
     scaled = best.scaled
     least = scaled.excess(best.solution.u)
     allowed = ((1.0 + slack) ** 2 - 1.0) * max(least + scaled.residual**2, 1.0)
     # The proof's ball is to contain the best fit, wherever that is.
     reach = 2.0 * float(np.linalg.norm(best.solution.u - distance.nominal))
-    search = _Search(np.log(allowed) + _FIRST)
+    search = _Search(
+        float(np.log(allowed) + _FIRST if first is None else np.log(first))
+    )
     kept: Nearest | None = None
     closest: PenalisedFit | None = None
     unproven = 0

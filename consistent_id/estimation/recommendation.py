@@ -133,18 +133,12 @@ def recommend(
     blocks = np.array_split(np.arange(len(segments)), min(FOLDS, len(segments)))
 
     folds = [_fold(segments, block) for block in blocks]
-
-    def left_out(candidate: Candidate, fold: _Fold) -> float:
-        rest, tested = fold
-        try:
-            if candidate.weighted:
-                rest = rest.weighted(joint_noise(model, rest, base=base))
-            fit = constrained_fit(model, rest, constraints, candidate.prior, base)
-        except (InfeasibleError, NotExcitedError, SolverError):
-            return np.inf
-        return _relative_error(model, tested, fit.parameters)
-
-    errors = np.array([[left_out(c, fold) for fold in folds] for c in candidates])
+    errors = np.array(
+        [
+            _left_out(model, candidate, folds, constraints, base)
+            for candidate in candidates
+        ]
+    )
     names = tuple(candidate.method for candidate in candidates)
     return Recommendation(names[_simplest(errors)], names, errors)
 
@@ -154,6 +148,31 @@ class _Fold(NamedTuple):
 
     rest: Regression
     tested: Regression
+
+
+def _left_out(
+    model: TorqueModel,
+    candidate: Candidate,
+    folds: Sequence[_Fold],
+    constraints: Sequence[Constraint],
+    base: BaseParameters,
+) -> list[float]:
+    """Return a candidate's error on each fold; infinite where there is no fit."""
+    errors: list[float] = []
+    weight: float | None = None  # of the prior: in one fold much as in another
+    for rest, tested in folds:
+        try:
+            if candidate.weighted:
+                rest = rest.weighted(joint_noise(model, rest, base=base))
+            fit = constrained_fit(
+                model, rest, constraints, candidate.prior, base, weight=weight
+            )
+        except (InfeasibleError, NotExcitedError, SolverError):
+            errors.append(np.inf)
+            continue
+        weight = fit.final.weight
+        errors.append(_relative_error(model, tested, fit.parameters))
+    return errors
 
 
 def _fold(segments: Sequence[Regression], block: IntArray) -> _Fold:

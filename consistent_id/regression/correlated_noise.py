@@ -16,7 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from consistent_id._support.arrays import Array, Matrix, Vector
+from consistent_id._support.arrays import Matrix, Vector
+from consistent_id.regression.triangles import extended
 
 _BAND = 0.5
 """Frequencies over which a spectrum is averaged, in cube roots of the samples: six of a
@@ -96,24 +97,25 @@ def spectral_noise(rows: Matrix, residual: Vector, steps: Matrix) -> JointNoise:
     twice[0] = 1.0
     if n % 2 == 0:
         twice[-1] = 1.0
-    leverage = sum(np.einsum("fr,fr->f", part, part) for part in y @ steps)
+    fitted = y @ steps
+    leverage = np.einsum("fr,fr->f", fitted, fitted).reshape(2, -1).sum(axis=0)
     width = int(_BAND * np.cbrt(n)) + 1
     left = np.maximum(_smoothed(1.0 - leverage, width), _LEFT)
     power = _smoothed(abs(r) ** 2, width) / left
     mean = float(np.average(power, weights=twice))
     spent = float(twice @ leverage)
     felt = float((twice * leverage) @ power)
-    y *= np.sqrt(twice * power)[:, None]
+    y *= np.tile(np.sqrt(twice * power), 2)[:, None]
     return JointNoise(
-        scores=_compressed(y.reshape(-1, rows.shape[1])),
+        scores=_compressed(y),
         length=felt / (spent * mean) if spent * mean > 0.0 else 1.0,
     )
 
 
-def _spectra(rows: Matrix) -> Array:
-    """Return real and imaginary parts, shape (2, frequencies, columns)."""
-    spectra = np.fft.rfft(rows, axis=0)
-    return np.stack([spectra.real, spectra.imag])
+def _spectra(rows: Matrix) -> Matrix:
+    """Return real parts, and imaginary ones below, of each column's spectrum."""
+    spectra = np.fft.rfft(rows.T, axis=1)
+    return np.concatenate([spectra.real, spectra.imag], axis=1).T
 
 
 def white_noise(rows: Matrix, residual: Vector) -> JointNoise:
@@ -131,6 +133,6 @@ def _smoothed(spectrum: Vector, width: int) -> Vector:
     return np.asarray((sums[width:] - sums[:-width]) / width)
 
 
-def _compressed(rows: Array) -> Matrix:
-    """Return the triangular factor of rows."""
-    return np.asarray(np.linalg.qr(rows, mode="r"))
+def _compressed(rows: Matrix) -> Matrix:
+    """Return the triangular factor of rows, destroying them."""
+    return extended(np.zeros((0, rows.shape[1])), np.asfortranarray(rows))

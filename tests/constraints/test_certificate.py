@@ -93,7 +93,8 @@ def test_where_a_larger_gap_is_enough_a_coarse_programme_is_tried_first(
     assert tolerances[0] == 1e-6 and len(tolerances) <= 2
 
 
-def test_no_programme_is_solved_twice(monkeypatch):
+def programmes_tried(monkeypatch, share):
+    """Return what is asked of a solver that knows a share of its multipliers."""
     problem, _ = _triangular(0)
     asked = []
 
@@ -103,14 +104,24 @@ def test_no_programme_is_solved_twice(monkeypatch):
         options["origin"] = None if origin is None else origin.tobytes()
         ball = options.pop("within", None)
         asked.append((*sorted(options.items(), key=str), ball and ball.radius))
-        # No multipliers: nothing is proven, and every way is tried.
-        nothing = solution.multipliers.times(0.0)
-        return replace(solution, multipliers=nothing)
+        return replace(solution, multipliers=solution.multipliers.times(share))
 
     monkeypatch.setattr(certificate, "solve_least_norm", noted)
     _, optimality = solve_certified(problem, np.zeros(6), reference=0.5)
     assert optimality.verdict == "uncertified"
+    return asked
+
+
+def test_no_programme_is_solved_twice(monkeypatch):
+    # Multipliers that are almost right: every way is tried for the last digits.
+    asked = programmes_tried(monkeypatch, 1.0 - 1e-3)
     assert len(asked) == len(set(asked)) > 8
+
+
+def test_where_no_digits_help_each_ball_is_tried_once(monkeypatch):
+    asked = programmes_tried(monkeypatch, 0.0)
+    balls = [ball for *_, ball in asked]
+    assert balls == [None, None, 10.0, 100.0]
 
 
 def test_a_point_that_is_not_optimal_is_not_certified():

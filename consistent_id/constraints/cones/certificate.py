@@ -18,7 +18,6 @@ reaches `RADIUS` times as far as ``u`` is from it.
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache, partial
-from itertools import chain
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -36,6 +35,10 @@ from consistent_id.constraints.cones.sets import ConicSet, block_rows
 from consistent_id.errors import SolverError
 
 _FINE = (1e-12, 1e-10)  # tolerances where numbers are tame, or magnified
+_FLAT = 1e-3
+"""Gap that no digits of the solver's close: the objective is flat in directions in
+which the point ran away, and only a ball can hold it."""
+
 _NO_COST = 1e-9  # share of the objective, far below the gap allowed
 _NULL = 1e-12  # singular values below this, relative to the largest, are zero
 
@@ -174,7 +177,8 @@ def solve_certified(
 
     At several tolerances, and magnified; then within the ball of the proof; then about
     the best point so far.  Where a larger gap than a certificate allows is enough, a
-    coarse tolerance is tried first.
+    coarse tolerance is tried first.  Where two ways show that the objective is `_FLAT`,
+    other tolerances are left out: balls are tried, each once.
 
     Raises
     ------
@@ -200,17 +204,24 @@ def solve_certified(
                 tried.add((id(start), tolerance))
                 yield partial(solve, tolerance=tolerance, within=within, origin=start.u)
 
-    wide = Ball(centre, RADIUS * within.radius)
-    coarse = [partial(solve, tolerance=COARSE)] if gap > GAP_TOLERANCE else []
-    ways: list[Callable[[], ConeSolution]] = [
-        *coarse,
-        partial(solve, tolerance=TOLERANCES[0]),
-        partial(solve, tolerance=_FINE[0], magnified=True),
-        *(partial(solve, tolerance=t) for t in TOLERANCES[1:]),
-        *(partial(solve, tolerance=t, within=within) for t in _FINE),
-        *(partial(solve, tolerance=t, within=wide) for t in _FINE),
-    ]
-    for way in chain(ways, about_the_best()):
+    def is_flat() -> bool:
+        solved = [o.gap for _, o in found if o.violation <= FEASIBILITY_TOLERANCE]
+        return len(solved) > 1 and min(solved) > _FLAT
+
+    def ways() -> Iterator[Callable[[], ConeSolution]]:
+        if gap > GAP_TOLERANCE:
+            yield partial(solve, tolerance=COARSE)
+        yield partial(solve, tolerance=TOLERANCES[0])
+        yield partial(solve, tolerance=_FINE[0], magnified=True)
+        if not is_flat():
+            yield from (partial(solve, tolerance=t) for t in TOLERANCES[1:])
+        for ball in (within, Ball(centre, RADIUS * within.radius)):
+            tolerances = _FINE[:1] if is_flat() else _FINE
+            yield from (partial(solve, tolerance=t, within=ball) for t in tolerances)
+        if not is_flat():
+            yield from about_the_best()
+
+    for way in ways():
         try:
             solution = way()
         except SolverError as failure:

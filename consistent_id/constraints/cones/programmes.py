@@ -27,7 +27,7 @@ from consistent_id.errors import SolverError
 
 ConeKind = Literal["zero", "nonnegative", "second order", "semidefinite"]
 
-_ITERATIONS = 200
+_ITERATIONS = 100  # ten to thirty are usual; what takes more runs along flat directions
 COARSE = 1e-6
 """Tolerance from which on Clarabel's linear systems are not refined: that takes a
 quarter of its time, and changes no digit that such a tolerance asks for."""
