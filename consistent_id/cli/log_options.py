@@ -77,7 +77,7 @@ def add_gains(command: argparse.ArgumentParser) -> None:
         default=(),
         metavar="KP,KD[,LIMIT]",
         help="of PD-controlled joints, for all or one each: torque is computed from "
-        "commands of position, and clipped at the drive's limit (N m, N) if it is given",
+        "commands of position, and clipped at the drive's limit [N m, N], if given",
     )
     command.add_argument(
         "--position-command",
