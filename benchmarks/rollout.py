@@ -17,7 +17,7 @@ the processor.
 
 import argparse
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from time import process_time
@@ -27,6 +27,11 @@ import numpy as np
 
 import consistent_id as ci
 from consistent_id.comparison.block_scatter import BLOCKS, BlockScatter, block_scatter
+from consistent_id.comparison.speed_trend import (
+    joint_speeds,
+    speed_of,
+    speed_trend,
+)
 from consistent_id.laboratory.rollout import rollout
 from consistent_id.laboratory.rollout.refine import RIDGE, refined
 from consistent_id.laboratory.rollout.ridge import chosen_ridge
@@ -38,7 +43,7 @@ from consistent_id.laboratory.rollout.settings import (
 )
 from consistent_id.laboratory.rollout.settings_choice import chosen_settings
 from consistent_id.problems.problem import problem_of
-from consistent_id.regression.segments import merged
+from consistent_id.regression.segments import merged, segments_of
 
 PROBLEMS = ("problems/unitree_go2", "problems/unitree_z1")
 
@@ -145,7 +150,14 @@ def blocks(problem: ci.Problem) -> None:
     def scatter(regressions: Sequence[ci.Regression]) -> BlockScatter:
         return block_scatter(model, regressions, constraints=problem.constraints)
 
-    learnt = parts["training"]
+    learnt, scale = parts["training"], joint_speeds(problem.training)
+    speeds = {
+        role: [
+            speed_of([piece], scale)
+            for piece in segments_of(log, count=len(plain[role]))
+        ]
+        for role, log in logs.items()
+    }
     folds = [(learnt[:i] + learnt[i + 1 :], one) for i, one in enumerate(learnt)]
     for what, pairs in (
         ("training blocks left out", folds),
@@ -160,6 +172,39 @@ def blocks(problem: ci.Problem) -> None:
             f"{len(pairs)} {what}, {seconds:.1f} s each: inside 95 % intervals "
             f"by noise {by_noise:.0%}, "
             f"with the scatter between blocks {with_scatter:.0%}",
+            flush=True,
+        )
+    trends(
+        {role: [scatter([one]) for one in found] for role, found in parts.items()},
+        speeds,
+    )
+
+
+def trends(
+    blocks: Mapping[str, Sequence[BlockScatter]], speeds: Mapping[str, Sequence[float]]
+) -> None:
+    """Print the same of intervals for the speed of the motion."""
+    learnt, fast = blocks["training"], speeds["training"]
+    rest = range(len(learnt))
+    left_out = [
+        speed_trend(
+            [learnt[k] for k in rest if k != i], [fast[k] for k in rest if k != i]
+        ).holds(learnt[i], fast[i])
+        for i in rest
+    ]
+    trend = speed_trend(learnt, fast)
+    judged = [
+        trend.holds(block, speed)
+        for block, speed in zip(blocks["validation"], speeds["validation"], strict=True)
+    ]
+    for what, role, held in (
+        ("training blocks left out", "training", left_out),
+        ("validation blocks", "validation", judged),
+    ):
+        print(
+            f"{what}, {min(speeds[role]):.2f} to {max(speeds[role]):.2f} times the "
+            f"training's speed: inside 95 % intervals for their speed "
+            f"{np.mean(held):.0%}",
             flush=True,
         )
 

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from consistent_id.diagnosis import Diagnosis, diagnose
-from consistent_id.problems.log_entries import with_torque
+from consistent_id.problems.log_entries import drive_limits, with_torque
 from consistent_id.problems.model import DEFAULT_DRIVE
 from consistent_id.problems.robot_logs import RobotLogs
 from consistent_id.recordings.recording import Recording
@@ -29,7 +29,8 @@ def check_log(logs: RobotLogs, log: Path, *, cutoff: float = 10.0) -> Diagnosis:
         torque_joints=tuple(logs.columns.torque_joints),
     )
     raw = with_torque(logs.read(log), logs.gains)
-    return diagnose(model, raw, prepare=smoothed(cutoff))
+    limits = drive_limits(logs.gains, logs.robot.joint_names)
+    return diagnose(model, raw, prepare=smoothed(cutoff), limits=limits)
 
 
 def smoothed(cutoff: float) -> Callable[[Recording], Recording]:

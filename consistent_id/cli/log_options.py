@@ -89,8 +89,8 @@ _MODEL = (
     ),
     Option(
         "--drive TERM ...",
-        "drive terms of all joints, such as viscous coulomb offset, and of one joint in "
-        "their place: JOINT=viscous,coulomb",
+        "drive terms of all joints, such as viscous coulomb offset, and of one joint "
+        "in their place: JOINT=viscous,coulomb",
     ),
     Option("--cutoff HZ", "cut-off of the motion", positive),
     BAND,

@@ -1,5 +1,6 @@
 """Logs that rest, saturate, carry no signal, or do not excite all parameters."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -66,11 +67,21 @@ def in_motion(model: TorqueModel, prepared: Recording) -> TorqueModel:
     return replace(model, torque_joints=moving or model.torque_joints)
 
 
-def saturation_findings(recording: Recording) -> list[Finding]:
-    """Find torques that stay at their largest value (`saturated`)."""
+def saturation_findings(
+    recording: Recording, limits: Mapping[str, float] | None = None
+) -> list[Finding]:
+    """Find torques that stay at their largest value (`saturated`).
+
+    Parameters
+    ----------
+    recording : Recording
+    limits : mapping of str to float, optional, [N m or N]
+        Of joints whose torque was made of commands and clipped where the drive clips
+        it: staying there, it is the drive's.
+    """
     if recording.torque is None:
         return []
-    at_limit = saturated(recording)
+    at_limit, limits = saturated(recording), limits or {}
     return [
         Finding(
             "saturation",
@@ -85,7 +96,9 @@ def saturation_findings(recording: Recording) -> list[Finding]:
         for joint, tau, at in zip(
             recording.joints, recording.torque.T, at_limit.T, strict=True
         )
-        if at.sum() >= _PINNED and abs(tau[at]).max() > 0.0
+        if at.sum() >= _PINNED
+        and abs(tau[at]).max() > 0.0
+        and not np.isclose(abs(tau[at]).max(), limits.get(joint, np.inf))
     ]
 
 

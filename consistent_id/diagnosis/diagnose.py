@@ -1,6 +1,6 @@
 """All detectors, one after another."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -85,6 +85,7 @@ def diagnose(
     prepare: Prepare | None = None,
     constraints: Sequence[Constraint] | None = None,
     base: BaseParameters | None = None,
+    limits: Mapping[str, float] | None = None,
 ) -> Diagnosis:
     """Look for what is wrong with recordings of a robot.
 
@@ -104,6 +105,8 @@ def diagnose(
         What is known of the robot; by default physical consistency, friction that
         dissipates, and the datasheet's masses where they are known.
     base : BaseParameters, optional
+    limits : mapping of str to float, optional, [N m or N]
+        Of joints whose torque was made of commands and clipped where drives clip it.
 
     Returns
     -------
@@ -126,7 +129,7 @@ def diagnose(
     open_: list[_Open] = []
     for recording in looked_at:
         log = recording.of(model.robot.joint_names)
-        of_one = _of_one(model, log, constraints, base, ready)
+        of_one = _of_one(model, log, constraints, base, ready, limits)
         if isinstance(of_one, _Open):
             open_.append(of_one)
         else:
@@ -201,6 +204,7 @@ def _of_one(
     constraints: Sequence[Constraint],
     base: BaseParameters,
     prepare: Prepare,
+    limits: Mapping[str, float] | None,
 ) -> list[Finding] | _Open:
     """Return what is found in one recording: of signals first, of their sense last."""
     found = signal_findings(model, log)
@@ -224,7 +228,8 @@ def _of_one(
     coarse = resolution_findings(log, torque)
     stepped = {f.where for f in coarse}
     found += coarse
-    found += [f for f in saturation_findings(torque) if f.where not in stepped]
+    pinned = saturation_findings(torque, limits)
+    found += [f for f in pinned if f.where not in stepped]
     if any(f.severity == "fault" for f in found):
         return found
     noise = float(np.sqrt(np.mean(noise_share(np.asarray(torque.torque)) ** 2)))

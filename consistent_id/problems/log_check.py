@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 from consistent_id.diagnosis import Diagnosis, diagnose
+from consistent_id.problems.log_entries import drive_limits
 from consistent_id.problems.problem import Problem
 from consistent_id.recordings.recording import Recording
 
@@ -23,6 +24,7 @@ def check_problem(problem: Problem) -> Diagnosis:
         validation,
         prepare=problem.prepare,
         constraints=problem.constraints,
+        limits=drive_limits(problem.gains, problem.recorded_joints),
     )
     if problem.gains is None:
         return found

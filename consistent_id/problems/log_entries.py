@@ -1,5 +1,6 @@
 """What a problem file says of its logs: rows that count, gains that make torque."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Literal
 
@@ -109,6 +110,14 @@ def gains_of_drives(data: DataTable) -> PDGains | None:
         np.array(data.gains.kd),
         np.array(np.inf if limit is None else limit),
     )
+
+
+def drive_limits(gains: PDGains | None, joints: Sequence[str]) -> dict[str, float]:
+    """Return where drives that follow commands clip their torque, [N m or N]."""
+    if gains is None:
+        return {}
+    limits = gains.of(len(joints)).torque_limit.tolist()
+    return dict(zip(joints, limits, strict=True))
 
 
 def with_torque(

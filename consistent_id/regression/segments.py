@@ -56,12 +56,7 @@ def segment_regressions(
     recordings = [recordings] if isinstance(recordings, Recording) else list(recordings)
     if count < 2:
         raise ProblemError(f"count is {count}, expected 2 segments or more")
-    length = max(sum(len(r) for r in recordings) / count, 2.0)
-    pieces = [
-        recording.samples(slice(start, stop))
-        for recording in recordings
-        for start, stop in _cuts(len(recording), length)
-    ]
+    pieces = segments_of(recordings, count=count)
     if len(pieces) < 2:
         raise NotExcitedError(
             f"{sum(len(r) for r in recordings)} samples are too few to be cut into "
@@ -69,6 +64,16 @@ def segment_regressions(
         )
     segments = compressed_pieces(model, pieces, recordings)
     return segments if sigma is None else tuple(s.weighted(sigma) for s in segments)
+
+
+def segments_of(recordings: Sequence[Recording], *, count: int) -> list[Recording]:
+    """Return the segments themselves; see `segment_regressions`."""
+    length = max(sum(len(r) for r in recordings) / count, 2.0)
+    return [
+        recording.samples(slice(start, stop))
+        for recording in recordings
+        for start, stop in _cuts(len(recording), length)
+    ]
 
 
 def segment_sources(

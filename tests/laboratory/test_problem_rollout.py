@@ -165,6 +165,9 @@ def test_the_shell_replays_and_writes_what_it_found(folder, tmp_path, capsys):
     assert code == 0
     record = json.loads(capsys.readouterr().out)
     assert len(record["models"]) == 2
+    expected = record["parameters_at_speed"]
+    assert expected["speed"] > 1.2  # the chirp goes on
+    assert set(expected["parameters"]) == set(record["parameters"])
     assert json.loads((out / "rollout.json").read_text()) == record
     page = (out / "rollout.html").read_text()
     assert "hip: gain" in page and "true.xml" in page

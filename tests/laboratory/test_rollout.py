@@ -248,3 +248,16 @@ def test_in_open_loop_a_heavier_rotor_falls_behind_as_the_closed_form_says():
         # First-order steps of 1 ms: a half of one at the speed gained, 1 mrad.
         np.testing.assert_allclose(found, truth, atol=1.5e-3)
     assert abs(truth).max() > 0.02
+
+
+def test_limits_of_a_file_do_not_stop_a_robot_that_was_beyond_them():
+    model = arm()
+    log = blank(model.robot.joint_names, *chirps())
+    moved = []
+    for limits in (LIMITS, JointLimits(-0.1, 0.05, 20.0, 0.5)):
+        joints = tuple(replace(j, limits=limits) for j in model.robot.joints)
+        narrow = TorqueModel(replace(model.robot, joints=joints), DRIVE)
+        made = replay_model(estimate(narrow, TRUTH), log.joints, GAINS, period=0.005)
+        moved.append(replay(made, log).position)
+    assert np.ptp(moved[0]) > 0.5
+    np.testing.assert_array_equal(moved[1], moved[0])

@@ -7,9 +7,12 @@ from consistent_id import (
     PDGains,
     ProblemError,
     TorqueModel,
+    commanded,
     draft_problem,
     load_urdf,
 )
+from consistent_id.cli import main
+from consistent_id.diagnosis.coverage import saturation_findings
 from consistent_id.problems.drafting import DRY
 from consistent_id.problems.robot_logs import robot_logs
 from tests.helpers.logged import DRIVE, URDF, moved
@@ -111,3 +114,41 @@ def test_friction_of_a_draft_is_nearly_dry_unless_another_is_asked_for(arm):
         assert draft.selection is not None
         assert draft.table(urdf.parent).drive.velocity_scale == drafted
         assert all(s.move.kind != "velocity_scale" for s in draft.selection.steps)
+
+
+def test_a_log_of_lerobot_is_read_by_its_arrays(arm, tmp_path):
+    import pyarrow
+    from pyarrow import parquet
+
+    urdf, logs = arm
+    raw = robot_logs(urdf, logs[0], gains=GAINS).read(logs[0])
+    columns = {
+        "timestamp": raw.time,
+        "frame_index": np.arange(len(raw)),
+        "observation.state": list(raw.position),
+        "action": list(raw.position_command),
+    }
+    log = tmp_path / "episode_000000.parquet"
+    parquet.write_table(pyarrow.table(columns), log)
+    found = robot_logs(urdf, log, gains=GAINS).read(log)
+    np.testing.assert_allclose(found.position_command, raw.position_command)
+    np.testing.assert_allclose(found.position, raw.position)
+
+
+def test_a_torque_at_the_limit_that_is_stated_is_the_drives(arm, capsys):
+    urdf, logs = arm
+    raw = robot_logs(urdf, logs[0], gains=GAINS).read(logs[0])
+    most = 0.6 * abs(commanded(raw, GAINS).torque).max(axis=0)
+    limited = PDGains(GAINS.kp, GAINS.kd, most)
+    clipped = commanded(raw, limited)
+    names = raw.joints
+    limits = dict(zip(names, most.tolist(), strict=True))
+    assert [f.where for f in saturation_findings(clipped)] == list(names)
+    assert not saturation_findings(clipped, limits)
+    # Where it stays elsewhere, something else holds it.
+    other = {name: 1.2 * value for name, value in limits.items()}
+    assert len(saturation_findings(clipped, other)) == len(names)
+    pairs = zip(GAINS.kp, GAINS.kd, most, strict=True)
+    said = [f"{kp},{kd},{limit:.17g}" for kp, kd, limit in pairs]
+    main(["check", str(urdf), str(logs[0]), "--gains", *said])
+    assert "saturation" not in capsys.readouterr().out

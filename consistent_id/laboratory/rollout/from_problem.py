@@ -15,6 +15,12 @@ from consistent_id.comparison.block_scatter import (
     block_scatter,
 )
 from consistent_id.comparison.comparison import compare
+from consistent_id.comparison.speed_trend import (
+    TrendAt,
+    joint_speeds,
+    speed_of,
+    speed_trend,
+)
 from consistent_id.errors import NotExcitedError
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.laboratory.rollout.format_form import in_form_of
@@ -32,7 +38,7 @@ from consistent_id.laboratory.rollout.settings_choice import (
     chosen_settings,
 )
 from consistent_id.problems.problem import Problem
-from consistent_id.regression.segments import segment_regressions
+from consistent_id.regression.segments import segment_regressions, segments_of
 
 
 class FormLoss(NamedTuple):
@@ -76,6 +82,9 @@ class ProblemRollout:
     scatter : BlockScatter, optional
         How sure the torque fit's parameters are; None where blocks of the training
         motion do not determine them by themselves.
+    trend : TrendAt, optional
+        What to expect of parameters at the speed of the replayed motion; None where
+        blocks are alike in speed.
     form : FormLoss, optional
         If friction was fitted in the form of a format.
     """
@@ -86,6 +95,7 @@ class ProblemRollout:
     settings: SettingsChoice | None = None
     refinement: Refined | None = None
     scatter: BlockScatter | None = None
+    trend: TrendAt | None = None
     form: FormLoss | None = None
 
     def tables(self) -> list[Table]:
@@ -123,7 +133,11 @@ class ProblemRollout:
                 )
             )
         tables += self.problem.drives.tables()
-        return tables if self.scatter is None else [*tables, self.scatter.table()]
+        if self.scatter is not None:
+            tables.append(self.scatter.table())
+        if self.trend is not None:
+            tables.append(self.trend.table())
+        return tables
 
     def _springs(self) -> str:
         joints = self.problem.model.robot.joint_names
@@ -147,6 +161,8 @@ class ProblemRollout:
             record["form"] = self.form._asdict()
         if self.scatter is not None:
             record["parameters"] = self.scatter.to_dict()
+        if self.trend is not None:
+            record["parameters_at_speed"] = self.trend.to_dict()
         if self.settings is not None:
             s = self.settings.settings
             record["settings"] = {
@@ -238,8 +254,8 @@ def rollout_of(
         delay=delay,
         locked=problem.table.model.locked,
     )
-    scatter = _scatter(problem, regression.sigma)
-    return ProblemRollout(problem, judged, replays, choice, done, scatter, loss)
+    scatter, trend = _sureness(problem, regression.sigma)
+    return ProblemRollout(problem, judged, replays, choice, done, scatter, trend, loss)
 
 
 def _loss(stated: Problem, formed: Problem, estimate: Estimate, form: str) -> FormLoss:
@@ -248,14 +264,25 @@ def _loss(stated: Problem, formed: Problem, estimate: Estimate, form: str) -> Fo
     return FormLoss(form, before, rollout_error(formed, estimate, logs))
 
 
-def _scatter(problem: Problem, sigma: Vector) -> BlockScatter | None:
-    """Return how sure parameters are, from blocks of the training motion."""
-    model = problem.model
-    blocks = segment_regressions(model, problem.training, count=BLOCKS, sigma=sigma)
+def _sureness(
+    problem: Problem, sigma: Vector
+) -> tuple[BlockScatter | None, TrendAt | None]:
+    """Return how sure parameters are: of the training motion, and at another speed."""
+    model, training = problem.model, problem.training
+    blocks = segment_regressions(model, training, count=BLOCKS, sigma=sigma)
+    known = problem.constraints
     try:
-        return block_scatter(model, blocks, constraints=problem.constraints)
+        scatter = block_scatter(model, blocks, constraints=known)
     except NotExcitedError:
-        return None
+        return None, None
+    try:
+        single = [block_scatter(model, [block], constraints=known) for block in blocks]
+        scale = joint_speeds(training)
+        pieces = segments_of(training, count=BLOCKS)
+        trend = speed_trend(single, [speed_of([piece], scale) for piece in pieces])
+    except NotExcitedError:
+        return scatter, None
+    return scatter, TrendAt(trend, speed_of(problem.validation or training, scale))
 
 
 def _ridge(problem: Problem, refine: bool, choose: bool) -> float | None:

@@ -1,9 +1,10 @@
 """A robot's file or specification, made ready for the commands that the robot had.
 
 Its base is held, joints that are not looked at are held at their locked positions,
-contacts are left out, and in place of its own actuators each joint has the PD drive of
-the log.  An elastic joint is two: the motor's, which keeps the name, and behind it the
-spring's, on the same axis.
+contacts and limits of joints are left out (the robot was where the log says), and in
+place of its own actuators each joint has the PD drive of the log, with its limit.  An
+elastic joint is two: the motor's, which keeps the name, and behind it the spring's, on
+the same axis.
 """
 
 from collections.abc import Mapping, Sequence
@@ -105,7 +106,8 @@ def replay_spec(
     _drive(spec, joints, gains.of(len(joints)), mujoco)
     spec.option.timestep = period / np.ceil(period / STEP * (1.0 - 1e-9))
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+    flags = mujoco.mjtDisableBit
+    spec.option.disableflags |= flags.mjDSBL_CONTACT | flags.mjDSBL_LIMIT
     return spec
 
 
@@ -197,9 +199,11 @@ def _turn(joint: Any, value: float, mujoco: Any) -> None:
 
 def _drive(spec: Any, joints: Sequence[str], gains: PDGains, mujoco: Any) -> None:
     """Add one drive per joint: ``control - kp q - kd dq``, within its limit."""
+    found = spec_tree(spec).joints
     for joint, kp, kd, limit in zip(
         joints, gains.kp, gains.kd, gains.torque_limit, strict=True
     ):
+        found[joint].actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
         drive = spec.add_actuator(name=f"drive of {joint}")
         drive.target, drive.trntype = joint, mujoco.mjtTrn.mjTRN_JOINT
         drive.gaintype = mujoco.mjtGain.mjGAIN_FIXED
