@@ -72,6 +72,7 @@ from consistent_id.estimation.least_squares import (
     weighted_least_squares,
 )
 from consistent_id.estimation.payload import Payload, identify_payload
+from consistent_id.estimation.rest_speed import RestSpeed, rest_speed
 from consistent_id.estimation.robust import huber
 from consistent_id.estimation.shapes.shape_fit import ShapeFit, fit_shapes
 from consistent_id.estimation.smooth import smooth_least_squares
@@ -376,6 +377,7 @@ __all__ = [
     "Regression",
     "RegularisationPath",
     "Repair",
+    "RestSpeed",
     "RobotModel",
     "RotorInertias",
     "Scene",
@@ -499,6 +501,7 @@ __all__ = [
     "repair_urdf",
     "report_html",
     "resampled",
+    "rest_speed",
     "robot_record",
     "rotations",
     "row_levels",

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 
 from consistent_id._support.run import require_trusted
@@ -39,12 +39,11 @@ from consistent_id.problems.preparation import (
     check_tracks,
     joined,
 )
+from consistent_id.problems.robot_preparation import EstimatedRests, with_robot
 from consistent_id.recordings.readers import read_recording, read_track
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import DriveCalibration, PDGains, Track
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.regression.rows.slip import without_slip
-from consistent_id.regression.rows.wrench_sensor import carried
 from consistent_id.robot.model import RobotModel
 from consistent_id.robot.parameters import did_you_mean
 
@@ -259,9 +258,15 @@ class Problem:
         return data
 
     def _recordings(self, role: str) -> tuple[Recording, ...]:
-        return tuple(
-            part for log, span in self._logged(role) for part in log.prepared(*span)
-        )
+        return self._rests.left_out(self._parts(role))
+
+    def _parts(self, role: str) -> list[Recording]:
+        return [p for log, span in self._logged(role) for p in log.prepared(*span)]
+
+    @cached_property
+    def _rests(self) -> EstimatedRests:
+        table, training = self._data().preparation, partial(self._parts, "training")
+        return EstimatedRests.of(table, self.model, training, self.constraints)
 
     def _logged(self, role: str) -> Iterator[tuple[Log, tuple[float, float]]]:
         """Yield logs, and the times between which they count."""
@@ -279,11 +284,7 @@ class Problem:
     @property
     def _then(self) -> Callable[[Recording], Recording] | None:
         """What is done to a prepared part that takes the robot."""
-        sensor, arm, robot = self.table.wrist_sensor, self.arm, self.model.robot
-        slip = self._data().preparation.most_slip
-        if sensor is not None and arm is not None:
-            return lambda log: carried(robot, arm, log, sensor.frame)
-        return None if slip is None else lambda log: without_slip(robot, log, slip)
+        return with_robot(self.table, self.model.robot, self.arm)
 
     def _shared_log(self, entry: RecordingTable) -> Log:
         """Return an entry's log; entries of the same log share it."""
