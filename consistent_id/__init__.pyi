@@ -223,8 +223,10 @@ from consistent_id.regression.rows.contact_free import (
 from consistent_id.regression.rows.contact_maps import contact_force_left, row_levels
 from consistent_id.regression.rows.generalised_forces import contact_jacobian
 from consistent_id.regression.rows.given_rows import GivenRows, given_rows
+from consistent_id.regression.rows.sensor_drift import SensorBias
 from consistent_id.regression.rows.slip import contact_slip, without_slip
 from consistent_id.regression.rows.wrench_sensor import (
+    sensor_bias,
     sensor_motion,
     sensor_regression,
     static_poses,
@@ -381,6 +383,7 @@ __all__ = [
     "RobotModel",
     "RotorInertias",
     "Scene",
+    "SensorBias",
     "ShadowPrice",
     "ShapeFit",
     "ShapeParameter",
@@ -514,6 +517,7 @@ __all__ = [
     "segment_regressions",
     "segment_sources",
     "select_model",
+    "sensor_bias",
     "sensor_motion",
     "sensor_regression",
     "shadow_prices",
