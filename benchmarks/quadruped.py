@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from standing_problem import write_problem
 from standing_robots import ROBOTS, StandingRobot
-from standing_simulation import CUTOFF, prepared, simulated
+from standing_simulation import CUTOFF, SECONDS, prepared, simulated
 
 import consistent_id as ci
 from consistent_id.constraints import Constraint
@@ -78,6 +78,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--robot", choices=ROBOTS, default="quadruped")
     parser.add_argument("--logs", type=int, default=3, help="simulated, each its seed")
+    parser.add_argument("--seconds", type=float, default=SECONDS, help="of each log")
     parser.add_argument("--problem", type=Path, help="folder for a problem file")
     parser.add_argument("--unknown", action="store_true", help="nothing known, too")
     options = parser.parse_args()
@@ -89,7 +90,7 @@ def main() -> None:
     known = [*SIGNS, ci.FixedParameters(robot.known())]
     print(f"{len(model.layout)} parameters, {6 + len(robot.nominal)} rows a sample")
     for seed, dry in product(range(options.logs), (False, True)):
-        log = prepared(simulated(robot, seed, dry_friction=dry))
+        log = prepared(simulated(robot, seed, options.seconds, dry_friction=dry))
         started = process_time()
         moving = moving_rows(model, log, known)
         print(

@@ -11,6 +11,7 @@ is chosen.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,6 +28,7 @@ from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.row_names import CONTACT_FREE
 from consistent_id.regression.rows.contact_free import (
     base_of_recordings,
+    contact_free_model,
     contact_free_regression,
 )
 from consistent_id.regression.segments import merged
@@ -122,6 +124,8 @@ def rest_speed(
     logs = several(recordings)
     pieces = _pieces(logs)
     speeds = _median_speed(logs) * 0.5 ** np.arange(_HALVINGS + 1)
+    if model.robot.floating and all(log.contacts and not log.wrenches for log in logs):
+        model = contact_free_model(model)  # which holds as much, and is soon compressed
     alone = model.torque_joints == (CONTACT_FREE,)
     build = contact_free_regression if alone else _every_row
 
@@ -129,43 +133,44 @@ def rest_speed(
         masked = [without_rests(p, speed, reach=reach) if speed else p for p in pieces]
         return [build(model, piece) for piece in masked]
 
-    every = blocks(0.0)
-    least = LEFT * sum(sum(part.counts) for part in every)
-    found: list[tuple[float, list[Regression]]] = []
-    for speed in speeds:
-        parts = _enough(blocks, speed, least)
-        if parts is not None:
-            found.append((float(speed), parts))
-    found.append((0.0, every))
-    tested = merged(found[0][1])
+    found = _tried(blocks, speeds.tolist())
+    tested = merged(found[0].parts)
     sigma = (
         tested.sigma  # there is one row
         if alone
         else joint_noise(model, tested, base=base_of_recordings(model, logs))
     )
     free = FreeParameters.of(constraints, model).determined(tested.weighted(sigma))
-    yardstick = [part.weighted(sigma) for part in found[0][1]]
-    errors = np.array(
-        [
-            _errors([part.weighted(sigma) for part in parts], yardstick, free)
-            for _, parts in found
-        ]
-    )
+    weighted = [[part.weighted(sigma) for part in one.parts] for one in found]
+    errors = np.array([_errors(parts, weighted[0], free) for parts in weighted])
     squared = np.maximum(np.mean(errors**2, axis=1), _EXACT**2)
     near = np.flatnonzero(squared <= (1.0 + GAIN) * squared.min())
-    tried = np.array([speed for speed, _ in found])
+    tried = np.array([one.speed for one in found])
     return RestSpeed(float(tried[near[-1]]), tried, errors)
 
 
-def _enough(
-    blocks: Callable[[float], list[Regression]], speed: float, least: float
-) -> list[Regression] | None:
-    """Return the blocks at a speed, unless a joint or too many rows are lost by it."""
-    try:
-        parts = blocks(speed)
-    except NotExcitedError:
-        return None
-    return parts if sum(sum(part.counts) for part in parts) >= least else None
+class _Tried(NamedTuple):
+    """Blocks without the torque of joints slower than a speed."""
+
+    speed: float
+    parts: list[Regression]
+
+
+def _tried(
+    blocks: Callable[[float], list[Regression]], speeds: Sequence[float]
+) -> list[_Tried]:
+    """Return blocks at speeds that leave `LEFT` of all rows, and at zero."""
+    every = _Tried(0.0, blocks(0.0))
+    least = LEFT * sum(sum(part.counts) for part in every.parts)
+    found = []
+    for speed in speeds:
+        try:
+            parts = blocks(speed)
+        except NotExcitedError:  # a joint is slower in all of a block
+            continue
+        if sum(sum(part.counts) for part in parts) >= least:
+            found.append(_Tried(speed, parts))
+    return [*found, every]
 
 
 def _errors(
