@@ -4,12 +4,14 @@
 
 MuJoCo simulates the robot on the ground, its trunk swaying, with contact, friction and
 noise; on the trunk is a box that the model does not know.  Of the other bodies and of
-rotor inertias all is known, as from a log of the robot hung up by its trunk; or nothing
-is.  `--problem FOLDER` writes a problem file and logs instead.  The quadruped's
-description is in CONSISTENT_ID_DATASETS.
+rotor inertias all is known, as from a log of the robot hung up by its trunk; or, with
+`--unknown`, nothing is.  Below which speed joints rest is chosen from the log, see
+`rest_speed`.  `--problem FOLDER` writes a problem file and logs instead.  The
+quadruped's description is in CONSISTENT_ID_DATASETS.
 """
 
 import argparse
+from collections.abc import Sequence
 from itertools import product
 from pathlib import Path
 from time import process_time
@@ -18,11 +20,12 @@ from typing import NamedTuple
 import numpy as np
 from standing_problem import write_problem
 from standing_robots import ROBOTS, StandingRobot
-from standing_simulation import CUTOFF, prepared, simulated
+from standing_simulation import CUTOFF, SECONDS, prepared, simulated
 
 import consistent_id as ci
+from consistent_id.constraints import Constraint
 
-REST, REACH = 0.1, 1.0 / CUTOFF  # rad/s, s: joints so slow, and samples around them
+REACH = 0.5 / CUTOFF  # s: what a filter spreads friction's jump by
 DRIVE = ci.DriveTerms(
     rotor_inertia=True, viscous=True, coulomb="tanh", velocity_scale=0.02
 )
@@ -54,28 +57,53 @@ def trunk_errors(found: ci.Estimate, robot: StandingRobot) -> TrunkErrors:
     return TrunkErrors(trunk.mass / true.mass - 1.0, apart, moments / right - 1.0)
 
 
+class MovingRows(NamedTuple):
+    """A log without the torque of joints at rest, and the speed below which they are.
+
+    Of zero, all torque is left.
+    """
+
+    log: ci.Recording
+    speed: float
+
+
+def moving_rows(
+    model: ci.TorqueModel, log: ci.Recording, constraints: Sequence[Constraint]
+) -> MovingRows:
+    speed = ci.rest_speed(model, log, constraints=constraints, reach=REACH).speed
+    return MovingRows(ci.without_rests(log, speed, reach=REACH), speed)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--robot", choices=ROBOTS, default="quadruped")
     parser.add_argument("--logs", type=int, default=3, help="simulated, each its seed")
+    parser.add_argument("--seconds", type=float, default=SECONDS, help="of each log")
     parser.add_argument("--problem", type=Path, help="folder for a problem file")
+    parser.add_argument("--unknown", action="store_true", help="nothing known, too")
     options = parser.parse_args()
     robot = ROBOTS[options.robot]()
     if options.problem is not None:
-        print(f"written: {write_problem(options.problem, robot, REST)}")
+        print(f"written: {write_problem(options.problem, robot)}")
         return
     model = ci.contact_free_model(ci.TorqueModel(robot.nominal, DRIVE))
     known = [*SIGNS, ci.FixedParameters(robot.known())]
     print(f"{len(model.layout)} parameters, {6 + len(robot.nominal)} rows a sample")
     for seed, dry in product(range(options.logs), (False, True)):
-        log = prepared(simulated(robot, seed, dry_friction=dry))
-        moving = ci.without_rests(log, REST, reach=REACH)
-        print(f"log {seed}, {len(log)} samples, dry friction in the joints: {dry}")
-        for label, constraints, used in (
+        log = prepared(simulated(robot, seed, options.seconds, dry_friction=dry))
+        started = process_time()
+        moving = moving_rows(model, log, known)
+        print(
+            f"log {seed}, {len(log)} samples, dry friction in the joints: {dry}; rests "
+            f"below {moving.speed:.3f} rad/s, chosen in {process_time() - started:.1f} "
+            "CPU s"
+        )
+        cases = [
             ("others known", known, log),
-            ("others known, joints at rest left out", known, moving),
+            ("others known, joints at rest left out", known, moving.log),
             ("nothing known", SIGNS, log),
-        ):
+        ]
+        for label, constraints, used in cases if options.unknown else cases[:-1]:
             started = process_time()
             regression = ci.contact_free_regression(model, used)
             base = ci.contact_free_base(model, log.contacts)

@@ -38,7 +38,8 @@ def main() -> None:
     for seed in range(options.first, options.first + options.logs):
         started = process_time()
         log = prepared(simulated(robot, seed))
-        log = ci.without_rests(log, quadruped.REST, reach=quadruped.REACH)
+        free = ci.contact_free_model(model)
+        log = quadruped.moving_rows(free, log, constraints).log
         found = uncertainty(
             model,
             segment_regressions(model, log),

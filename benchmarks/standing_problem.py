@@ -45,15 +45,12 @@ order = "wxyz"
 [data.preparation]
 motion_cutoff = {cutoff}
 torque_cutoff = {cutoff}
-least_joint_speed = {rest}
+least_joint_speed = "estimated"
 """
 
 
-def write_problem(folder: Path, robot: StandingRobot, rest: float) -> Path:
-    """Write a problem file and its logs; return its path.
-
-    `rest` is the speed below which a joint rests, rad/s.
-    """
+def write_problem(folder: Path, robot: StandingRobot) -> Path:
+    """Write a problem file and its logs; return its path."""
     folder.mkdir(parents=True, exist_ok=True)
     for seed, name in enumerate(("training", "validation")):
         log = simulated(robot, seed)
@@ -71,7 +68,6 @@ def write_problem(folder: Path, robot: StandingRobot, rest: float) -> Path:
         rotors=", ".join(rotors),
         last=len(log) - 50,
         cutoff=CUTOFF,
-        rest=rest,
     )
     for foot in robot.feet:
         text += (

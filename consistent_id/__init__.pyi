@@ -73,6 +73,7 @@ from consistent_id.estimation.least_squares import (
     weighted_least_squares,
 )
 from consistent_id.estimation.payload import Payload, identify_payload
+from consistent_id.estimation.rest_speed import RestSpeed, rest_speed
 from consistent_id.estimation.robust import huber
 from consistent_id.estimation.shapes.shape_fit import ShapeFit, fit_shapes
 from consistent_id.estimation.smooth import smooth_least_squares
@@ -187,6 +188,7 @@ from consistent_id.recordings.signals import (
     speed_share,
     split_at_gaps,
     standstill,
+    there_and_back,
     track,
     trim_standstill,
     trimmed,
@@ -225,8 +227,10 @@ from consistent_id.regression.rows.contact_free import (
 from consistent_id.regression.rows.contact_maps import contact_force_left, row_levels
 from consistent_id.regression.rows.generalised_forces import contact_jacobian
 from consistent_id.regression.rows.given_rows import GivenRows, given_rows
+from consistent_id.regression.rows.sensor_drift import SensorBias
 from consistent_id.regression.rows.slip import contact_slip, without_slip
 from consistent_id.regression.rows.wrench_sensor import (
+    sensor_bias,
     sensor_motion,
     sensor_regression,
     static_poses,
@@ -382,9 +386,11 @@ __all__ = [
     "Regression",
     "RegularisationPath",
     "Repair",
+    "RestSpeed",
     "RobotModel",
     "RotorInertias",
     "Scene",
+    "SensorBias",
     "ShadowPrice",
     "ShapeFit",
     "ShapeParameter",
@@ -506,6 +512,7 @@ __all__ = [
     "repair_urdf",
     "report_html",
     "resampled",
+    "rest_speed",
     "robot_record",
     "rotations",
     "row_levels",
@@ -518,6 +525,7 @@ __all__ = [
     "segment_regressions",
     "segment_sources",
     "select_model",
+    "sensor_bias",
     "sensor_motion",
     "sensor_regression",
     "shadow_prices",
@@ -529,6 +537,7 @@ __all__ = [
     "standstill",
     "static_poses",
     "stream_regression",
+    "there_and_back",
     "to_c",
     "to_casadi",
     "to_cvxpy",

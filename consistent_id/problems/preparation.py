@@ -254,6 +254,14 @@ def filtered(part: Recording, table: PreparationTable) -> Recording:
     )
 
 
+def rest_reach(table: PreparationTable) -> float:
+    """Return for how long before and after a rest torque is not known, [s].
+
+    A filter spreads the jump of friction by half a period to either side.
+    """
+    return 0.0 if table.torque_cutoff is None else 0.5 / table.torque_cutoff
+
+
 def moving(part: Recording, table: PreparationTable) -> Recording:
     """Return what was filtered with velocity and acceleration, as a table asks."""
     if table.method == "savitzky-golay" and table.window is not None:
@@ -283,12 +291,10 @@ class _Part:
             part = trim_standstill(part, speed)
         if table.least_speed is not None:
             part = faster(part, table.least_speed)
-        if table.least_joint_speed is None:
+        slowest = table.least_joint_speed
+        if slowest is None or slowest == "estimated":  # which takes the robot
             return part
-        # A filter spreads the jump of friction by half a period to either side.
-        cutoff = table.torque_cutoff
-        reach = 0.0 if cutoff is None else 0.5 / cutoff
-        return without_rests(part, table.least_joint_speed, reach=reach)
+        return without_rests(part, slowest, reach=rest_reach(table))
 
     @cached_property
     def _filtered(self) -> Recording:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 
 from consistent_id._support.run import require_trusted
@@ -39,13 +39,12 @@ from consistent_id.problems.preparation import (
     check_tracks,
     joined,
 )
+from consistent_id.problems.robot_preparation import EstimatedRests, with_robot
 from consistent_id.recordings.readers import read_recording, read_track
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import DriveCalibration, PDGains, Track
 from consistent_id.regression.elastic_joints import as_rigid
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.regression.rows.slip import without_slip
-from consistent_id.regression.rows.wrench_sensor import carried
 from consistent_id.robot.model import RobotModel
 from consistent_id.robot.parameters import did_you_mean
 
@@ -261,9 +260,15 @@ class Problem:
         return data
 
     def _recordings(self, role: str) -> tuple[Recording, ...]:
-        return tuple(
-            part for log, span in self._logged(role) for part in log.prepared(*span)
-        )
+        return self._rests.left_out(self._parts(role))
+
+    def _parts(self, role: str) -> list[Recording]:
+        return [p for log, span in self._logged(role) for p in log.prepared(*span)]
+
+    @cached_property
+    def _rests(self) -> EstimatedRests:
+        table, training = self._data().preparation, partial(self._parts, "training")
+        return EstimatedRests.of(table, self.model, training, self.constraints)
 
     def _logged(self, role: str) -> Iterator[tuple[Log, tuple[float, float]]]:
         """Yield logs, and the times between which they count."""
@@ -287,15 +292,15 @@ class Problem:
         self, calibration: DriveCalibration | None = None
     ) -> Callable[[Recording], Recording] | None:
         """Return what is done to a prepared part that takes the robot."""
-        sensor, arm, robot = self.table.wrist_sensor, self.arm, self.model.robot
-        if self.table.data is not None and self.table.data.gains is not None:
-            known = self.drives.calibration if calibration is None else calibration
-            soft = known.of(len(robot)).compliance
+        robot, data = self.model.robot, self.table.data
+        then = with_robot(self.table, robot, self.arm)
+        if data is None or data.gains is None:
+            return then
+        known = self.drives.calibration if calibration is None else calibration
+        soft = known.of(len(robot)).compliance
+        if then is None:
             return lambda log: as_rigid(robot, log, soft)
-        slip = self._data().preparation.most_slip
-        if sensor is not None and arm is not None:
-            return lambda log: carried(robot, arm, log, sensor.frame)
-        return None if slip is None else lambda log: without_slip(robot, log, slip)
+        return lambda log: then(as_rigid(robot, log, soft))
 
     def _shared_log(self, entry: RecordingTable) -> Log:
         """Return an entry's log; entries of the same log share it."""

@@ -247,3 +247,33 @@ def test_the_verdict_says_when_a_trunk_is_told_with_its_legs_alone(folder):
     robot = known.problem.model.robot
     expected = sum(link.nominal.mass for link in robot.links) + BOX.mass
     assert total == pytest.approx(expected, rel=0.02)
+
+
+@pytest.mark.slow
+def test_below_which_speed_joints_rest_is_estimated_from_training(folder):
+    """Validation is masked by what training shows; friction bears 1 N m at rest."""
+    for name in ("training", "validation"):
+        rows = np.genfromtxt(folder / f"{name}.csv", delimiter=",", names=True)
+        log = {column: rows[column] for column in rows.dtype.names}
+        for column in [c for c in log if c.startswith("tau_")]:
+            rate = np.gradient(log[column.replace("tau_", "q_")], log["time"])
+            log[column] = log[column] + 1.0 * (abs(rate) < 0.05)
+        write_csv(folder / f"sticks_{name}.csv", log)
+    problem(folder, UNIT, CONTACTS, name="sticks.toml")
+    text = (folder / "sticks.toml").read_text().replace('file = "', 'file = "sticks_')
+    (folder / "sticks.toml").write_text(text)
+    plain = ci.load_problem(folder / "sticks.toml")
+    asked = text.replace(
+        "motion_cutoff", 'least_joint_speed = "estimated"\nmotion_cutoff'
+    )
+    (folder / "asked.toml").write_text(asked)
+    found = ci.load_problem(folder / "asked.toml")
+    reach = 0.5 / 30.0
+    speed = ci.rest_speed(
+        plain.model, plain.training, constraints=plain.constraints, reach=reach
+    ).speed
+    assert 0.02 < speed < 0.2
+    for role in ("training", "validation"):
+        (one,), (other,) = getattr(plain, role), getattr(found, role)
+        expected = ci.without_rests(one, speed, reach=reach).torque_known
+        assert np.array_equal(other.torque_known, expected)

@@ -45,6 +45,7 @@ from consistent_id.recordings.signals.smoother import (
     kalman_differentiated,
     motion_noise,
 )
+from consistent_id.recordings.signals.there_and_back import there_and_back
 from consistent_id.recordings.signals.track import Track, track
 
 __all__ = [
@@ -79,6 +80,7 @@ __all__ = [
     "speed_share",
     "split_at_gaps",
     "standstill",
+    "there_and_back",
     "track",
     "trim_standstill",
     "trimmed",

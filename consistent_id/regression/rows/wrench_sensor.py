@@ -18,6 +18,12 @@ from consistent_id.recordings.recording import Recording, several
 from consistent_id.regression.regression import Regression, build_regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.row_names import BASE_ROWS
+from consistent_id.regression.rows.sensor_drift import (
+    Drift,
+    SensorBias,
+    bias_along,
+    driftless_regression,
+)
 from consistent_id.robot.frame_motion import frame_motion
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.model import Datasheet, Joint, Link, RobotModel
@@ -89,6 +95,7 @@ def sensor_regression(
     recordings: Recording | Sequence[Recording],
     *,
     frame: str,
+    drift: Drift = "none",
 ) -> Regression:
     """Compress what a wrench sensor measured along an arm's motion.
 
@@ -102,14 +109,46 @@ def sensor_regression(
         Each with one wrench at `frame`, in its axes: what the arm does to the tool.  A
         sensor that shows what the tool does to the arm has the opposite sign.
     frame : str
+    drift : {"none", "recordings", "linear"}
+        Of the sensor's bias.  With ``"recordings"`` each recording has a bias of its
+        own, with ``"linear"`` one that changes at a constant rate; then the model has
+        none, ``tool_model(bias=False)``, and `sensor_bias` tells it afterwards.
 
     Raises
     ------
     RecordingError
         If a recording has no such wrench, or several.
+    ProblemError
+        If the bias drifts, and the model has a constant one.
     """
     logs = [carried(model.robot, arm, log, frame) for log in several(recordings)]
-    return build_regression(model, logs)
+    if drift == "none":
+        return build_regression(model, logs)
+    return driftless_regression(model, logs, drift)
+
+
+def sensor_bias(
+    model: TorqueModel,
+    parameters: ArrayLike,
+    arm: RobotModel,
+    recording: Recording,
+    *,
+    frame: str,
+    drift: Drift = "recordings",
+) -> SensorBias:
+    """Return the bias of a sensor along a recording, of a tool that is known.
+
+    Parameters
+    ----------
+    model, arm, recording, frame
+        See `sensor_regression`.
+    parameters : array_like, shape (parameters,)
+        Of the model, such as an estimate's.
+    drift : {"recordings", "linear"}
+        Whether the bias is constant along the recording.
+    """
+    x = checked(parameters, (len(model.layout),), "parameters")
+    return bias_along(model, x, carried(model.robot, arm, recording, frame), drift)
 
 
 def carried(

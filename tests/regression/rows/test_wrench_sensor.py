@@ -9,6 +9,8 @@ import pytest
 from consistent_id import (
     DHRow,
     InertialParameters,
+    NotExcitedError,
+    ProblemError,
     Recording,
     RecordingError,
     TorqueModel,
@@ -17,6 +19,7 @@ from consistent_id import (
     constrained_least_squares,
     from_modified_dh,
     least_squares,
+    sensor_bias,
     sensor_motion,
     sensor_regression,
     static_poses,
@@ -138,3 +141,64 @@ def test_biases_are_not_friction(arm):
     constraints = [PhysicalConsistency(margin=0.0), NonNegativeDrive()]
     found = constrained_least_squares(model, regression, constraints=constraints)
     assert found["base.fy.bias"] == pytest.approx(-2.0, abs=1e-3)
+
+
+def drifting(arm, samples, *, seed, rate, noise=0.0):
+    """A log whose sensor starts anew, and drifts; and the bias at its start."""
+    log = log_of(arm, samples)
+    rng = np.random.default_rng(seed)
+    start = BIAS * rng.uniform(-2.0, 2.0, 6)
+    q, dq, ddq = rng.uniform(-1.5, 1.5, (3, samples, len(arm)))
+    values = measured(arm, q, dq, ddq) + start + rate * log.time[:, None]
+    values += noise * rng.normal(size=values.shape)
+    log = Recording(
+        arm.joint_names, log.time, q, dq, ddq, wrenches=(Wrench("link6", values),)
+    )
+    return log, start
+
+
+@pytest.mark.parametrize(
+    ("drift", "rate"), [("recordings", np.zeros(6)), ("linear", 3.0 * BIAS)]
+)
+def test_biases_that_drift_hide_nothing_of_the_tool(arm, drift, rate):
+    pairs = [drifting(arm, 60, seed=k, rate=rate) for k in range(3)]
+    logs, model = [log for log, _ in pairs], tool_model(bias=False)
+    regression = sensor_regression(model, arm, logs, frame="link6", drift=drift)
+    found = least_squares(model, regression)
+    assert np.allclose(found.parameters, TOOL.vector, rtol=0, atol=1e-10)
+    lost = {"recordings": 1, "linear": 2}[drift]
+    assert regression.counts == (3 * (60 - lost),) * 6
+    for log, start in pairs:
+        bias = sensor_bias(
+            model, found.parameters, arm, log, frame="link6", drift=drift
+        )
+        assert np.allclose(bias.start, start, rtol=0, atol=1e-9)
+        assert np.allclose(bias.rate, rate, rtol=0, atol=1e-9)
+    # One bias for all does not hold.
+    whole = tool_model()
+    same = least_squares(whole, sensor_regression(whole, arm, logs, frame="link6"))
+    assert abs(same.parameters[0] - TOOL.mass) > 0.01
+
+
+def test_without_drift_rows_hold_what_a_bias_column_leaves(arm):
+    """Frisch, Waugh and Lovell: the same estimate, errors and noise."""
+    log, _ = drifting(arm, 2000, seed=0, rate=np.zeros(6), noise=0.2)
+    free, biased = tool_model(bias=False), tool_model()
+    one = least_squares(
+        free, sensor_regression(free, arm, log, frame="link6", drift="recordings")
+    )
+    other = least_squares(biased, sensor_regression(biased, arm, log, frame="link6"))
+    assert np.allclose(one.parameters, other.parameters[:10], rtol=0, atol=1e-10)
+    assert np.allclose(one.standard_errors, other.standard_errors[:10], rtol=0.02)
+
+
+def test_a_bias_for_all_and_one_for_each_are_not_both(arm):
+    with pytest.raises(ProblemError, match=r"give tool_model\(bias=False\)"):
+        sensor_regression(
+            tool_model(), arm, log_of(arm, 9), frame="link6", drift="recordings"
+        )
+    short = log_of(arm, 2)
+    with pytest.raises(NotExcitedError, match="has 2 samples"):
+        sensor_regression(
+            tool_model(bias=False), arm, short, frame="link6", drift="linear"
+        )

@@ -1,0 +1,62 @@
+"""What is done to prepared recordings that takes the robot, as a problem file asks."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from consistent_id.constraints import Constraint
+from consistent_id.estimation.rest_speed import rest_speed
+from consistent_id.problems.file import PreparationTable, ProblemTable
+from consistent_id.problems.preparation import rest_reach
+from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.signals import without_rests
+from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.rows.slip import without_slip
+from consistent_id.regression.rows.wrench_sensor import carried
+from consistent_id.robot.model import RobotModel
+
+
+def with_robot(
+    table: ProblemTable, robot: RobotModel, arm: RobotModel | None
+) -> Callable[[Recording], Recording] | None:
+    """Return what is done to a part: carried by a sensor, or without slip."""
+    sensor = table.wrist_sensor
+    slip = None if table.data is None else table.data.preparation.most_slip
+    if sensor is not None and arm is not None:
+        return lambda log: carried(robot, arm, log, sensor.frame)
+    return None if slip is None else lambda log: without_slip(robot, log, slip)
+
+
+@dataclass(frozen=True, slots=True)
+class EstimatedRests:
+    """The speed below which joints rest, found in the training data.
+
+    Parameters
+    ----------
+    speed : float, [rad/s or m/s]
+        Zero if no row is left out, or if it was not asked for.
+    reach : float, [s]
+        See `without_rests`.
+    """
+
+    speed: float
+    reach: float
+
+    @staticmethod
+    def of(
+        table: PreparationTable,
+        model: TorqueModel,
+        training: Callable[[], Sequence[Recording]],
+        constraints: Sequence[Constraint],
+    ) -> "EstimatedRests":
+        """Find it, if the table asks for it."""
+        reach = rest_reach(table)
+        if table.least_joint_speed != "estimated":
+            return EstimatedRests(0.0, reach)
+        found = rest_speed(model, training(), constraints=constraints, reach=reach)
+        return EstimatedRests(found.speed, reach)
+
+    def left_out(self, parts: Sequence[Recording]) -> tuple[Recording, ...]:
+        """Return recordings in which torque of joints at rest is not known."""
+        if self.speed == 0.0:
+            return tuple(parts)
+        return tuple(without_rests(p, self.speed, reach=self.reach) for p in parts)

@@ -1,0 +1,156 @@
+"""A wrench sensor whose bias drifts: rows in which no drift is left.
+
+In each recording each axis of the sensor shows ``Y x + N b + noise`` with a bias, and
+perhaps a rate of it, of its own: the columns of ``N`` are one and time.  Multiplied by
+the projection ``1 - N N^+`` no ``b`` is left, whatever it was, and least squares finds
+the ``x`` that it would find together with all ``b``.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from consistent_id._support.arrays import Array, Matrix, Vector
+from consistent_id.errors import NotExcitedError, ProblemError
+from consistent_id.recordings.recording import Recording
+from consistent_id.regression.correlated_noise import (
+    CorrelatedNoise,
+    joined_noise,
+    spectral_noise,
+    white_noise,
+)
+from consistent_id.regression.joint_fit import JointFit, joint_fit
+from consistent_id.regression.motion_arrays import motion_of
+from consistent_id.regression.regression import Regression, triangle
+from consistent_id.regression.regressor import TorqueModel
+
+Drift = Literal["none", "recordings", "linear"]
+"""Of a bias: one for all recordings, one for each, or one for each that changes at a
+constant rate."""
+
+_EXACT = 1e-9  # residual, relative to the wrench, that is rounding
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SensorBias:
+    """What a wrench sensor shows of nothing, in one recording.
+
+    Parameters
+    ----------
+    start : ndarray, shape (6,), [N, N m]
+        At the recording's first sample.
+    rate : ndarray, shape (6,), [N/s, N m/s]
+        Zero unless drift is linear.
+    """
+
+    start: Vector
+    rate: Vector
+
+
+def driftless_regression(
+    model: TorqueModel, recordings: Sequence[Recording], drift: Drift
+) -> Regression:
+    """Compress recordings of a body behind a sensor, without the sensor's biases.
+
+    Parameters
+    ----------
+    model : TorqueModel
+        Without a bias of its own.
+    recordings : sequence of Recording
+        Of the body itself, see `carried`.
+    drift : {"recordings", "linear"}
+
+    Raises
+    ------
+    ProblemError
+        If the model has a bias.
+    NotExcitedError
+        If a recording is no longer than what is taken out of it.
+    """
+    if model.wrench_bias:
+        raise ProblemError(
+            f"drift is {drift!r}, so that each recording has a bias of its own, but "
+            "the model has one for all; give tool_model(bias=False)"
+        )
+    parts = [_rows_without_drift(model, log, drift) for log in recordings]
+    of_rows = zip(*(part.rows for part in parts), strict=True)
+    factors = tuple(triangle(np.asfortranarray(np.vstack(rows))) for rows in of_rows)
+    count = sum(part.rows.shape[1] - part.lost for part in parts)
+    counts = (count,) * len(factors)
+    fit = joint_fit(factors, counts)
+    return Regression(
+        layout=model.layout,
+        joints=model.torque_joints,
+        factors=factors,
+        counts=counts,
+        fingerprint=model.fingerprint,
+        peaks=np.max([abs(part.rows[:, :, -1]).max(axis=1) for part in parts], axis=0),
+        noise=joined_noise([_noise(part.rows, fit) for part in parts]),
+    )
+
+
+def bias_along(
+    model: TorqueModel, x: Vector, recording: Recording, drift: Drift
+) -> SensorBias:
+    """Return what is left of a recording beside a body, as a bias and its rate.
+
+    Parameters
+    ----------
+    model, drift
+        See `driftless_regression`.
+    x : ndarray, shape (parameters,)
+        Of the body.
+    recording : Recording
+        See `carried`.
+    """
+    plain = replace(model, wrench_bias=False)
+    motion = motion_of(plain, recording, None)
+    rest = motion.torque - motion.predicted(plain, x[: len(plain.layout)])
+    since = recording.time - recording.time[0]
+    columns = [np.ones(len(since)), since]
+    N = np.column_stack(columns if drift == "linear" else columns[:1])
+    found = np.linalg.lstsq(N, rest, rcond=None)[0]
+    rate = found[1] if drift == "linear" else np.zeros(rest.shape[1])
+    return SensorBias(found[0], rate)
+
+
+class _Rows(NamedTuple):
+    """Rows of a recording, shape (6, samples, parameters + 1), and how many it lost."""
+
+    rows: Array
+    lost: int
+
+
+def _rows_without_drift(model: TorqueModel, log: Recording, drift: Drift) -> _Rows:
+    motion = motion_of(model, log, None)
+    n = len(log)
+    rows = np.empty((len(model.torque_joints), n, len(model.layout) + 1))
+    for part, Y in model.chunks(motion.q, motion.dq, motion.ddq, base=motion.base):
+        rows[:, part, :-1] = np.swapaxes(Y, 1, 2)
+    rows[:, :, -1] = motion.torque.T
+    columns = [np.ones(n), log.time - log.time.mean()]
+    Q, _ = np.linalg.qr(np.column_stack(columns if drift == "linear" else columns[:1]))
+    lost = Q.shape[1]
+    if n <= lost:
+        raise NotExcitedError(
+            f"{log.name} has {n} samples, of which its bias takes {lost}; join short "
+            "recordings, or take drift='none'"
+        )
+    return _Rows(rows - Q @ (Q.T @ rows), lost)
+
+
+def _noise(rows: Array, fit: JointFit) -> CorrelatedNoise:
+    """Return the noise that a fit leaves along a recording."""
+    found = []
+    for row, weight in zip(rows, fit.weights, strict=True):
+        residual: Matrix = row[:, -1] - row[:, :-1] @ fit.x
+        exact = np.linalg.norm(residual) <= _EXACT * np.linalg.norm(row[:, -1])
+        found.append(
+            white_noise(row[:, :-1], residual)
+            if exact
+            else spectral_noise(row[:, :-1], residual, fit.steps / weight)
+        )
+    effective = np.array([rows.shape[1] / noise.length for noise in found])
+    return CorrelatedNoise(effective, tuple(noise.scores for noise in found))

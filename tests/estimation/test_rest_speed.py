@@ -1,0 +1,95 @@
+"""Rows of joints at rest are left out where they pull at the parameters."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from quadrupeds import quadruped_text, standing
+
+import consistent_id as ci
+
+RATE, SECONDS, STICKS = 100.0, 60, 0.15  # Hz, s, rad/s below which friction is anything
+DRIVE = ci.DriveTerms(viscous=True, coulomb="tanh", velocity_scale=0.01)
+
+
+def pendulum(*, sticks):
+    """A pendulum that creeps and swings; what it weighs, and a log of it.
+
+    At rest friction bears two thirds of what its Coulomb friction could, against
+    gravity.
+    """
+    robot = ci.from_modified_dh("pendulum", [ci.DHRow(-np.pi / 2, 0)])
+    model = ci.TorqueModel(robot, DRIVE)
+    truth = np.zeros(len(model.layout))
+    for name, value in (
+        ("link1.hx", 1.0),
+        ("link1.hy", 0.3),
+        ("link1.Izz", 0.5),
+        ("joint1.viscous", 0.2),
+        ("joint1.coulomb", 3.0),
+    ):
+        truth[model.layout.index(name)] = value
+    rng, time = np.random.default_rng(0), np.arange(SECONDS * RATE) / RATE
+    waves = [(0.9, 0.11, 0.3), (0.3, 0.37, 1.2), (0.15, 0.9, 2.0)]
+    q, dq, ddq = (
+        sum(
+            a * (2 * np.pi * f) ** k * np.sin(2 * np.pi * f * time + p + k * np.pi / 2)
+            for a, f, p in waves
+        )[:, None]
+        for k in range(3)
+    )
+    torque = model.predict(truth, q, dq, ddq)
+    if sticks:
+        still = truth.copy()
+        still[model.layout.index("joint1.coulomb")] = 0.0
+        weight = model.predict(still, q, dq, ddq)
+        held = weight - 2.0 * np.sign(weight)
+        torque = np.where(abs(dq) < STICKS, held, torque)
+    torque += 0.02 * rng.normal(size=torque.shape)
+    return model, truth, ci.Recording(robot.joint_names, time, q, dq, ddq, torque)
+
+
+def off(model, truth, log):
+    found = ci.least_squares(model, ci.build_regression(model, log))
+    names = ["link1.hx", "link1.hy", "link1.Izz"]
+    return max(abs(found[n] - truth[model.layout.index(n)]) for n in names)
+
+
+def test_rests_that_pull_at_the_parameters_are_left_out():
+    model, truth, log = pendulum(sticks=True)
+    found = ci.rest_speed(model, log)
+    assert STICKS <= found.speed <= 4 * STICKS
+    without = ci.without_rests(log, found.speed)
+    assert off(model, truth, without) < 1e-3 < 0.02 < off(model, truth, log)
+
+
+def test_where_friction_is_as_modelled_no_row_is_left_out():
+    model, _, log = pendulum(sticks=False)
+    found = ci.rest_speed(model, log)
+    assert found.speed == 0.0
+    assert found.tried[-1] == 0.0 and (np.diff(found.tried) < 0.0).all()
+
+
+def test_rows_free_of_contact_forces_are_compared_too(tmp_path):
+    """The torque of slow joints is off by what dry friction may hold."""
+    path = tmp_path / "quadruped.xml"
+    path.write_text(quadruped_text())
+    robot = ci.load_mjcf(path, base="floating")
+    patterns = np.array([[i != j for j in range(4)] for i in range(4)] * 300)
+    log = standing(robot, patterns, noise=0.05)
+    slow = abs(log.velocity) < np.quantile(abs(log.velocity), 0.1)
+    log = replace(log, torque=log.torque + 2.0 * slow)
+    model = ci.contact_free_model(ci.TorqueModel(robot))
+    known = dict(zip(model.layout.names[10:], robot.nominal[10:], strict=True))
+    found = ci.rest_speed(model, log, constraints=[ci.FixedParameters(known)])
+    left = ci.without_rests(log, found.speed).torque_known
+    assert not left[slow].any()
+    assert left.mean() > 0.5
+
+
+def test_what_does_not_move_has_no_rests():
+    model, _, log = pendulum(sticks=False)
+    with pytest.raises(ci.NotExcitedError, match="no joint moves"):
+        ci.rest_speed(model, replace(log, velocity=0 * log.velocity))
+    with pytest.raises(ci.ProblemError, match="rests show in velocity"):
+        ci.rest_speed(model, replace(log, velocity=None, acceleration=None))
