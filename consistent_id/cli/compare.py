@@ -8,6 +8,7 @@ from consistent_id.cli.answers import Answer, answered, shows_progress
 from consistent_id.cli.options import (
     add_accept,
     add_command,
+    add_executor,
     add_output,
     add_problem,
     add_time_limit,
@@ -33,6 +34,7 @@ def add_compare(commands: Any) -> None:
     add_problem(command)
     add_output(command, "results/NAME")
     add_accept(command)
+    add_executor(command, None)
     add_time_limit(command)
 
 

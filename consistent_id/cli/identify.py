@@ -10,6 +10,7 @@ from consistent_id.cli.log_options import add_draft_options, draft_of
 from consistent_id.cli.options import (
     add_accept,
     add_command,
+    add_executor,
     add_output,
     add_problem,
     add_time_limit,
@@ -65,6 +66,7 @@ def add_identify(commands: Any) -> None:
         "--seed", type=int, default=0, help="of the bootstrap (default: 0)"
     )
     add_accept(command)
+    add_executor(command, None)
     add_time_limit(command)
     add_draft_options(command)
 

@@ -132,16 +132,31 @@ def add_time_limit(command: argparse.ArgumentParser) -> None:
     )
 
 
-def add_executor(command: argparse.ArgumentParser) -> None:
-    """Take where recordings are compressed."""
+def add_executor(
+    command: argparse.ArgumentParser, default: str | None = "serial"
+) -> None:
+    """Take where independent work is done; by default, if None, in two threads."""
     command.add_argument(
         "--executor",
-        default="serial",
+        default=default,
+        type=_executor,
         metavar="WHERE",
         help="serial, processes, processes:4, dask or dask:tcp://HOST:PORT, the "
-        "scheduler of a cluster with a shared file system (default: serial); the "
-        "result is the same",
+        "scheduler of a cluster with a shared file system (default: "
+        f"{default or 'two threads'}); the result is the same",
     )
+
+
+def _executor(text: str) -> str:
+    """Return the name of an executor that there is."""
+    from consistent_id._support.executors import Executor
+    from consistent_id.errors import ProblemError
+
+    try:
+        Executor.named(text)
+    except ProblemError as cause:
+        raise argparse.ArgumentTypeError(str(cause)) from None
+    return text
 
 
 def positive(text: str) -> float:

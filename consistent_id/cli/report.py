@@ -9,6 +9,7 @@ from consistent_id.cli.answers import Answer, show, shows_progress
 from consistent_id.cli.options import (
     add_accept,
     add_command,
+    add_executor,
     add_force,
     add_time_limit,
 )
@@ -46,6 +47,7 @@ def add_report(commands: Any) -> None:
         "--seed", type=int, default=0, help="of the bootstrap (default: 0)"
     )
     add_accept(command)
+    add_executor(command, None)
     add_time_limit(command)
 
 

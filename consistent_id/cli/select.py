@@ -9,6 +9,7 @@ from consistent_id.cli.log_options import add_band
 from consistent_id.cli.options import (
     add_command,
     add_dry_run,
+    add_executor,
     add_problem,
     add_time_limit,
 )
@@ -49,6 +50,7 @@ def add_select(commands: Any) -> None:
         help="what stays as the file has it, such as masses or motion_cutoff",
     )
     add_band(command)
+    add_executor(command, None)
     add_time_limit(command)
 
 
