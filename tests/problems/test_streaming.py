@@ -52,6 +52,12 @@ def _written(folder, form, columns):
         import pyarrow.feather
 
         pyarrow.feather.write_feather(pa.table(columns), file, chunksize=700)
+    elif form == "mat":
+        h5py = pytest.importorskip("h5py")
+        with h5py.File(file, "w", userblock_size=512) as hdf:  # as MATLAB 7.3 does
+            for name, values in columns.items():
+                hdf[name] = np.atleast_2d(values)
+                hdf[name].attrs["MATLAB_class"] = np.bytes_("double")
     else:
         h5py = pytest.importorskip("h5py")
         with h5py.File(file, "w") as hdf:
@@ -109,6 +115,7 @@ JITTERED = "resample = 100.0\nmotion_cutoff = 5.0"
         ("csv", 2e-6, UNIFORM, ""),
         ("parquet", 2e-6, f"{UNIFORM}\ndecimate = 3", ""),
         ("h5", 1e-3, JITTERED, "rows = [201, 5000]\nomit = [5, 900, 901]"),
+        ("mat", 2e-6, UNIFORM, "rows = [300, 5800]"),
         ("feather", 1e-3, f"{JITTERED}\ntrim_standstill = true", ""),
         ("parquet", 1e-3, f"{JITTERED}\nleast_speed = 0.2", "rows = [100, 5500]"),
         (

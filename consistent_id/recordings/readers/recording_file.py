@@ -95,7 +95,7 @@ def read_recording(
         )
     want = wanted_of(path, columns or Columns(), joints)
     reader = reader_of(path)
-    if hasattr(reader, "read_batches"):
+    if log_format(path).in_pieces(path):
         _require_room(path)
     return recording_of(
         read_parts(reader, path, want.names),
