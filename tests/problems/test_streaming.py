@@ -208,6 +208,21 @@ def test_rows_of_a_text_that_is_not_tidy_are_counted(tmp_path, monkeypatch):
         assert found.time.tolist() == list(range(first, 40))
 
 
+def test_columns_of_arrays_are_streamed(log):
+    h5py = pytest.importorskip("h5py")
+    folder, recording = log
+    every = np.column_stack([recording.position, recording.torque])
+    with h5py.File(folder / "arrays.h5", "w") as file:
+        file["time"], file["all"] = recording.time, every
+    columns = ci.Columns(
+        position="all[0:2]", torque="all[2:]", array_joints=recording.joints
+    )
+    rows = LogRows(folder / "arrays.h5", recording.joints, columns)
+    (found,) = rows.windows([(2000, 2600)])
+    np.testing.assert_array_equal(found.position, recording.position[2000:2600])
+    np.testing.assert_array_equal(found.torque, recording.torque[2000:2600])
+
+
 def test_clock_faults_are_named_across_windows(log):
     folder, recording = log
     time = recording.time.copy()

@@ -34,7 +34,7 @@ def obstacle(problem: Problem, role: str) -> str:
         if not log_format(path).in_pieces(path):
             known = ", ".join(known.name for known in LOG_FORMATS if known.streams)
             return (
-                f"{path}: cannot be read piece by piece; that takes {known} (of version "
-                "7.3). Convert it"
+                f"{path}: cannot be read piece by piece; that takes {known} (of "
+                "version 7.3). Convert it"
             )
     return ""
