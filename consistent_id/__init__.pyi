@@ -141,6 +141,7 @@ from consistent_id.problems.selection.select import select_model
 from consistent_id.problems.selection.selection import ModelSelection
 from consistent_id.problems.several import load_problems
 from consistent_id.problems.streaming.stream import stream_regression
+from consistent_id.problems.streaming.stream_estimate import stream_estimate
 from consistent_id.problems.study import Study, identify, run_study
 from consistent_id.recordings.base_motion import BaseMotion
 from consistent_id.recordings.contacts import ContactFlags, Wrench
@@ -536,6 +537,7 @@ __all__ = [
     "split_at_gaps",
     "standstill",
     "static_poses",
+    "stream_estimate",
     "stream_regression",
     "there_and_back",
     "to_c",

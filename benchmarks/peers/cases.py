@@ -79,7 +79,11 @@ def cvxpy(folder: Path, log: dict[str, np.ndarray]) -> Answer:
     return Answer(regressor=seconds, predict=lambda *m: _rows(model, *m) @ found)
 
 
-def figaroh(folder: Path, log: dict[str, np.ndarray]) -> Answer:
+class FigarohFit(SimpleNamespace):
+    """What FIGAROH finds: its regressor, base columns, base values, and seconds."""
+
+
+def _figaroh_fit(model: Any, log: dict[str, np.ndarray]) -> FigarohFit:
     """FIGAROH's regressor, its base parameters by double QR, its least squares."""
     from figaroh.tools.qrdecomposition import double_QR
     from figaroh.tools.regressor import (
@@ -88,7 +92,6 @@ def figaroh(folder: Path, log: dict[str, np.ndarray]) -> Answer:
         get_index_eliminate,
     )
 
-    model = _loaded(folder)
     robot = SimpleNamespace(model=model, data=model.createData())
     config = {"is_joint_torques": True, "act_idxv": list(range(model.nv))}
     names = {f"p{i}": 0.0 for i in range(10 * model.nv)}
@@ -102,14 +105,48 @@ def figaroh(folder: Path, log: dict[str, np.ndarray]) -> Answer:
     left_out, kept = get_index_eliminate(W, names)
     reduced = build_regressor_reduced(W, left_out)
     base, _, _, values = double_QR(log["tau"].T.ravel(), reduced, kept)
-    values = np.asarray(values, dtype=float)
+    return FigarohFit(
+        regressor=regressor,
+        W=W,
+        base=base,
+        values=np.asarray(values, dtype=float),
+        seconds=seconds,
+    )
+
+
+def figaroh(folder: Path, log: dict[str, np.ndarray]) -> Answer:
+    """FIGAROH to its base parameters."""
+    fit = _figaroh_fit(_loaded(folder), log)
 
     def predict(*motion: np.ndarray) -> np.ndarray:
         # Its base columns are columns of the regressor: find which, untimed.
-        places = [int(np.argmin(abs(W - c[:, None]).sum(axis=0))) for c in base.T]
-        return np.asarray(regressor(*motion)[:, places] @ values)
+        columns = [int(np.argmin(abs(fit.W - c[:, None]).sum(0))) for c in fit.base.T]
+        return np.asarray(fit.regressor(*motion)[:, columns] @ fit.values)
 
-    return Answer(regressor=seconds, predict=predict)
+    return Answer(regressor=fit.seconds, predict=predict)
+
+
+def figaroh_lmi(folder: Path, log: dict[str, np.ndarray]) -> Answer:
+    """FIGAROH to consistent links: nearest to the URDF's, then projected by its LMI."""
+    from figaroh.identification.physical_consistency import project_robot_p10_lmi
+    from figaroh.identification.reconstruction import reconstruct_full_parameters
+
+    model = _loaded(folder)
+    fit = _figaroh_fit(model, log)
+    R = np.linalg.qr(np.column_stack([fit.base, fit.W]), mode="r")
+    r = fit.base.shape[1]
+    M = np.linalg.solve(R[:r, :r], R[:r, r:])  # base = M standard parameters
+    terms = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+    names = [f"{term}_{joint}" for joint in model.names[1:] for term in terms]
+    nominal = [link.toDynamicParameters() for link in model.inertias.tolist()[1:]]
+    full = reconstruct_full_parameters(
+        (M, fit.values, names), theta0=np.concatenate(nominal)
+    )
+    links = np.asarray(full.theta_r).reshape(-1, 10)
+    named = dict(zip(model.names[1:], links, strict=True))
+    consistent, _ = project_robot_p10_lmi(named)
+    x = np.concatenate([consistent[joint] for joint in model.names[1:]])
+    return Answer(regressor=fit.seconds, predict=lambda *m: fit.regressor(*m) @ x)
 
 
 def idyntree(folder: Path, log: dict[str, np.ndarray]) -> Answer:
@@ -164,6 +201,7 @@ CASES: dict[str, Callable[[Path, dict[str, np.ndarray]], Answer]] = {
     "Pinocchio loop + lstsq": pinocchio,
     "Pinocchio loop + CVXPY, consistent links": cvxpy,
     "FIGAROH 1.0.2, base parameters": figaroh,
+    "FIGAROH 1.0.2, consistent links by its LMI": figaroh_lmi,
     "iDynTree loop + lstsq": idyntree,
 }
 

@@ -90,6 +90,18 @@ class Executor:
             "dask:NUMBER or dask:tcp://HOST:PORT"
         )
 
+    @classmethod
+    def chosen(cls, given: "str | Executor | None") -> Self | None:
+        """Return the executor that is given, else that of the run, if there is one.
+
+        Raises
+        ------
+        ProblemError
+            If there is no such executor.
+        """
+        name = current_run().executor if given is None else given
+        return cls.named(name) if name else None
+
     def map(self, function: Callable[[_T], _R], tasks: Iterable[_T]) -> Iterator[_R]:
         """Yield the result of each task, in order; few are under way at a time.
 
@@ -109,7 +121,7 @@ class Executor:
         if self.kind == "serial":
             yield from map(function, tasks)
             return
-        call = _Call(function, replace(current_run(), inputs=set()))
+        call = _Call(function, replace(current_run(), inputs=set(), executor=""))
         workers = self.workers or os.cpu_count() or 1
         if self.kind == "processes":
             with _processes(call, workers) as (submit, broken):

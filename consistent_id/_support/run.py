@@ -29,6 +29,9 @@ class Run:
         Whether files may be larger than robots and logs are.
     trust : bool
         Whether problem files may name files anywhere.
+    executor : str
+        Where independent work is done, see `Executor.named`; by default here, in two
+        threads.
     inputs : set of tuple of int
         Device and inode of each file that was read.
     stopped : str
@@ -38,6 +41,7 @@ class Run:
     force: bool = True
     large_files: bool = False
     trust: bool = False
+    executor: str = ""
     inputs: set[tuple[int, int]] = field(default_factory=set)
     stopped: Stop = ""
 

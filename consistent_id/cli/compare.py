@@ -5,7 +5,14 @@ from pathlib import Path
 from typing import Any
 
 from consistent_id.cli.answers import Answer, answered, shows_progress, tables_answer
-from consistent_id.cli.options import ACCEPT, PROBLEM, RESULTS, TIME_LIMIT, add_command
+from consistent_id.cli.options import (
+    ACCEPT,
+    FITS_EXECUTOR,
+    PROBLEM,
+    RESULTS,
+    TIME_LIMIT,
+    add_command,
+)
 
 _EXAMPLES = """
 consistent-id compare problems/rx60
@@ -24,6 +31,7 @@ def add_compare(commands: Any) -> None:
         PROBLEM,
         *RESULTS,
         ACCEPT,
+        FITS_EXECUTOR,
         TIME_LIMIT,
         more="Tables and figures are written. Exit code 1: do not use the estimate.",
         examples=_EXAMPLES,

@@ -35,6 +35,7 @@ def run_to_its_end(
         force=getattr(options, "force", False),
         large_files=getattr(options, "large_files", False),
         trust=getattr(options, "trust", False),
+        executor=getattr(options, "executor", None) or "",
     )
     try:
         with terminations_raised(), running(run):

@@ -16,6 +16,7 @@ from consistent_id.cli.log_options import DRAFT, draft_of
 from consistent_id.cli.option import Option
 from consistent_id.cli.options import (
     ACCEPT,
+    FITS_EXECUTOR,
     OUTPUT,
     PROBLEM,
     SEED_OF_BOOTSTRAP,
@@ -61,7 +62,13 @@ def add_identify(commands: Any) -> None:
             "also print the uncertainty of each parameter of the constrained estimate",
         ),
         SEED_OF_BOOTSTRAP,
+        Option(
+            "--streamed",
+            "read recordings piece by piece, however large they are, and estimate by "
+            "the weighted constrained method alone",
+        ),
         ACCEPT,
+        FITS_EXECUTOR,
         TIME_LIMIT,
         *DRAFT,
         more=_MORE,
@@ -71,6 +78,8 @@ def add_identify(commands: Any) -> None:
 
 def run_identify(options: argparse.Namespace) -> int:
     """Identify; return the exit code."""
+    if options.streamed:
+        return show(options, _identify_streamed(options))
     if options.log:
         return show(options, _identify_log(options))
     return answered(options, _identify)
@@ -110,6 +119,34 @@ def _identify(options: argparse.Namespace) -> Answer:
         return [] if output is None else write_estimates(study, output)
 
     return _answer(options, study, tables, record, write)
+
+
+def _identify_streamed(options: argparse.Namespace) -> Answer:
+    from consistent_id._support.files import require_writable
+    from consistent_id._support.tables import Table
+    from consistent_id.problems.problem import load_problem
+    from consistent_id.problems.streaming.stream_estimate import stream_estimate
+
+    if options.log or options.report is not None or options.uncertainty:
+        raise ProblemError(
+            "--streamed is for a problem file, without --report and --uncertainty, "
+            "which take recordings as a whole; cut a part of the log for them"
+        )
+    _refuse_drafting(options)
+    if options.output is not None and not options.dry_run:
+        require_writable(options.output)
+    problem = load_problem(options.problem)
+    estimate = stream_estimate(problem, executor=options.executor or "serial")
+    verdict = estimate.verdict
+    head = Table(f"{problem.name}: {verdict.word}", (), (), verdict.brief)
+    record = {**verdict.to_dict(), "estimates": [estimate.to_dict()]}
+
+    def write() -> list[Path]:
+        folder = options.output
+        return [] if folder is None else [estimate.save(folder / "delivered.json")]
+
+    tables = (head, estimate.table())
+    return tables_answer(tables, record, usable=verdict.usable, write=write)
 
 
 def _identify_log(options: argparse.Namespace) -> Answer:

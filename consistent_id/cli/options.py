@@ -2,6 +2,7 @@
 
 import argparse
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -56,11 +57,30 @@ TIME_LIMIT = Option(
     dest="give_up_after",
 )
 SEED_OF_BOOTSTRAP = Option("--seed N", "of the bootstrap", int, default=0)
+
+
+def _executor(text: str) -> str:
+    """Return the name of an executor that there is."""
+    from consistent_id._support.executors import Executor
+    from consistent_id.errors import ProblemError
+
+    try:
+        Executor.named(text)
+    except ProblemError as cause:
+        raise argparse.ArgumentTypeError(str(cause)) from None
+    return text
+
+
 EXECUTOR = Option(
     "--executor WHERE",
     "serial, processes, processes:4, dask or dask:tcp://HOST:PORT, the scheduler of a "
     "cluster with a shared file system; the result is the same",
+    _executor,
     default="serial",
+)
+# Of fits, where a machine's threads are the usual place.
+FITS_EXECUTOR = replace(
+    EXECUTOR, text=f"{EXECUTOR.text} (default: two threads)", default=None
 )
 
 

@@ -9,6 +9,7 @@ from consistent_id.cli.answers import Answer, show, shows_progress
 from consistent_id.cli.option import Option
 from consistent_id.cli.options import (
     ACCEPT,
+    FITS_EXECUTOR,
     FORCE,
     ONE_PROBLEM,
     SEED_OF_BOOTSTRAP,
@@ -37,6 +38,7 @@ def add_report(commands: Any) -> None:
         FORCE,
         SEED_OF_BOOTSTRAP,
         ACCEPT,
+        FITS_EXECUTOR,
         TIME_LIMIT,
         more=_MORE,
         examples=_EXAMPLES,

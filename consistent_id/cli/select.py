@@ -7,7 +7,13 @@ from typing import Any
 from consistent_id.cli.answers import Answer, answered, shows_progress
 from consistent_id.cli.log_options import BAND
 from consistent_id.cli.option import Option
-from consistent_id.cli.options import PROBLEM, TIME_LIMIT, WRITES, add_command
+from consistent_id.cli.options import (
+    FITS_EXECUTOR,
+    PROBLEM,
+    TIME_LIMIT,
+    WRITES,
+    add_command,
+)
 
 _MORE = """Drive terms, masses, cut-offs, rows and a delay are chosen from the training
 recordings alone, by the torque that is predicted on blocks that are left out. What
@@ -37,6 +43,7 @@ def add_select(commands: Any) -> None:
             "what stays as the file has it, such as masses or motion_cutoff",
         ),
         BAND,
+        FITS_EXECUTOR,
         TIME_LIMIT,
         more=_MORE,
         examples=_EXAMPLES,

@@ -18,11 +18,14 @@ is not rare; their share is a p-value as exact as that of all draws [Besag1991]_
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
+from consistent_id._support.executors import Executor
 from consistent_id._support.threads import single_threaded, worker_threads
 from consistent_id.constraints import Constraint, PhysicalConsistency
 from consistent_id.constraints.cones.least_norm import LeastNorm, solve_least_norm
@@ -113,11 +116,13 @@ def consistency_test(
     draws: int = DRAWS,
     enough: int = REACHED,
     seed: int = 0,
+    executor: str | Executor | None = None,
 ) -> ConsistencyTest:
     """Test whether data contradict constraints, by default physical consistency.
 
     Each joint is weighted by its own noise, whatever the regression's weights.  At most
-    `draws` data sets are simulated, fewer if `enough` of them reach the increase.
+    `draws` data sets are simulated, fewer if `enough` of them reach the increase.  The
+    executor says where, see `bootstrap`; the result is the same.
 
     Raises
     ------
@@ -137,7 +142,9 @@ def consistency_test(
     increase = _squared_distance(best, best.scaled.z)
     rng = np.random.default_rng(seed)
     shaken = rng.normal(size=(draws, len(best.scaled.z)))
-    reached, answers = _simulated(best, increase, shaken, enough)
+    reached, answers = _simulated(
+        best, increase, shaken, enough, Executor.chosen(executor)
+    )
     early = reached == enough
     return ConsistencyTest(
         increase=increase,
@@ -154,30 +161,47 @@ class _Count(NamedTuple):
     answers: int
 
 
-def _simulated(best: BestFit, increase: float, noise: Matrix, enough: int) -> _Count:
+def _simulated(
+    best: BestFit,
+    increase: float,
+    noise: Matrix,
+    enough: int,
+    executor: Executor | None,
+) -> _Count:
     """Count simulated data sets until enough have reached an increase."""
-    predicted = best.scaled.M @ best.solution.u
-
-    def reaches(e: Vector) -> bool | None:
-        if e @ e < increase:
-            return False
-        try:
-            T = _squared_distance(best, predicted + e / best.scaled.size)
-        except SolverError:
-            return None
-        return T >= increase
-
+    each = partial(_reaching, best, increase)
+    some = (noise[k : k + _AT_ONCE] for k in range(0, len(noise), _AT_ONCE))
     count = _Count(0, 0)
     with worker_threads(_WORKERS) as pool:
-        for start in range(0, len(noise), _AT_ONCE):
-            for answer in pool.map(reaches, noise[start : start + _AT_ONCE]):
-                if answer is not None and count.reached < enough:
-                    count = _Count(count.reached + answer, count.answers + 1)
+        alone = (list(pool.map(lambda e: each([e])[0], part)) for part in some)
+        answers = alone if executor is None else executor.map(each, some)
+        for answer in chain.from_iterable(answers):
+            if answer is not None:
+                count = _Count(count.reached + answer, count.answers + 1)
             if count.reached == enough:
                 break
     if not count.answers:
         raise SolverError("none of the simulated data gave a constrained fit")
     return count
+
+
+@single_threaded
+def _reaching(
+    best: BestFit, increase: float, noise: Sequence[Vector]
+) -> list[bool | None]:
+    """Return which simulated data reach an increase; None where there is no fit."""
+    predicted, found = best.scaled.M @ best.solution.u, list[bool | None]()
+    for e in noise:
+        if e @ e < increase:
+            found.append(False)
+            continue
+        try:
+            T = _squared_distance(best, predicted + e / best.scaled.size)
+        except SolverError:
+            found.append(None)
+        else:
+            found.append(T >= increase)
+    return found
 
 
 def _squared_distance(best: BestFit, z: Vector) -> float:

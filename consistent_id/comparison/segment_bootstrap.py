@@ -129,8 +129,8 @@ def bootstrap(
     progress : bool
         Show a progress bar.
     executor : str or Executor, optional
-        Where replicates are solved, see `stream_regression`; by default in two threads.
-        The result is the same.
+        Where replicates are solved, see `stream_regression`; by default as the shell's
+        ``--executor`` says, else in two threads.  The result is the same.
 
     Returns
     -------
@@ -167,7 +167,7 @@ def bootstrap(
         return found.solution.u * scaled.unit, certified
 
     draws = islice(_draws(len(segments), np.random.default_rng(seed)), replicates)
-    chosen = None if executor is None else Executor.named(executor)
+    chosen = Executor.chosen(executor)
     found = _collected(estimate, draws, replicates if progress else None, chosen)
     good = [result for result in found if result is not None]
     if len(good) < 2:

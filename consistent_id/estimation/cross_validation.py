@@ -127,8 +127,8 @@ def cross_validated(
         Of consecutive segments; at most as many as there are segments.
     base : BaseParameters, optional
     executor : str or Executor, optional
-        Where folds are solved, see `stream_regression`; by default in two threads.  The
-        result is the same.
+        Where folds are solved, see `stream_regression`; by default as the shell's
+        ``--executor`` says, else in two threads.  The result is the same.
 
     Returns
     -------
@@ -156,6 +156,7 @@ def cross_validated(
     counts = np.array([sum(segment.counts) for segment in segments])
     parts = np.array_split(np.arange(len(segments)), folds)
 
+    chosen = Executor.chosen(executor)
     rests = [_without(scaled, factors, part) for part in parts]
     tests = [scaled.with_factor(_joined([factors[i] for i in part])) for part in parts]
 
@@ -163,7 +164,7 @@ def cross_validated(
         """Fit all data and all but each fold, and predict the folds."""
         with worker_threads(_WORKERS) as pool:
             along = partial(_along, distance=to_nominal, weights=weights, start=start)
-            fits = pool.map if executor is None else Executor.named(executor).map
+            fits = pool.map if chosen is None else chosen.map
             rough = ((rest, _FOLD_GAP) for rest in rests)
             whole, *found = fits(along, [(scaled, GAP_TOLERANCE), *rough])
         columns = [

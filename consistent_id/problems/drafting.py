@@ -42,6 +42,7 @@ Friction of simulators is dry.  A wider change can fit torque better, as what is
 play and lag, and then replays worse: on parts of the training motion that were not
 learnt from, rollouts of two real robots choose 0.05 and less, and torque 0.1."""
 
+
 def draft_problem(
     model: str | Path,
     log: GivenLog | Sequence[GivenLog],

@@ -4,7 +4,8 @@ An entry names a module of `consistent_id.recordings.readers`, imported when a f
 read.  The module of a format of arrays has ``read_arrays(path, names)`` and, unless the
 entry says otherwise, ``array_names(path)``; that of a format of joint states has
 ``read_messages(path, topic)``; one that can be read piece by piece has
-``read_batches(path, names, first)``.
+``read_batches(path, names, first)`` and, if that depends on the file,
+``in_pieces(path)``.
 """
 
 from dataclasses import dataclass
@@ -36,7 +37,8 @@ class LogFormat:
     folders : bool
         Whether a log may be a folder.
     streams : bool
-        Whether it can be read piece by piece, in memory that does not grow with it.
+        Whether it can be read piece by piece, in memory that does not grow with it; of
+        a file, see `in_pieces`.
     states_units : bool
         Whether arrays may state units: its module has ``array_units(path, names)``.
     """
@@ -51,6 +53,13 @@ class LogFormat:
     folders: bool = False
     streams: bool = False
     states_units: bool = False
+
+    def in_pieces(self, path: Path) -> bool:
+        """Return whether a file can be read piece by piece."""
+        if not self.streams:
+            return False
+        asked = getattr(self.reader(path), "in_pieces", None)
+        return asked is None or bool(asked(path))
 
     def reader(self, where: object) -> Any:
         """Return the module that reads it.
@@ -83,7 +92,7 @@ LOG_FORMATS = (
     LogFormat("Feather", (".feather", ".arrow"), "feather", streams=True),
     LogFormat("NPZ", (".npz",), "npz"),
     HDF5,
-    LogFormat("MATLAB", (".mat",), "mat", lists_names=False),
+    LogFormat("MATLAB", (".mat",), "mat", lists_names=False, streams=True),
     LogFormat(
         "ROS bag",
         (".mcap", ".db3", ".bag"),

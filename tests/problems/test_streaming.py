@@ -7,7 +7,9 @@ import pytest
 from logged import DRIVE, moved, write_arm
 
 import consistent_id as ci
+from consistent_id.cli import main
 from consistent_id.errors import ProblemError, RecordingError
+from consistent_id.estimation.torque_error import torque_errors
 from consistent_id.problems.streaming import kept_rows, windows
 from consistent_id.recordings.readers.log_rows import LogRows
 from consistent_id.recordings.signals.butterworth import settling, zero_phase
@@ -50,6 +52,12 @@ def _written(folder, form, columns):
         import pyarrow.feather
 
         pyarrow.feather.write_feather(pa.table(columns), file, chunksize=700)
+    elif form == "mat":
+        h5py = pytest.importorskip("h5py")
+        with h5py.File(file, "w", userblock_size=512) as hdf:  # as MATLAB 7.3 does
+            for name, values in columns.items():
+                hdf[name] = np.atleast_2d(values)
+                hdf[name].attrs["MATLAB_class"] = np.bytes_("double")
     else:
         h5py = pytest.importorskip("h5py")
         with h5py.File(file, "w") as hdf:
@@ -107,6 +115,7 @@ JITTERED = "resample = 100.0\nmotion_cutoff = 5.0"
         ("csv", 2e-6, UNIFORM, ""),
         ("parquet", 2e-6, f"{UNIFORM}\ndecimate = 3", ""),
         ("h5", 1e-3, JITTERED, "rows = [201, 5000]\nomit = [5, 900, 901]"),
+        ("mat", 2e-6, UNIFORM, "rows = [300, 5800]"),
         ("feather", 1e-3, f"{JITTERED}\ntrim_standstill = true", ""),
         ("parquet", 1e-3, f"{JITTERED}\nleast_speed = 0.2", "rows = [100, 5500]"),
         (
@@ -199,6 +208,21 @@ def test_rows_of_a_text_that_is_not_tidy_are_counted(tmp_path, monkeypatch):
         assert found.time.tolist() == list(range(first, 40))
 
 
+def test_columns_of_arrays_are_streamed(log):
+    h5py = pytest.importorskip("h5py")
+    folder, recording = log
+    every = np.column_stack([recording.position, recording.torque])
+    with h5py.File(folder / "arrays.h5", "w") as file:
+        file["time"], file["all"] = recording.time, every
+    columns = ci.Columns(
+        position="all[0:2]", torque="all[2:]", array_joints=recording.joints
+    )
+    rows = LogRows(folder / "arrays.h5", recording.joints, columns)
+    (found,) = rows.windows([(2000, 2600)])
+    np.testing.assert_array_equal(found.position, recording.position[2000:2600])
+    np.testing.assert_array_equal(found.torque, recording.torque[2000:2600])
+
+
 def test_clock_faults_are_named_across_windows(log):
     folder, recording = log
     time = recording.time.copy()
@@ -236,3 +260,44 @@ def test_formats_that_cannot_be_read_piece_by_piece_are_named(log):
     np.savez(folder / "log.npz", **_columns(recording, recording.time))
     with pytest.raises(ProblemError, match="CSV, Parquet, Feather, HDF5"):
         ci.stream_regression(_problem(folder, "log.npz", UNIFORM))
+
+
+@pytest.fixture
+def divided(log):
+    """A problem file whose log is learnt from in part, and judged by the rest."""
+    folder, recording = log
+    file = _written(folder, "parquet", _columns(recording, recording.time))
+    held_out = f'[[data.recordings]]\nfile = "{file}"\nrole = "validation"'
+    entry = f"rows = [1, 4000]\n{held_out}\nrows = [4100, 6000]"
+    return _problem(folder, file, UNIFORM, entry)
+
+
+def test_an_estimate_is_that_of_the_whole_recordings_and_judged_by_others(divided):
+    found = ci.stream_estimate(divided)
+    model, regression = (
+        divided.model,
+        ci.build_regression(divided.model, divided.training),
+    )
+    whole = ci.constrained_least_squares(
+        model,
+        regression.weighted(ci.joint_noise(model, regression)),
+        constraints=divided.constraints,
+        prior=divided.prior,
+    )
+    np.testing.assert_allclose(found.base_values, whole.base_values, rtol=1e-6)
+    error = torque_errors([found], divided.validation[0])[0].stacked
+    assert f"held-out recordings: {error:.2%}" in found.notes[0]
+    assert found.verdict.word == "use" and found.certificate.verdict == "certified"
+
+
+def test_the_shell_identifies_piece_by_piece(divided, tmp_path, capsys):
+    file = str(next(f for f in divided.files.values() if f.suffix == ".toml"))
+    assert main(["identify", file, "--streamed", "--output", str(tmp_path)]) == 0
+    assert "use" in capsys.readouterr().out
+    base = ci.base_parameters(divided.model)
+    saved = ci.Estimate.load(tmp_path / "delivered.json", divided.model, base)
+    np.testing.assert_array_equal(
+        saved.parameters, ci.stream_estimate(divided).parameters
+    )
+    assert main(["identify", file, "--streamed", "--uncertainty"]) == 2
+    assert "--streamed is for a problem file" in capsys.readouterr().err

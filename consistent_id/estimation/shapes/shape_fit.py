@@ -2,12 +2,14 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from time import perf_counter
 from typing import NamedTuple
 
 import numpy as np
 
 from consistent_id._support.arrays import Array, Vector
+from consistent_id._support.executors import Executor
 from consistent_id._support.threads import single_threaded
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.shapes.shape_misfit import ShapeGroup, ShapeMisfit
@@ -201,10 +203,12 @@ def _searches(misfit: ShapeMisfit, box: Array, starts: int, seed: int) -> list[_
     low, high = box.T
     first = np.clip(np.log([group.value for group in misfit.groups]), low, high)
     drawn = np.random.default_rng(seed).uniform(low, high, (starts - 1, len(first)))
-    return [_search(misfit, start, box) for start in (first, *drawn)]
+    where = Executor.chosen(None) or Executor()
+    return list(where.map(partial(_search, misfit, box), (first, *drawn)))
 
 
-def _search(misfit: ShapeMisfit, start: Vector, box: Array) -> _Search:
+@single_threaded
+def _search(misfit: ShapeMisfit, box: Array, start: Vector) -> _Search:
     """Return the nearest minimum within the bounds."""
     from scipy.optimize import minimize
 

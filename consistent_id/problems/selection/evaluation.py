@@ -1,12 +1,18 @@
 """Choices evaluated: each set of rows is prepared once, each choice fitted once."""
 
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import msgspec
 import numpy as np
 
-from consistent_id._support.arrays import Vector
+from consistent_id._support.arrays import Matrix, Vector
+from consistent_id._support.executors import Executor
+from consistent_id._support.threads import single_threaded
+from consistent_id.errors import ConsistentIdError
 from consistent_id.problems.file import PreparationTable, ProblemTable
 from consistent_id.problems.selection.blocks import NUMBERS, folds
 from consistent_id.problems.selection.choice import Choice
@@ -151,6 +157,25 @@ class Evaluator:
             self._evaluated[choice] = Evaluated(choice, fits, errors)
         return self._evaluated[choice]
 
+    def evaluate_ahead(self, choices: Sequence[Choice]) -> None:
+        """Fit choices side by side if the run has an executor; then they are known."""
+        executor = Executor.chosen(None)
+        if executor is None:
+            return
+        s, tasks = self.setting, list[tuple[Choice, Candidate, Factors]]()
+        for choice in choices:
+            with suppress(ConsistentIdError):  # says `evaluated`, if it is asked
+                if choice not in self._evaluated:
+                    task = choice, self.candidate(choice), self.factors(choice)
+                    tasks.append(task)
+        fits = partial(_fitted_or_not, s.base, s.sigma, s.size)
+        found = executor.map(fits, [task[1:] for task in tasks])
+        for (choice, candidate, factors), x in zip(tasks, found, strict=True):
+            if x is not None:
+                own = FoldFits(candidate, x)
+                errors = held_out(own, factors, s.sigma)
+                self._evaluated[choice] = Evaluated(choice, own, errors)
+
     def screened(self, choice: Choice, current: Evaluated) -> HeldOut:
         """Return a choice's errors with the bodies of another held."""
         factors = self.factors(choice)
@@ -208,3 +233,14 @@ class Evaluator:
             s = self.setting
             self._supersets[scale] = superset(s.bodies, scale, s.loaded, s.sloped)
         return self._supersets[scale]
+
+
+@single_threaded
+def _fitted_or_not(
+    base: BaseParameters, sigma: Vector, size: float, task: tuple[Candidate, Factors]
+) -> Matrix | None:
+    """Return a candidate's parameters without each fold; None if there is no fit."""
+    try:
+        return fitted(*task, base, sigma, range(len(folds())), size).parameters
+    except ConsistentIdError:
+        return None

@@ -135,6 +135,7 @@ def _tried(
 ) -> list[_Tried]:
     """Fit moves in full; a model that cannot be fitted is none."""
     found: list[_Tried] = []
+    evaluator.evaluate_ahead([move.after for move in moves])
     for move in moves:
         try:
             after = evaluator.evaluated(move.after)

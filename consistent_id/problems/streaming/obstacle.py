@@ -31,9 +31,10 @@ def obstacle(problem: Problem, role: str) -> str:
                 "channels into one file"
             )
         path = problem.log_file(entry.file)
-        if not log_format(path).streams:
+        if not log_format(path).in_pieces(path):
             known = ", ".join(known.name for known in LOG_FORMATS if known.streams)
             return (
-                f"{path}: cannot be read piece by piece; that takes {known}. Convert it"
+                f"{path}: cannot be read piece by piece; that takes {known} (of "
+                "version 7.3). Convert it"
             )
     return ""

@@ -47,7 +47,7 @@ def stream_regression(
     Parameters
     ----------
     problem : Problem
-        With recordings in CSV, Parquet, Feather or HDF5.
+        With recordings in CSV, Parquet, Feather, HDF5 or MATLAB 7.3.
     role : {"training", "validation"}
     executor : str or Executor
         ``"serial"``, ``"processes"`` or ``"processes:4"``, ``"dask"`` or

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Vector
 from consistent_id.errors import RecordingError
+from consistent_id.recordings.readers.array_parts import parts_of, stored_names
 from consistent_id.recordings.readers.columns import Columns
 from consistent_id.recordings.readers.named_arrays import (
     Arrays,
@@ -89,7 +90,9 @@ class LogRows:
         omitted = np.array(sorted(row - 1 for row in self.omit), dtype=int)
         for row in omitted:
             at += row <= at
-        for arrays in reader_of(self.path).read_batches(self.path, names, at):
+        stored = stored_names(names)
+        for batch in reader_of(self.path).read_batches(self.path, stored, at):
+            arrays = parts_of(batch, names, self.path)
             rows = _rows(arrays)
             if len(omitted):
                 keep = ~np.isin(np.arange(at, at + rows), omitted)

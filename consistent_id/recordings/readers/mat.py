@@ -2,7 +2,7 @@
 
 import struct
 import zlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -41,15 +41,38 @@ def read_arrays(path: Path, names: Sequence[str]) -> Arrays:
     RecordingError
         If the file is not MATLAB's, or a name is missing or no array of numbers.
     """
-    with path.open("rb") as file:
-        start = file.read(520)
-    if _HDF5 in (start[:8], start[512:]):
+    if in_pieces(path):
         arrays: Arrays = HDF5.reader(path).read_matlab_73(path, names)
         return arrays
     if fault := damage(path.read_bytes(), path):
         raise RecordingError(f"{path}: not readable as MATLAB file: {fault}")
     variables = _loaded(path, [name.replace("/", ".").split(".")[0] for name in names])
     return {name: _field(path, variables, name) for name in names}
+
+
+def in_pieces(path: Path) -> bool:
+    """Return whether a file is of MATLAB 7.3, which can be read piece by piece."""
+    with path.open("rb") as file:
+        start = file.read(520)
+    return _HDF5 in (start[:8], start[512:])
+
+
+def read_batches(path: Path, names: Sequence[str], first: int) -> Iterator[Arrays]:
+    """Yield the named variables from a sample on, a few samples at a time.
+
+    Raises
+    ------
+    RecordingError
+        If the file is not of MATLAB 7.3; else as `read_arrays`.
+    """
+    if not in_pieces(path):
+        raise RecordingError(
+            f"{path}: MATLAB files before version 7.3 cannot be read piece by piece; "
+            "save with '-v7.3'"
+        )
+    places = {name.replace(".", "/"): name for name in names}
+    for batch in HDF5.reader(path).read_batches(path, list(places), first):
+        yield {places[place]: values for place, values in batch.items()}
 
 
 def _loaded(path: Path, names: Sequence[str]) -> dict[str, Any]:

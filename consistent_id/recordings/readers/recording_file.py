@@ -95,7 +95,7 @@ def read_recording(
         )
     want = wanted_of(path, columns or Columns(), joints)
     reader = reader_of(path)
-    if hasattr(reader, "read_batches"):
+    if log_format(path).in_pieces(path):
         _require_room(path)
     return recording_of(
         read_parts(reader, path, want.names),
@@ -131,9 +131,9 @@ def _require_room(path: Path) -> None:
         raise RecordingError(
             f"{path}: {size / GIBIBYTE:.1f} GiB, to be read as a whole into a computer "
             f"with {room / GIBIBYTE:.1f} GiB of memory; read it piece by piece: "
-            "consistent-id compress (in Python: stream_regression), and identify from "
-            "what that writes; or say --large-files (in Python: with "
-            "consistent_id.large_files()) if it fits after all"
+            "consistent-id identify PROBLEM --streamed, or consistent-id compress (in "
+            "Python: stream_estimate, stream_regression); or say --large-files (in "
+            "Python: with consistent_id.large_files()) if it fits after all"
         )
 
 
