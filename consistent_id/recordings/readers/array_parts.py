@@ -1,7 +1,7 @@
 """Some columns of an array in a file: ``qpos[7:19]``, counted from 0."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -36,14 +36,25 @@ def read_parts(
     RecordingError
         If there is no such array, or it has no such columns.
     """
-    parts = {name: _PART.fullmatch(name) for name in names}
-    stored = [stored_name(name) for name in parts]
-    arrays = reader.read_arrays(path, list(dict.fromkeys(stored)))
+    stored = dict.fromkeys(stored_name(name) for name in names)
+    return parts_of(reader.read_arrays(path, list(stored)), names, str(path))
+
+
+def parts_of(
+    arrays: Mapping[str, NDArray[Any]], names: Sequence[str], where: str
+) -> dict[str, NDArray[Any]]:
+    """Return named arrays, and parts of arrays, of those that were read.
+
+    Raises
+    ------
+    RecordingError
+        If an array has no such columns.
+    """
     found: dict[str, NDArray[Any]] = {}
-    for (name, part), source in zip(parts.items(), stored, strict=True):
-        whole = arrays[source]
+    for name in names:
+        part, whole = _PART.fullmatch(name), arrays[stored_name(name)]
         found[name] = (
-            whole if part is None else _columns(whole, part, f"{path}: {name}")
+            whole if part is None else _columns(whole, part, f"{where}: {name}")
         )
     return found
 

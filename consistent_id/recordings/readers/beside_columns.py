@@ -27,6 +27,7 @@ from consistent_id.recordings.signals.base_signals import (
     base_from_pose,
     rotations,
 )
+from consistent_id.recordings.signals.base_stretches import moved_by_stretch
 
 Names = str | Sequence[str]
 """One array's name, or a name for each column."""
@@ -93,31 +94,44 @@ class BaseColumns:
         return [name for names in every for name in _listed(names)]
 
     def motion(self, arrays: "Arrays", time: Vector, where: str) -> BaseMotion:
-        """Return the motion of the base, not filtered."""
+        """Return the motion of the base, not filtered; across no gap of the clock."""
+
+        def read(names: Names | None, width: int) -> Matrix:
+            return columns(arrays, names or "", (width,), len(time), where)
+
+        if not self._has_unit:
+            position, quaternions = read(self.position, 3), read(self.orientation, 4)
+            return moved_by_stretch(
+                lambda part: base_from_pose(
+                    time[part],
+                    position[part],
+                    quaternions[part],
+                    order=self.order,
+                    cutoff=None,
+                ),
+                time,
+                where,
+            )
         turned: Array | None = None
         if self.orientation is not None:
-            quaternions = columns(arrays, self.orientation, (4,), len(time), where)
-            turned = rotations(quaternions, self.order)
-        if self.angular_velocity is not None and self.acceleration is not None:
-            gyroscope, accelerometer = (
-                columns(arrays, names, (3,), len(time), where)
-                for names in (self.angular_velocity, self.acceleration)
-            )
-            mounting = None
-            if self.imu_orientation is not None:
-                mounting = rotations([self.imu_orientation], self.order)[0]
-            return base_from_imu(
-                time,
-                gyroscope,
-                accelerometer,
+            turned = rotations(read(self.orientation, 4), self.order)
+        gyroscope = read(self.angular_velocity, 3)
+        accelerometer = read(self.acceleration, 3)
+        mounting = None
+        if self.imu_orientation is not None:
+            mounting = rotations([self.imu_orientation], self.order)[0]
+        return moved_by_stretch(
+            lambda part: base_from_imu(
+                time[part],
+                gyroscope[part],
+                accelerometer[part],
                 cutoff=None,
                 position=self.imu_position,
                 mounting=mounting,
-                rotation=turned,
-            )
-        position = columns(arrays, self.position or "", (3,), len(time), where)
-        return base_from_pose(
-            time, position, quaternions, order=self.order, cutoff=None
+                rotation=None if turned is None else turned[part],
+            ),
+            time,
+            where,
         )
 
 
