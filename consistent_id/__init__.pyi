@@ -131,6 +131,7 @@ from consistent_id.problems.draft import Draft
 from consistent_id.problems.drafting import draft_problem
 from consistent_id.problems.fleet.fleet import fleet_estimate, identify_fleet
 from consistent_id.problems.fleet.fleet_result import Fleet, FleetRobot
+from consistent_id.problems.floating.hints import BaseHints
 from consistent_id.problems.log_identification import identify_log
 from consistent_id.problems.problem import Problem, load_problem
 from consistent_id.problems.selection.select import select_model
@@ -276,6 +277,7 @@ __all__ = [
     "Advice",
     "Aim",
     "BaseColumns",
+    "BaseHints",
     "BaseMotion",
     "BaseParameters",
     "BesideColumns",

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from consistent_id.cli.answers import Answer, answered, show, shows_progress
+from consistent_id.cli.base_options import given_base_options
 from consistent_id.cli.log_options import add_draft_options, draft_of
 from consistent_id.cli.options import (
     add_accept,
@@ -211,6 +212,7 @@ def _refuse_drafting(options: argparse.Namespace) -> None:
     names = (*columns, *source, "base", "tip", "lock", "validate")
     chosen = ("masses", "drive", "cutoff", "band", "no_select")
     given = [name for name in (*names, *chosen) if getattr(options, name)]
+    given += given_base_options(options)
     given += ["bodies"] if options.bodies != "identified" else []
     if given:
         flag = "--" + given[0].replace("_", "-")

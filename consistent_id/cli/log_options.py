@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from consistent_id.cli.answers import shows_progress
+from consistent_id.cli.base_options import add_base_columns, base_hints
 from consistent_id.cli.options import positive
 
 if TYPE_CHECKING:
@@ -100,6 +101,7 @@ def add_draft_options(command: argparse.ArgumentParser) -> None:
     add_columns(command)
     add_torque_gain(command)
     add_gains(command)
+    add_base_columns(command)
     chosen = command.add_argument_group("the model, chosen by the data unless given")
     chosen.add_argument(
         "--bodies",
@@ -189,6 +191,7 @@ def draft_of(options: argparse.Namespace, model: Path, logs: Sequence[Path]) -> 
         keep=options.keep,
         select=not options.no_select,
         progress=shows_progress(options),
+        base=base_hints(options),
         **known_of(options),
     )
 

@@ -21,6 +21,8 @@ from consistent_id.problems.draft_rows import (
     split_logs,
 )
 from consistent_id.problems.file import DriveTable
+from consistent_id.problems.floating.hints import BaseHints
+from consistent_id.problems.floating.standing_draft import standing_draft
 from consistent_id.problems.late_velocity import on_time
 from consistent_id.problems.log_entries import with_torque
 from consistent_id.problems.model import DEFAULT_DRIVE
@@ -59,6 +61,7 @@ def draft_problem(
     progress: bool = False,
     gains: PDGains | None = None,
     bodies: Literal["identified", "model"] = "identified",
+    base: BaseHints | None = None,
 ) -> Draft:
     """Draft the problem of identifying a robot from one log or several.
 
@@ -110,6 +113,9 @@ def draft_problem(
         Of PD-controlled joints: torque is then computed from commands of position.
     bodies : {"identified", "model"}
         Whether bodies are identified, or those of the model are the robot's.
+    base : BaseHints, optional
+        What is known of the columns of a floating base and its contacts.  No model is
+        chosen for such a robot: bodies behind the base are those of the model.
 
     Raises
     ------
@@ -134,15 +140,19 @@ def draft_problem(
         selection=selection,
         torque_gain=torque_gain,
         gains=gains,
+        base=base,
     )
     logs, read = _read_in_time(logs, training, columns)
     raws = {file: with_torque(raw, gains) for file, raw in read.items()}
     clock = clock_of(list(raws.values()))
+    geared = gains is not None or logs.robot.floating
+    table = _plain_drive(geared) if drive is None else _drive_table(drive)
+    standing = standing_draft(logs, list(raws.values()), model, table)
+    select, searched = select and standing is None, select or standing is not None
     split = split_logs(raws, clock, whole=bool(held_out))
-    table = _plain_drive(gains) if drive is None else _drive_table(drive)
     if friction_velocity is not None:
         table = msgspec.structs.replace(table, velocity_scale=friction_velocity)
-    chosen = _plain_cutoff(logs, table, split.training, clock, cutoff, select)
+    chosen = _plain_cutoff(logs, table, split.training, clock, cutoff, searched)
     draft = Draft(
         model=model,
         recordings=tuple(sorted(split.entries, key=lambda entry: entry.role)),
@@ -163,6 +173,7 @@ def draft_problem(
         drive=table,
         gains=gains,
         bodies=bodies,
+        standing=standing,
     )
     if gains is not None:
         draft = _with_delay(draft)
@@ -198,7 +209,7 @@ def _masses(
     """Return whether masses are known; where the model has none, they are free."""
     if all(link.datasheet.mass is None for link in logs.robot.links):
         return "free"
-    return masses or "datasheet"
+    return masses or ("free" if logs.robot.floating else "datasheet")
 
 
 def _fixed(
@@ -294,9 +305,9 @@ def _require_kinds(keep: Sequence[str]) -> None:
             )
 
 
-def _plain_drive(gains: PDGains | None) -> DriveTable:
-    """Return the drive of which nothing is known; PD-controlled motors have gears."""
-    if gains is None:
+def _plain_drive(geared: bool) -> DriveTable:
+    """Return the drive of which nothing is known; motors of legs have gears."""
+    if not geared:
         return DEFAULT_DRIVE
     return msgspec.structs.replace(DEFAULT_DRIVE, rotor_inertia=True)
 

@@ -5,6 +5,12 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from consistent_id.errors import ModelError, ProblemError
+from consistent_id.problems.floating.floating_columns import (
+    FloatingColumns,
+    base_in_log,
+    floating_columns,
+)
+from consistent_id.problems.floating.hints import BaseHints, require_floating
 from consistent_id.recordings.column_guess import guess_columns, require_torque
 from consistent_id.recordings.log_formats import LOG_FORMATS
 from consistent_id.recordings.readers import Columns, read_recording
@@ -12,6 +18,7 @@ from consistent_id.recordings.readers.units import Units
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import PDGains
 from consistent_id.robot.chains import Selection
+from consistent_id.robot.limbs import base_question
 from consistent_id.robot.loaders import load_robot
 from consistent_id.robot.model import RobotModel
 
@@ -35,6 +42,8 @@ class RobotLogs:
         What was guessed.
     gains : PDGains, optional
         Of PD-controlled joints.
+    floating : FloatingColumns, optional
+        How the base moves, if it floats.
     """
 
     robot: RobotModel
@@ -43,6 +52,7 @@ class RobotLogs:
     gain: float | list[float]
     notes: tuple[str, ...]
     gains: PDGains | None = None
+    floating: FloatingColumns | None = None
 
     def read(self, log: Path) -> Recording:
         """Read a log as it was written; `with_torque` makes torque of its commands."""
@@ -61,6 +71,7 @@ def robot_logs(
     selection: Selection | None = None,
     torque_gain: Sequence[float] = (),
     gains: PDGains | None = None,
+    base: BaseHints | None = None,
 ) -> RobotLogs:
     """Find out how a robot's logs are to be read.
 
@@ -79,6 +90,8 @@ def robot_logs(
         From the torque columns to torque: one for all joints, or one each.
     gains : PDGains, optional
         Of PD-controlled joints: commands of position are wanted in place of torque.
+    base : BaseHints, optional
+        What is known of the columns of a floating base.
 
     Raises
     ------
@@ -90,10 +103,16 @@ def robot_logs(
     _require_order(model, log)
     selection = Selection() if selection is None else selection
     robot = load_robot(model, **asdict(selection))
+    hints = base or BaseHints()
+    require_floating(hints, floating=robot.floating)
+    _require_base(model, log, robot, selection)
+    floating = floating_columns(log, robot, model, hints) if robot.floating else None
     guess = guess_columns(
         log,
         robot.joint_names,
         columns,
+        taken=() if floating is None else floating.taken,
+        arrays=_arrays(floating),
         torque_joints=torque_joints,
         units=units,
         currents=len(torque_gain) > 0,
@@ -107,7 +126,47 @@ def robot_logs(
     if absent:
         robot = load_robot(model, **asdict(replace(selection, locked=locked)))
     gain = gains_of(torque_gain, len(robot.joint_names))
-    return RobotLogs(robot, guess.columns, locked, gain, guess.notes, gains)
+    found, notes = guess.columns, guess.notes
+    if floating is not None:
+        found = replace(found, beside=floating.beside)
+        notes = (*notes, *floating.notes)
+    return RobotLogs(robot, found, locked, gain, notes, gains, floating)
+
+
+def _arrays(floating: FloatingColumns | None) -> Columns | None:
+    """Return the joints' columns in arrays of MuJoCo, if the log has these."""
+    if floating is None or not floating.joints.columns:
+        return None
+    arrays = floating.joints
+    named = arrays.columns
+    return Columns(
+        position=named["position"],
+        velocity=named.get("velocity"),
+        torque=named.get("torque"),
+        array_joints=arrays.array_joints,
+    )
+
+
+def _require_base(
+    model: Path, log: Path, robot: RobotModel, selection: Selection
+) -> None:
+    """Ask about a robot on legs whose base is taken for fixed, though its log moves it.
+
+    Raises
+    ------
+    ProblemError
+        With both answers.
+    """
+    if selection.base is not None or not base_question(robot):
+        return
+    moved = [str(found) for found in base_in_log(log)]
+    if moved:
+        raise ProblemError(
+            f"several limbs hang on the base of {model}, and {log} says how a base "
+            f"moves ({'; '.join(moved[:3])}). Does it move? Then say --base floating. "
+            "If it hangs still, or is bolted down, say --base ROOT with the name of "
+            "the link that stands still"
+        )
 
 
 def chains_of(robot: RobotModel) -> dict[int, tuple[str, ...]] | None:

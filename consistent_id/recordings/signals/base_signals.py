@@ -149,14 +149,14 @@ def _of_poses(
 ) -> BaseMotion:
     """Return the motion of uniformly sampled poses."""
     step = float(np.mean(np.diff(place.time)))
-    w, dw = _with_derivative(place.time, _body_rates(R) / step, cutoff)
+    w, dw = _with_derivative(place.time, body_rates(R) / step, cutoff)
     if cutoff is not None:
         place = low_passed(place, motion_cutoff=cutoff)
     felt = np.asarray(differentiated(place).acceleration) - gravity
     return BaseMotion(w, dw, (np.swapaxes(R, 1, 2) @ felt[..., None])[..., 0], R)
 
 
-def _body_rates(R: Array) -> Matrix:
+def body_rates(R: Array) -> Matrix:
     """Return rotation vectors per sample, in body axes, by central differences."""
     before = np.concatenate([R[:1], R[:-1]])
     after = np.concatenate([R[1:], R[-1:]])
