@@ -57,9 +57,14 @@ def robots(path: Path) -> Truth:
 
 
 def simulated(
-    path: Path, seed: int = 0, seconds: float = SECONDS, *, dry_friction: bool = True
+    path: Path,
+    seed: int = 0,
+    seconds: float = SECONDS,
+    *,
+    dry_friction: bool = True,
+    plan=None,
 ) -> ci.Recording:
-    """Log the robot while its trunk sways over its feet."""
+    """Log the robot while its trunk sways over its feet, as a plan or by chance."""
     import mujoco
 
     spec = read_spec(path, mujoco)
@@ -79,7 +84,7 @@ def simulated(
     model.geom_friction[:, 0] = 0.9
     rng = np.random.default_rng(seed)
     n = model.nv - 6
-    plan = _Sway(rng)
+    plan = _Sway(rng) if plan is None else plan
     joints = _planned(model, data, plan, seconds + SETTLE)
     mujoco.mj_resetData(model, data)
     data.qpos[:7] = [0, 0, HEIGHT, 1, 0, 0, 0]

@@ -5,13 +5,14 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from consistent_id.cli.answers import Answer, answered, shows_progress
+from consistent_id.cli.answers import Answer, answered, show, shows_progress
 from consistent_id.cli.excite_options import (
     add_motion_options,
     add_parameters,
     add_part,
     motion_changes,
 )
+from consistent_id.cli.excite_standing import add_standing, standing_answer
 from consistent_id.cli.options import add_command, add_output, add_problem, positive
 
 _MORE = """With a URDF or MJCF file in place of PROBLEM no problem file is needed; the
@@ -23,6 +24,7 @@ consistent-id excite problems/rx60 --time-limit 3 --output results/motion
 consistent-id excite problems/rx60 --objective D --output results/least-errors
 consistent-id excite problems/ur10e --sequential --starts 8 --seed 1
 consistent-id excite problems/arm --earlier regression.json
+consistent-id excite go2.xml --standing --velocity 4 --effort 23
 """
 _FILE = "problem.toml"
 
@@ -71,6 +73,7 @@ def add_excite(commands: Any) -> None:
         "regression.json, too",
     )
     add_parameters(command)
+    add_standing(command)
     command.add_argument(
         "--format",
         default="csv,yaml",
@@ -95,6 +98,8 @@ def add_excite(commands: Any) -> None:
 
 def run_excite(options: argparse.Namespace) -> int:
     """Design a trajectory; return the exit code."""
+    if options.standing is not None:
+        return show(options, standing_answer(options))
     return answered(options, _excite)
 
 

@@ -167,7 +167,9 @@ def known_of(options: argparse.Namespace) -> dict[str, Any]:
         "units": units_of(options.units),
         "torque_joints": options.torque_joints,
         "selection": Selection(
-            options.base, options.tip, locked=dict(map(_held, options.lock)) or None
+            options.base,
+            options.tip,
+            locked=dict(map(held_joint, options.lock)) or None,
         ),
         "torque_gain": options.torque_gain,
         "gains": _gains(options.gains),
@@ -241,7 +243,8 @@ def _fitting(unit: str) -> dict[str, str]:
     return fits
 
 
-def _held(word: str) -> tuple[str, float]:
+def held_joint(word: str) -> tuple[str, float]:
+    """Read a joint and where it is held, by default at zero."""
     from consistent_id.errors import ProblemError
 
     joint, equals, position = word.partition("=")

@@ -85,7 +85,8 @@ class Stance:
     def _places(self, foot: StandingFoot) -> Matrix:
         """Return where a foot's points are in the base's axes."""
         seen = frame_motion(self.robot, self.pose[None], frame=foot.frame)
-        return seen.position[0] + foot.points @ seen.rotation[0].T
+        places: Matrix = seen.position[0] + foot.points @ seen.rotation[0].T
+        return places
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -127,16 +128,18 @@ class JointMotion(NamedTuple):
     singular: bool
 
 
-def joint_motion(stance: Stance, trunk: TrunkMotion) -> JointMotion:
+def joint_motion(
+    stance: Stance, trunk: TrunkMotion, begin: Vector | None = None
+) -> JointMotion:
     """Return the joints' motion that keeps the feet where they stand.
 
-    Feet are solved for by Newton's method from the pose of the stance; velocities and
-    accelerations follow from Jacobians, exactly.
+    Feet are solved for by Newton's method from the pose of the stance, or from `begin`;
+    velocities and accelerations follow from Jacobians, exactly.
     """
     n = len(trunk.place)
     start = stance.seen(stance.pose[None])
     wanted = [_wanted(trunk, seen) for seen in start]
-    q = np.tile(stance.pose, (n, 1))
+    q = np.tile(stance.pose if begin is None else begin, (n, 1))
     for _ in range(_STEPS):
         seen = stance.seen(q)
         error = _errors(stance.feet, seen, wanted)

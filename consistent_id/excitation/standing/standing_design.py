@@ -8,7 +8,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Array, Vector
 from consistent_id._support.threads import single_threaded
-from consistent_id.errors import InfeasibleError, NotExcitedError
+from consistent_id.errors import InfeasibleError, NotExcitedError, ProblemError
 from consistent_id.excitation.standing.ground_forces import GroundForces, ground_forces
 from consistent_id.excitation.standing.stance import JointMotion, Stance, joint_motion
 from consistent_id.excitation.standing.standing_limits import StandingLimits, Use, uses
@@ -20,6 +20,7 @@ from consistent_id.regression.rows.contact_free import (
     contact_free_model,
     contact_free_regression,
 )
+from consistent_id.robot.model import RobotModel
 
 CHECK_RATE = 500.0
 """Hz, at which limits of the final motion are looked at."""
@@ -106,10 +107,19 @@ def standing_motion(
     moved = joint_motion(stance, trunk)
     bodies = TorqueModel(robot)
     ground = ground_forces(
-        stance, bodies, robot.nominal, moved, trunk.base, limits.friction
+        stance, bodies, _nominal(robot), moved, trunk.base, limits.friction
     )
     asked = uses(stance, limits, time, moved, ground)
     return StandingMotion(time, trunk, moved, ground, asked)
+
+
+def _nominal(robot: RobotModel) -> Vector:
+    if robot.nominal is None:
+        raise ProblemError(
+            f"robot {robot.name!r} has links without inertial parameters, so that what "
+            "a motion asks of its joints is not known; complete its file"
+        )
+    return robot.nominal
 
 
 def trunk_errors(
@@ -149,7 +159,7 @@ def _trunk_factor(stance: Stance, model: TorqueModel, motion: StandingMotion) ->
     (R,) = contact_free_regression(free, log).factors
     drives = np.arange(10 * len(stance.robot.links), len(model.layout))
     columns = R[:, np.append(drives, np.arange(10))]
-    triangle = np.linalg.qr(columns, mode="r")[-10:, -10:]
+    triangle = np.asarray(np.linalg.qr(columns, mode="r"))[-10:, -10:]
     sizes = abs(np.diagonal(triangle))
     if len(triangle) < 10 or not sizes.min() > 1e-9 * sizes.max():
         raise NotExcitedError("the trunk's path does not tell its ten parameters")

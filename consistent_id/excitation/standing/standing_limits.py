@@ -87,7 +87,8 @@ def uses(
     upper = np.array([joint.limits.upper for joint in driven]) - stance.pose
     lower = np.array([joint.limits.lower for joint in driven]) - stance.pose
     away = moved.q - stance.pose
-    position = np.where(away > 0, away / upper, away / lower)
+    room = np.where(away > 0, upper, -lower)
+    position = abs(away) / np.where(away == 0.0, 1.0, np.maximum(room, 1e-9))
     speed = abs(moved.dq) / limits.of(robot, "velocity")
     torque = abs(ground.torque) / (limits.effort_share * limits.of(robot, "effort"))
     press = ground.forces[..., 2]

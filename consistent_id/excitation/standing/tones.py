@@ -83,8 +83,8 @@ def searched_tones(
         done += len(round_)
         first = best.error if done <= _CROWD else first
         round_.sort(key=lambda pair: pair[0])
-        elite = [drawn for error, drawn in round_[:_BEST] if np.isfinite(error)]
-        elite = np.array([*elite, point])
+        kept = [drawn for error, drawn in round_[:_BEST] if np.isfinite(error)]
+        elite = np.array([*kept, point])
         mean = elite.mean(axis=0)
         spread = np.maximum(_FORGET * spread + (1 - _FORGET) * elite.std(axis=0), floor)
         if tell is not None:

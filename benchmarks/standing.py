@@ -1,0 +1,137 @@
+"""A trunk told by a designed motion on its feet, and by one made by hand.
+
+``CONSISTENT_ID_DATASETS=... python benchmarks/standing.py`` takes some five minutes of
+a processor.  Both move Go2's trunk for twenty seconds in MuJoCo, as in
+benchmarks/quadruped.py, with contact, friction and noise and a box on the trunk that no
+model knows; legs are known.  The motion by hand is that benchmark's: three sinusoids for
+each coordinate.
+"""
+
+import argparse
+import os
+from pathlib import Path
+from time import process_time
+
+import numpy as np
+from quadruped import (
+    CUTOFF,
+    FOOT,
+    LEGS,
+    REACH,
+    REST,
+    known_of_legs,
+    prepared,
+    robots,
+    simulated,
+    trunk_errors,
+)
+
+import consistent_id as ci
+from consistent_id.excitation.standing.feet_and_pose import (
+    standing_feet,
+    standing_pose,
+)
+from consistent_id.excitation.standing.stance import Stance
+from consistent_id.excitation.standing.standing_design import (
+    StandingDesign,
+    design_standing,
+)
+from consistent_id.excitation.standing.standing_limits import StandingLimits
+from consistent_id.robot.inertia import INERTIAL_NAMES
+
+SECONDS, SETTLE = 20.0, 1.0
+VELOCITY, EFFORT = 4.0, 23.0  # rad/s, N m: of Go2's hips
+
+
+class Sway:
+    """A designed path as the simulation takes one: places and rotation vectors."""
+
+    def __init__(self, path) -> None:
+        self.path = path
+
+    def at(self, t: float) -> np.ndarray:
+        """Return place and turn at a time, the first second standing still."""
+        t = float(np.clip(t - SETTLE, 0.0, self.path.duration))
+        motion = self.path.motion(np.array([t]), np.zeros(3))
+        return np.concatenate([motion.place[0], _vector(motion.base.rotation[0])])
+
+
+def _vector(R: np.ndarray) -> np.ndarray:
+    """Return the rotation vector of a rotation by less than half a turn."""
+    vee = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    sine = np.linalg.norm(vee) / 2
+    angle = np.arctan2(sine, (np.trace(R) - 1) / 2)
+    return vee / 2 * (angle / sine if sine > 0 else 1.0)
+
+
+def designed(path: Path, candidates: int) -> StandingDesign:
+    robot = ci.load_mjcf(path, base="floating")
+    feet = standing_feet(robot, path)
+    stance = Stance(robot, feet, standing_pose(robot, path, feet))
+    drive = ci.DriveTerms(viscous=True, coulomb="tanh", velocity_scale=0.02)
+    return design_standing(
+        stance,
+        ci.TorqueModel(robot, drive),
+        StandingLimits(velocity=VELOCITY, effort=EFFORT),
+        duration=SECONDS,
+        candidates=candidates,
+        tell=lambda done, error: print(f"  {done} paths: {error:.4f}", flush=True),
+    )
+
+
+def identified(path: Path, plan, seed: int) -> tuple[str, np.ndarray]:
+    """Return what a log of a motion tells of the trunk, and by how much it errs."""
+    truth = robots(path)
+    drive = ci.DriveTerms(
+        rotor_inertia=True, viscous=True, coulomb="tanh", velocity_scale=0.02
+    )
+    model = ci.contact_free_model(ci.TorqueModel(truth.nominal, drive))
+    log = prepared(simulated(path, seed, SECONDS, plan=plan))
+    moving = ci.without_rests(log, REST, reach=REACH)
+    regression = ci.contact_free_regression(model, moving)
+    constraints = [
+        ci.PhysicalConsistency(),
+        ci.NonNegativeDrive(),
+        ci.FixedParameters(known_of_legs(truth, path)),
+    ]
+    base = ci.contact_free_base(model, log.contacts)
+    found = ci.constrained_least_squares(
+        model, regression, constraints=constraints, base=base
+    )
+    mass, apart, moments = trunk_errors(found, truth)
+    off = found.links[0] - truth.with_box.links[0].nominal.vector
+    text = (
+        f"{regression.counts[0]} rows, mass {mass:+.2%}, centre {1e3 * apart:.2f} mm, "
+        f"moments {', '.join(f'{m:+.1%}' for m in moments)}"
+    )
+    return text, off
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--logs", type=int, default=3, help="of each motion")
+    parser.add_argument("--candidates", type=int, default=320)
+    options = parser.parse_args()
+    path = Path(os.environ["CONSISTENT_ID_DATASETS"]) / "unitree_go2" / "go2.xml"
+    design = designed(path, options.candidates)
+    print(f"designed in {design.seconds:.0f} CPU s, feet {LEGS}, {FOOT}, {CUTOFF} Hz")
+    for use in design.checked.uses:
+        print(f"  {use.what} of {use.of}: {use.share:.0%} at {use.time:.2f} s")
+    sizes = {}
+    for name, plan in (("by hand", None), ("designed", Sway(design.path))):
+        errors = []
+        for seed in range(options.logs):
+            started = process_time()
+            text, off = identified(path, plan, seed)
+            errors.append(off)
+            print(f"{name}, log {seed}: {text}, {process_time() - started:.0f} CPU s")
+        sizes[name] = np.sqrt(np.mean(np.square(errors), axis=0))
+    ratios = sizes["by hand"] / sizes["designed"]
+    print("errors by hand over errors of the design, root mean square over logs:")
+    for name, ratio in zip(INERTIAL_NAMES, ratios, strict=True):
+        print(f"  {name}: {ratio:.2f}")
+    print(f"  geometric mean {np.exp(np.mean(np.log(ratios))):.2f}")
+
+
+if __name__ == "__main__":
+    main()
