@@ -104,7 +104,7 @@ def trunks(path: Path, raw: ci.Recording, noise: float, draws: int) -> np.ndarra
     ]
     base = ci.contact_free_base(model, raw.contacts)
     rng, errors = np.random.default_rng(0), []
-    for _ in range(draws):
+    for _ in range(draws if noise else 1):
         torque = raw.torque + noise * rng.normal(size=raw.torque.shape)
         log = prepared(guarded(replace(raw, torque=torque)))
         moving = ci.without_rests(log, REST, reach=REACH)
