@@ -5,7 +5,7 @@ torques, a gyroscope, an accelerometer and the orientation at the base's origin,
 which feet touch.
 """
 
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from standing_robots import Foot, StandingRobot, Sway
@@ -20,20 +20,28 @@ CUTOFF = 30.0  # Hz
 _NEWTON, _FIRST = 3, 30  # steps for a posture, and for the first
 
 
+class Plan(Protocol):
+    """Place and turn of the trunk, and the free joints, at a time."""
+
+    def at(self, t: float, /) -> np.ndarray:
+        """Return all of it, shape (6 + joints,)."""
+
+
 def simulated(
     robot: StandingRobot,
     seed: int = 0,
     seconds: float = SECONDS,
     *,
     dry_friction: bool = True,
+    plan: Plan | None = None,
 ) -> ci.Recording:
-    """Log a robot while its trunk sways over its feet."""
+    """Log a robot while its trunk sways over its feet, as a plan or by chance."""
     import mujoco
 
     model = _model(robot, dry_friction=dry_friction)
     data = mujoco.MjData(model)
     rng = np.random.default_rng(seed)
-    plan = _Waves(robot.sway, rng, model.nv)
+    plan = _Waves(robot.sway, rng, model.nv) if plan is None else plan
     joints = _planned(robot, model, data, plan, seconds + SETTLE)
     mujoco.mj_resetData(model, data)
     data.qpos[:7] = [0, 0, robot.height, 1, 0, 0, 0]
@@ -101,7 +109,7 @@ class _Waves:
 
 
 def _planned(
-    robot: StandingRobot, model: Any, data: Any, plan: _Waves, seconds: float
+    robot: StandingRobot, model: Any, data: Any, plan: Plan, seconds: float
 ) -> np.ndarray:
     """Return joint positions that keep the feet in place, by Newton's method."""
     import mujoco

@@ -135,6 +135,7 @@ from consistent_id.problems.fleet.fleet import fleet_estimate, identify_fleet
 from consistent_id.problems.fleet.fleet_result import Fleet, FleetRobot
 from consistent_id.problems.fleet.found_payload import FoundPayload
 from consistent_id.problems.fleet.payloads import CarriedBody
+from consistent_id.problems.floating.hints import BaseHints
 from consistent_id.problems.log_identification import identify_log
 from consistent_id.problems.problem import Problem, load_problem
 from consistent_id.problems.selection.select import select_model
@@ -284,6 +285,7 @@ __all__ = [
     "Advice",
     "Aim",
     "BaseColumns",
+    "BaseHints",
     "BaseMotion",
     "BaseParameters",
     "BesideColumns",

@@ -5,7 +5,13 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from consistent_id.cli.answers import Answer, answered, shows_progress, tables_answer
+from consistent_id.cli.answers import (
+    Answer,
+    answered,
+    show,
+    shows_progress,
+    tables_answer,
+)
 from consistent_id.cli.excite_options import (
     MOTION,
     PART,
@@ -13,6 +19,7 @@ from consistent_id.cli.excite_options import (
     motion_changes,
     parameters,
 )
+from consistent_id.cli.excite_standing import STANDING, standing_answer
 from consistent_id.cli.option import Option, positive
 from consistent_id.cli.options import PROBLEM, RESULTS, add_command
 
@@ -25,6 +32,7 @@ consistent-id excite problems/rx60 --time-limit 3 --output results/motion
 consistent-id excite problems/rx60 --objective D --output results/least-errors
 consistent-id excite problems/ur10e --sequential --starts 8 --seed 1
 consistent-id excite problems/arm --earlier regression.json
+consistent-id excite go2.xml --standing --velocity 4 --effort 23
 """
 _FILE = "problem.toml"
 
@@ -51,6 +59,7 @@ def add_excite(commands: Any) -> None:
             Path,
         ),
         parameters(),
+        STANDING,
         Option(
             "--format ENDINGS",
             "files of samples: csv, yaml (ROS), parquet, npz, script (Universal "
@@ -75,6 +84,8 @@ def add_excite(commands: Any) -> None:
 
 def run_excite(options: argparse.Namespace) -> int:
     """Design a trajectory; return the exit code."""
+    if options.standing is not None:
+        return show(options, standing_answer(options))
     return answered(options, _excite)
 
 

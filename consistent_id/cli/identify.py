@@ -12,6 +12,7 @@ from consistent_id.cli.answers import (
     shows_progress,
     tables_answer,
 )
+from consistent_id.cli.base_options import given_base_options
 from consistent_id.cli.log_options import DRAFT, draft_of
 from consistent_id.cli.option import Option
 from consistent_id.cli.options import (
@@ -247,6 +248,7 @@ def _refuse_drafting(options: argparse.Namespace) -> None:
     names = (*columns, *source, "base", "tip", "lock", "validate")
     chosen = ("masses", "drive", "cutoff", "band", "no_select")
     given = [name for name in (*names, *chosen) if getattr(options, name)]
+    given += given_base_options(options)
     given += ["bodies"] if options.bodies != "identified" else []
     if given:
         flag = "--" + given[0].replace("_", "-")

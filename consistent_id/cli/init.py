@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from consistent_id.cli.answers import Answer, show
+from consistent_id.cli.base_options import given_base_options
 from consistent_id.cli.log_options import DRAFT, draft_of
 from consistent_id.cli.option import Option
 from consistent_id.cli.options import WRITES, add_command
@@ -88,6 +89,7 @@ def _draft(options: argparse.Namespace) -> "Draft | RobotDraft":
     chosen = ("validate", "masses", "drive", "cutoff", "band", "no_select")
     names = (*channels, "torque_gain", *chosen)
     given = [name for name in names if getattr(options, name)]
+    given += given_base_options(options)
     if given:
         flag = "--" + given[0].replace("_", "-")
         raise ProblemError(f"{flag} describes a log; name the log after the robot")

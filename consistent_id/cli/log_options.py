@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from consistent_id.cli.answers import shows_progress
+from consistent_id.cli.base_options import BASE_COLUMNS, base_hints
 from consistent_id.cli.option import Group, Option, positive
 
 if TYPE_CHECKING:
@@ -118,6 +119,7 @@ DRAFT: tuple[Option | Group, ...] = (
     *COLUMNS,
     TORQUE_GAIN,
     *GAINS,
+    BASE_COLUMNS,
     Group("the model, chosen by the data unless given", _MODEL),
 )
 
@@ -133,7 +135,9 @@ def known_of(options: argparse.Namespace) -> dict[str, Any]:
         "units": units_of(options.units),
         "torque_joints": options.torque_joints,
         "selection": Selection(
-            options.base, options.tip, locked=dict(map(_held, options.lock)) or None
+            options.base,
+            options.tip,
+            locked=dict(map(held_joint, options.lock)) or None,
         ),
         "torque_gain": options.torque_gain,
         "gains": _gains(options.gains),
@@ -157,6 +161,7 @@ def draft_of(options: argparse.Namespace, model: Path, logs: Sequence[Path]) -> 
         keep=options.keep,
         select=not options.no_select,
         progress=shows_progress(options),
+        base=base_hints(options),
         **known_of(options),
     )
 
@@ -206,7 +211,8 @@ def _fitting(unit: str) -> dict[str, str]:
     return fits
 
 
-def _held(word: str) -> tuple[str, float]:
+def held_joint(word: str) -> tuple[str, float]:
+    """Read a joint and where it is held, by default at zero."""
     from consistent_id.errors import ProblemError
 
     joint, equals, position = word.partition("=")

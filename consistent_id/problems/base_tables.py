@@ -1,11 +1,13 @@
 """The tables of what is measured beside the joints: base, contacts, wrench sensors."""
 
 from collections.abc import Sequence
-from typing import Annotated, Literal
+from dataclasses import fields
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from msgspec import Meta
 
+from consistent_id._support.arrays import Vector
 from consistent_id.problems.table_types import NonNegative, Table
 from consistent_id.recordings.readers.beside_columns import (
     BaseColumns,
@@ -33,11 +35,12 @@ class BaseTable(Table, frozen=True, kw_only=True):
 class ContactTable(Table, frozen=True, kw_only=True):
     """Where the robot may touch its surroundings, and the column that says when.
 
-    Samples closer than the guard [s] to a change are left out.
+    Of a foot on which it stands all the time `closed` is true.  Samples closer than the
+    guard [s] to a change are left out.
     """
 
     frame: str
-    closed: str
+    closed: str | bool
     threshold: float = 0.5
     guard: NonNegative = 0.05
     point: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -107,3 +110,31 @@ def _base_columns(table: BaseTable) -> BaseColumns:
         np.array(table.imu_position),
         None if turned is None else tuple(turned),
     )
+
+
+def beside_tables(columns: BesideColumns) -> dict[str, Any]:
+    """Return the tables of `[data]` that name columns: ``base``, ``contacts``, ..."""
+    base = columns.base
+    return {
+        "base": None if base is None else BaseTable(**_plain(base)),
+        "contacts": [ContactTable(**_plain(c)) for c in columns.contacts],
+        "wrenches": [WrenchTable(**_plain(w)) for w in columns.wrenches],
+    }
+
+
+def _plain(value: BaseColumns | ContactColumns | WrenchColumns) -> dict[str, Any]:
+    """Return the fields, arrays and tuples as a file has them."""
+    named = {field.name: getattr(value, field.name) for field in fields(value)}
+    return {
+        name: _numbers(v) if isinstance(v, np.ndarray) else _listed(v)
+        for name, v in named.items()
+    }
+
+
+def _numbers(values: Vector) -> tuple[float, ...]:
+    """Return numbers rounded to what a file should show."""
+    return tuple(float(f"{v:.9g}") for v in values)
+
+
+def _listed(value: object) -> object:
+    return list(value) if isinstance(value, tuple) else value

@@ -9,6 +9,7 @@ import msgspec
 
 from consistent_id._support.files import relative_path
 from consistent_id._support.tables import Table
+from consistent_id.problems.base_tables import beside_tables
 from consistent_id.problems.file import (
     ColumnsTable,
     ConstraintsTable,
@@ -20,6 +21,7 @@ from consistent_id.problems.file import (
     ProblemTable,
     RecordingTable,
 )
+from consistent_id.problems.floating.standing_draft import StandingDraft
 from consistent_id.problems.log_entries import gains_table
 from consistent_id.problems.model import DEFAULT_DRIVE
 from consistent_id.problems.problem import Problem, problem_of
@@ -91,6 +93,8 @@ class Draft:
         By which their commands are late.
     bodies : {"identified", "model"}
         Whether bodies are identified, or those of the model are the robot's.
+    standing : StandingDraft, optional
+        What is taken for known of a robot whose base floats.
     """
 
     model: Path
@@ -115,6 +119,7 @@ class Draft:
     gains: PDGains | None = None
     delay: float | Literal["estimated"] = 0.0
     bodies: Literal["identified", "model"] = "identified"
+    standing: StandingDraft | None = None
 
     @property
     def locked(self) -> tuple[str, ...]:
@@ -155,6 +160,7 @@ class Draft:
         columns = {key: getattr(self.columns, key) for key in columns}
         columns["array_joints"] = list(self.columns.array_joints)
         gain = list(self.torque_gain) or [1.0]
+        standing = self.standing
         return ProblemTable(
             name=self.name,
             model=ModelTable(
@@ -166,7 +172,7 @@ class Draft:
             ),
             drive=self.drive,
             joints=dict(self.joint_drives),
-            constraints=ConstraintsTable(bodies=self.bodies, masses=self.masses),
+            constraints=self._constraints,
             data=DataTable(
                 recordings=[
                     RecordingTable(
@@ -183,6 +189,7 @@ class Draft:
                 },
                 torque_gain=gain if len(gain) > 1 else gain[0],
                 torque_joints=list(self.columns.torque_joints),
+                **beside_tables(self.columns.beside),
                 gains=None
                 if self.gains is None
                 else gains_table(self.gains, self.delay),
@@ -191,8 +198,21 @@ class Draft:
                     resample=self.resample,
                     motion_cutoff=self.cutoff,
                     torque_cutoff=self.cutoff,
+                    most_slip=standing.most_slip if standing else None,
+                    least_joint_speed=standing.least_joint_speed if standing else None,
                 ),
             ),
+        )
+
+    @property
+    def _constraints(self) -> ConstraintsTable:
+        if self.standing is None:
+            return ConstraintsTable(bodies=self.bodies, masses=self.masses)
+        return ConstraintsTable(
+            bodies=self.bodies,
+            masses=self.masses,
+            known_links=list(self.standing.known_links),
+            fixed=dict(self.standing.rotors),
         )
 
     def problem(self, folder: Path | None = None) -> Problem:
@@ -274,6 +294,8 @@ class Draft:
             "data.preparation.motion_cutoff": "Hz",
             "data.preparation.torque_cutoff": "Hz",
         }
+        if self.standing is not None:
+            comments |= self.standing.comments
         if self.selection is None:
             return comments
         masses_kept = self.selection.choice.masses == self.masses
@@ -323,4 +345,6 @@ def _taken(draft: Draft) -> tuple[str, str]:
     """Say what is taken from the model."""
     if draft.bodies == "model":
         return "bodies", "the model's"
+    if draft.standing is not None:
+        return "bodies", "the model's, but for that of the base, which is free"
     return "masses", "the model's" if draft.masses == "datasheet" else "free"

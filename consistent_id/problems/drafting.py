@@ -20,6 +20,8 @@ from consistent_id.problems.draft_rows import (
     moving_rows,
     split_logs,
 )
+from consistent_id.problems.floating.hints import BaseHints
+from consistent_id.problems.floating.standing_draft import standing_draft
 from consistent_id.problems.given_logs import GivenLog, given_logs
 from consistent_id.problems.late_velocity import on_time
 from consistent_id.problems.log_entries import with_torque
@@ -63,6 +65,7 @@ def draft_problem(
     progress: bool = False,
     gains: PDGains | None = None,
     bodies: Literal["identified", "model"] = "identified",
+    base: BaseHints | None = None,
 ) -> Draft:
     """Draft the problem of identifying a robot from one log or several.
 
@@ -116,6 +119,9 @@ def draft_problem(
         Of PD-controlled joints: torque is then computed from commands of position.
     bodies : {"identified", "model"}
         Whether bodies are identified, or those of the model are the robot's.
+    base : BaseHints, optional
+        What is known of the columns of a floating base and its contacts.  No model is
+        chosen for such a robot: bodies behind the base are those of the model.
 
     Raises
     ------
@@ -139,15 +145,18 @@ def draft_problem(
         selection=selection,
         torque_gain=torque_gain,
         gains=gains,
+        base=base,
     )
     logs, read = _read_in_time(logs, given.training, columns)
     raws = {file: with_torque(raw, gains) for file, raw in read.items()}
     clock = clock_of(list(raws.values()))
-    split = split_logs(raws, clock, whole=bool(given.validation))
     if friction_velocity is None and gains is not None:
         friction_velocity = DRY
     stated = _stated(logs, drive, friction_velocity)
-    chosen = _plain_cutoff(logs, stated, split.training, clock, cutoff, select)
+    standing = standing_draft(logs, list(raws.values()), model, stated.common)
+    select, searched = select and standing is None, select or standing is not None
+    split = split_logs(raws, clock, whole=bool(given.validation))
+    chosen = _plain_cutoff(logs, stated, split.training, clock, cutoff, searched)
     draft = Draft(
         model=model,
         recordings=tuple(sorted(split.entries, key=lambda entry: entry.role)),
@@ -169,6 +178,7 @@ def draft_problem(
         joint_drives=stated.joints,
         gains=gains,
         bodies=bodies,
+        standing=standing,
     )
     if gains is not None:
         draft = _with_delay(draft)
@@ -204,7 +214,7 @@ def _masses(
     """Return whether masses are known; where the model has none, they are free."""
     if all(link.datasheet.mass is None for link in logs.robot.links):
         return "free"
-    return masses or "datasheet"
+    return masses or ("free" if logs.robot.floating else "datasheet")
 
 
 def _fixed(
@@ -310,6 +320,7 @@ def _stated(
     plain = DEFAULT_DRIVE
     if width is not None:
         plain = msgspec.structs.replace(plain, velocity_scale=width)
-    if logs.gains is not None:  # PD-controlled motors have gears
+    if logs.gains is not None or logs.robot.floating:
+        # PD-controlled motors and those of legs have gears.
         plain = msgspec.structs.replace(plain, rotor_inertia=True)
     return StatedDrive(plain, {})

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Literal
 
 from consistent_id.problems.drafting import draft_problem
+from consistent_id.problems.floating.hints import BaseHints
 from consistent_id.problems.given_logs import GivenLog
 from consistent_id.problems.study import Study, run_study
 from consistent_id.recordings.readers.units import Units
@@ -21,6 +22,7 @@ def identify_log(
     units: Units | None = None,
     torque_joints: Sequence[str] = (),
     base: str | None = None,
+    base_hints: BaseHints | None = None,
     tip: str | None = None,
     locked: Mapping[str, float] | None = None,
     torque_gain: float | Sequence[float] = (),
@@ -53,6 +55,8 @@ def identify_log(
         What of the model is given and not chosen; see `draft_problem`.
     base, tip : str, optional
         Links between which the robot moves.
+    base_hints : BaseHints, optional
+        Columns of a base that floats, as far as they are known.
     locked : mapping of str to float, optional
         Joints that stand still, and where [rad or m].
     torque_gain : float or sequence of float
@@ -93,6 +97,7 @@ def identify_log(
         progress=progress,
         gains=gains,
         bodies=bodies,
+        base=base_hints,
     )
     return run_study(
         draft.problem(), seed=seed, progress=progress, accepted=tuple(accepted)

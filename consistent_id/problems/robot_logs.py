@@ -5,6 +5,12 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 from consistent_id.errors import ModelError, ProblemError
+from consistent_id.problems.floating.floating_columns import (
+    FloatingColumns,
+    base_in_log,
+    floating_columns,
+)
+from consistent_id.problems.floating.hints import BaseHints, require_floating
 from consistent_id.recordings.column_guess import guess_columns, require_torque
 from consistent_id.recordings.log_formats import LOG_FORMATS
 from consistent_id.recordings.readers import Columns, read_recording, recording_from
@@ -13,6 +19,7 @@ from consistent_id.recordings.readers.units import Units
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import PDGains
 from consistent_id.robot.chains import Selection
+from consistent_id.robot.limbs import base_question
 from consistent_id.robot.loaders import load_robot
 from consistent_id.robot.model import RobotModel
 
@@ -36,6 +43,8 @@ class RobotLogs:
         What was guessed.
     gains : PDGains, optional
         Of PD-controlled joints.
+    floating : FloatingColumns, optional
+        How the base moves, if it floats.
     tables : mapping of Path to ColumnTable
         Logs in memory, by the paths that stand for them.
     """
@@ -46,6 +55,7 @@ class RobotLogs:
     gain: float | list[float]
     notes: tuple[str, ...]
     gains: PDGains | None = None
+    floating: FloatingColumns | None = None
     tables: Mapping[Path, ColumnTable] = field(default_factory=dict)
 
     def read(self, log: Path) -> Recording:
@@ -74,6 +84,7 @@ def robot_logs(
     selection: Selection | None = None,
     torque_gain: Sequence[float] = (),
     gains: PDGains | None = None,
+    base: BaseHints | None = None,
 ) -> RobotLogs:
     """Find out how a robot's logs are to be read.
 
@@ -94,6 +105,8 @@ def robot_logs(
         From the torque columns to torque: one for all joints, or one each.
     gains : PDGains, optional
         Of PD-controlled joints: commands of position are wanted in place of torque.
+    base : BaseHints, optional
+        What is known of the columns of a floating base.
 
     Raises
     ------
@@ -107,11 +120,20 @@ def robot_logs(
         _require_order(model, log)
     selection = Selection() if selection is None else selection
     robot = load_robot(model, **asdict(selection))
+    hints = base or BaseHints()
+    require_floating(hints, floating=robot.floating)
+    if log in tables:
+        _require_fixed(robot)
+    else:
+        _require_base(model, log, robot, selection)
+    floating = floating_columns(log, robot, model, hints) if robot.floating else None
     guess = guess_columns(
         log,
         robot.joint_names,
         columns,
         names=table_names(tables[log], log.name) if log in tables else None,
+        taken=() if floating is None else floating.taken,
+        arrays=_arrays(floating),
         torque_joints=torque_joints,
         units=units,
         currents=len(torque_gain) > 0,
@@ -126,8 +148,55 @@ def robot_logs(
         robot = load_robot(model, **asdict(replace(selection, locked=locked)))
     gain = gains_of(torque_gain, len(robot.joint_names))
     kept = (f"{path} stands for a table in memory" for path in tables)
-    notes = (*guess.notes, *kept)
-    return RobotLogs(robot, guess.columns, locked, gain, notes, gains, tables)
+    found, notes = guess.columns, (*guess.notes, *kept)
+    if floating is not None:
+        found = replace(found, beside=floating.beside)
+        notes = (*notes, *floating.notes)
+    return RobotLogs(robot, found, locked, gain, notes, gains, floating, tables)
+
+
+def _arrays(floating: FloatingColumns | None) -> Columns | None:
+    """Return the joints' columns in arrays of MuJoCo, if the log has these."""
+    if floating is None or not floating.joints.columns:
+        return None
+    arrays = floating.joints
+    named = arrays.columns
+    return Columns(
+        position=named["position"],
+        velocity=named.get("velocity"),
+        torque=named.get("torque"),
+        array_joints=arrays.array_joints,
+    )
+
+
+def _require_fixed(robot: RobotModel) -> None:
+    if robot.floating:
+        raise ProblemError(
+            "the log is a table in memory and the base floats; write the table to a "
+            "file, in which columns of the base are found by their names"
+        )
+
+
+def _require_base(
+    model: Path, log: Path, robot: RobotModel, selection: Selection
+) -> None:
+    """Ask about a robot on legs whose base is taken for fixed, though its log moves it.
+
+    Raises
+    ------
+    ProblemError
+        With both answers.
+    """
+    if selection.base is not None or not base_question(robot):
+        return
+    moved = [str(found) for found in base_in_log(log)]
+    if moved:
+        raise ProblemError(
+            f"several limbs hang on the base of {model}, and {log} says how a base "
+            f"moves ({'; '.join(moved[:3])}). Does it move? Then say --base floating. "
+            "If it hangs still, or is bolted down, say --base ROOT with the name of "
+            "the link that stands still"
+        )
 
 
 def chains_of(robot: RobotModel) -> dict[int, tuple[str, ...]] | None:

@@ -6,7 +6,7 @@ word alone.  Commands are taken where they are wanted in place of torque, motor 
 where there is a gain: how much torque an ampere is, no log says.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast
@@ -77,6 +77,8 @@ def guess_columns(
     commands: bool = False,
     held: Sequence[str] = (),
     chains: Mapping[int, Sequence[str]] | None = None,
+    taken: Collection[str] = (),
+    arrays: Columns | None = None,
 ) -> ColumnGuess:
     """Find a log's columns and their units.
 
@@ -103,6 +105,10 @@ def guess_columns(
     chains : mapping of int to sequence of str, optional
         Of a robot with branches, the only chain of so many joints: the others are
         proposed to be held, where the log has columns of another number.
+    taken : collection of str
+        Names that are of no joint, such as those of a floating base.
+    arrays : Columns, optional
+        Arrays of all joints that are known by their names, such as parts of ``qpos``.
 
     Raises
     ------
@@ -113,7 +119,7 @@ def guess_columns(
     _require_channels(known)
     bag = names is None and log_format(log).holds == "joint states"
     usual = replace(
-        JOINT_STATE if bag else Columns(),
+        JOINT_STATE if bag else arrays or Columns(),
         torque_joints=torque_joints,
         units=units or {},
     )
@@ -123,7 +129,11 @@ def guess_columns(
     effort = "position_command" if commands else "torque"
     if {"time", "position", effort} <= set(known):
         return _in_units(ColumnGuess(found, joints))
+    if arrays is not None:
+        given = ((c, getattr(arrays, c)) for c in CHANNELS)
+        known = {c: name for c, name in given if name is not None} | known
     names = column_names(log) if names is None else names
+    names = [name for name in names if name not in taken]
     if "time" not in known:
         found = replace(found, time=_time(log, names))
     moved = joints

@@ -3,7 +3,7 @@
 An entry names a module of `consistent_id.recordings.readers`, imported when a file is
 read.  The module of a format of arrays has ``read_arrays(path, names)`` and, unless the
 entry says otherwise, ``array_names(path)``; that of a format of joint states has
-``read_messages(path, topic)``; one that can be read piece by piece has
+``read_messages(path, topic, names)``; one that can be read piece by piece has
 ``read_batches(path, names, first)`` and, if that depends on the file,
 ``in_pieces(path)``.
 """

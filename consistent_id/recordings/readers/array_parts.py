@@ -45,7 +45,7 @@ def stored_names(names: Sequence[str]) -> list[str]:
 
 
 def parts_of(
-    arrays: Mapping[str, NDArray[Any]], names: Sequence[str], path: Path
+    arrays: Mapping[str, NDArray[Any]], names: Sequence[str], where: Path | str
 ) -> dict[str, NDArray[Any]]:
     """Return the arrays that are asked for, and the parts of arrays.
 
@@ -58,7 +58,7 @@ def parts_of(
     for name in names:
         part, whole = _PART.fullmatch(name), arrays[stored_name(name)]
         found[name] = (
-            whole if part is None else _columns(whole, part, f"{path}: {name}")
+            whole if part is None else _columns(whole, part, f"{where}: {name}")
         )
     return found
 

@@ -1,11 +1,14 @@
-"""Joint states from ROS bags: folders, and bare MCAP, SQLite and ROS 1 files."""
+"""Joint states, and fields of other topics, from ROS bags.
+
+Bags are folders, and bare MCAP, SQLite and ROS 1 files.
+"""
 
 import struct
 import sys
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -13,8 +16,15 @@ from consistent_id._support.inputs import require_regular
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers.jointstate import FIELDS, JointMessage
 from consistent_id.recordings.readers.mcap_lint import check_mcap
+from consistent_id.recordings.readers.topic_fields import (
+    TopicField,
+    TopicSignal,
+    signals_of,
+    topic_field,
+)
 from consistent_id.robot.parameters import did_you_mean
 
+_Read = TypeVar("_Read")
 _TYPE = "sensor_msgs/msg/JointState"
 # What the library lets through when a file is cut or overwritten.
 _UNREADABLE = (
@@ -40,18 +50,51 @@ _STORAGE = {
 }
 
 
-def read_messages(path: Path, topic: str | None) -> list[JointMessage]:
+class BagContent(NamedTuple):
+    """What was read of a bag: joint states, and fields of other topics by name."""
+
+    states: list[JointMessage]
+    signals: dict[str, TopicSignal]
+
+
+def read_messages(
+    path: Path, topic: str | None, beside: Sequence[str] = ()
+) -> BagContent:
     """Return the joint states of a topic; of the only one if `topic` is None.
+
+    Parameters
+    ----------
+    path : Path
+    topic : str, optional
+    beside : sequence of str
+        What else is wanted, as ``TOPIC.FIELD``.
 
     Raises
     ------
     RecordingError
         If the file is no bag, or there is no such topic.
     """
+    wanted = [topic_field(name, str(path)) for name in beside]
+    return _opened(path, lambda bag: _content(path, bag, topic, wanted))
+
+
+def topic_kinds(path: Path) -> dict[str, str]:
+    """Return the kind of each topic's messages, such as ``sensor_msgs/msg/Imu``.
+
+    Raises
+    ------
+    RecordingError
+        If the file is no bag.
+    """
+    return _opened(path, lambda bag: {c.topic: c.msgtype for c in bag.connections})
+
+
+def _opened(path: Path, use: Callable[[Any], _Read]) -> _Read:
+    """Return what is read of a bag, whatever the library says of a faulty one."""
     import rosbags.rosbag1
     import rosbags.rosbag2
     from rosbags.serde import SerdeError
-    from rosbags.typesys import Stores, get_typestore
+    from rosbags.typesys.base import TypesysError
 
     if path.is_dir() and not (path / "metadata.yaml").is_file():
         raise RecordingError(f"{path}: a folder without metadata.yaml is no bag")
@@ -59,15 +102,18 @@ def read_messages(path: Path, topic: str | None) -> list[JointMessage]:
         if file.suffix.lower() == ".mcap":
             require_regular(file, RecordingError)
             check_mcap(file)
-    old = path.suffix.lower() == ".bag" and path.is_file()
-    types = get_typestore(Stores.ROS1_NOETIC if old else Stores.ROS2_HUMBLE)
-    decode = types.deserialize_ros1 if old else types.deserialize_cdr
-    library: Any = rosbags.rosbag1 if old else rosbags.rosbag2
+    library: Any = rosbags.rosbag1 if _is_old(path) else rosbags.rosbag2
+    of_library = (library.ReaderError, SerdeError, TypesysError)
     try:
         with library.Reader(path) as bag:
-            return _taken(path, bag, topic, decode)
-    except (library.ReaderError, SerdeError, *_UNREADABLE, *_of_storage()) as cause:
+            return use(bag)
+    except (*of_library, *_UNREADABLE, *_of_storage()) as cause:
         raise RecordingError(f"{path}: not readable as ROS bag: {cause}") from None
+
+
+def _is_old(path: Path) -> bool:
+    """Return whether a bag is of ROS 1."""
+    return path.suffix.lower() == ".bag" and path.is_file()
 
 
 def _of_storage() -> tuple[type[Exception], ...]:
@@ -79,26 +125,62 @@ def _of_storage() -> tuple[type[Exception], ...]:
     )
 
 
-def _taken(
-    path: Path, bag: Any, topic: str | None, decode: Callable[[bytes, str], Any]
-) -> list[JointMessage]:
+def _content(
+    path: Path, bag: Any, topic: str | None, wanted: Sequence[TopicField]
+) -> BagContent:
     chosen = _topic(path, bag, topic)
-    connections = [c for c in bag.connections if c.topic == chosen]
-    messages = []
-    for _, log_time, raw in bag.messages(connections=connections):
-        state = decode(raw, _TYPE)
-        stamp = state.header.stamp
-        messages.append(
-            JointMessage(
-                log_time,
-                stamp.sec * 10**9 + stamp.nanosec,
-                state.name,
-                {field: np.asarray(getattr(state, field)) for field in FIELDS},
-            )
-        )
-    if not messages:
+    known = {c.topic for c in bag.connections}
+    for name in wanted:
+        if name.topic not in known:
+            near = did_you_mean(name.topic, known)
+            raise RecordingError(f"{path}: no topic {name.topic!r}; {near}")
+    topics = {chosen, *(name.topic for name in wanted)}
+    connections = [c for c in bag.connections if c.topic in topics]
+    decode = _decoder(path, connections)
+    logged: dict[str, list[tuple[int, Any]]] = {name: [] for name in topics}
+    for connection, log_time, raw in bag.messages(connections=connections):
+        message = decode(raw, connection.msgtype)
+        logged[connection.topic].append((log_time, message))
+    if not logged[chosen]:
         raise RecordingError(f"{path}: topic {chosen!r} has no message")
-    return messages
+    states = [_state(log_time, message) for log_time, message in logged[chosen]]
+    return BagContent(states, signals_of(wanted, logged, str(path)))
+
+
+def _decoder(path: Path, connections: Sequence[Any]) -> Callable[[bytes, str], Any]:
+    """Return what decodes messages; kinds that ROS does not have, the bag defines."""
+    from rosbags.interfaces import MessageDefinitionFormat
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    old = _is_old(path)
+    types = get_typestore(Stores.ROS1_NOETIC if old else Stores.ROS2_HUMBLE)
+    for connection in connections:
+        if connection.msgtype in types.types:
+            continue
+        stated = connection.msgdef
+        if stated.format != MessageDefinitionFormat.MSG:
+            raise RecordingError(
+                f"{path}: topic {connection.topic!r} is of {connection.msgtype}, which "
+                "neither ROS nor the bag defines; record it as a standard kind, such "
+                "as geometry_msgs/WrenchStamped"
+            )
+        defined = get_types_from_msg(stated.data, connection.msgtype)
+        new = {kind: d for kind, d in defined.items() if kind not in types.types}
+        types.register(new)
+    decode: Callable[[bytes, str], Any] = (
+        types.deserialize_ros1 if old else types.deserialize_cdr
+    )
+    return decode
+
+
+def _state(log_time: int, state: Any) -> JointMessage:
+    stamp = state.header.stamp
+    return JointMessage(
+        log_time,
+        stamp.sec * 10**9 + stamp.nanosec,
+        state.name,
+        {field: np.asarray(getattr(state, field)) for field in FIELDS},
+    )
 
 
 def _topic(path: Path, bag: Any, topic: str | None) -> str:

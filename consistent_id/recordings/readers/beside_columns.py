@@ -27,6 +27,7 @@ from consistent_id.recordings.signals.base_signals import (
     base_from_pose,
     rotations,
 )
+from consistent_id.recordings.signals.base_stretches import moved_by_stretch
 
 Names = str | Sequence[str]
 """One array's name, or a name for each column."""
@@ -90,34 +91,47 @@ class BaseColumns:
         """Every name."""
         place = None if self._has_unit else self.position
         every = self.angular_velocity, self.acceleration, place, self.orientation
-        return [name for names in every for name in _listed(names)]
+        return [name for names in every for name in names_of(names)]
 
     def motion(self, arrays: "Arrays", time: Vector, where: str) -> BaseMotion:
-        """Return the motion of the base, not filtered."""
+        """Return the motion of the base, not filtered; across no gap of the clock."""
+
+        def read(names: Names | None, width: int) -> Matrix:
+            return columns(arrays, names or "", (width,), len(time), where)
+
+        if not self._has_unit:
+            position, quaternions = read(self.position, 3), read(self.orientation, 4)
+            return moved_by_stretch(
+                lambda part: base_from_pose(
+                    time[part],
+                    position[part],
+                    quaternions[part],
+                    order=self.order,
+                    cutoff=None,
+                ),
+                time,
+                where,
+            )
         turned: Array | None = None
         if self.orientation is not None:
-            quaternions = columns(arrays, self.orientation, (4,), len(time), where)
-            turned = rotations(quaternions, self.order)
-        if self.angular_velocity is not None and self.acceleration is not None:
-            gyroscope, accelerometer = (
-                columns(arrays, names, (3,), len(time), where)
-                for names in (self.angular_velocity, self.acceleration)
-            )
-            mounting = None
-            if self.imu_orientation is not None:
-                mounting = rotations([self.imu_orientation], self.order)[0]
-            return base_from_imu(
-                time,
-                gyroscope,
-                accelerometer,
+            turned = rotations(read(self.orientation, 4), self.order)
+        gyroscope = read(self.angular_velocity, 3)
+        accelerometer = read(self.acceleration, 3)
+        mounting = None
+        if self.imu_orientation is not None:
+            mounting = rotations([self.imu_orientation], self.order)[0]
+        return moved_by_stretch(
+            lambda part: base_from_imu(
+                time[part],
+                gyroscope[part],
+                accelerometer[part],
                 cutoff=None,
                 position=self.imu_position,
                 mounting=mounting,
-                rotation=turned,
-            )
-        position = columns(arrays, self.position or "", (3,), len(time), where)
-        return base_from_pose(
-            time, position, quaternions, order=self.order, cutoff=None
+                rotation=None if turned is None else turned[part],
+            ),
+            time,
+            where,
         )
 
 
@@ -129,8 +143,8 @@ class ContactColumns:
     ----------
     frame : str
         A link of the robot, or one that is fixed to it.
-    closed : str
-        Column of a flag, or of a force.
+    closed : str or bool
+        Column of a flag, or of a force; or whether there is contact all the time.
     threshold : float
         From which on the column says that there is contact.
     guard : float, [s]
@@ -140,7 +154,7 @@ class ContactColumns:
     """
 
     frame: str
-    closed: str
+    closed: str | bool
     threshold: float = _CLOSED
     guard: float = 0.0
     point: Vector = array_default((0.0, 0.0, 0.0))
@@ -149,8 +163,11 @@ class ContactColumns:
 
     def flags(self, arrays: "Arrays", time: Vector, where: str) -> ContactFlags:
         """Return when there is contact."""
-        values = columns(arrays, self.closed, (1,), len(time), where)[:, 0]
-        closed = values > self.threshold
+        if isinstance(self.closed, str):
+            values = columns(arrays, self.closed, (1,), len(time), where)[:, 0]
+            closed = values > self.threshold
+        else:
+            closed = np.full(len(time), self.closed)
         return ContactFlags(
             self.frame,
             closed,
@@ -213,8 +230,8 @@ class BesideColumns:
     def names(self) -> list[str]:
         """Every name."""
         found = [] if self.base is None else self.base.names
-        found += [contact.closed for contact in self.contacts]
-        return found + [n for wrench in self.wrenches for n in _listed(wrench.values)]
+        found += [c.closed for c in self.contacts if isinstance(c.closed, str)]
+        return found + [n for wrench in self.wrenches for n in names_of(wrench.values)]
 
     def __bool__(self) -> bool:
         return bool(self.base or self.contacts or self.wrenches)
@@ -231,7 +248,7 @@ def columns(
         If there are more or fewer, or they hold no numbers.
     """
     parts = []
-    for name in _listed(names):
+    for name in names_of(names):
         raw = np.asarray(arrays[name])
         if raw.dtype.kind not in "biuf":
             raise RecordingError(
@@ -249,21 +266,22 @@ def columns(
     found = np.hstack(parts)
     if found.shape[1] not in widths:
         raise RecordingError(
-            f"{where}: {', '.join(_listed(names))}: {found.shape[1]} columns, expected "
-            f"{' or '.join(map(str, widths))}; of a larger array, name[first:end] "
-            "takes some"
+            f"{where}: {', '.join(names_of(names))}: {found.shape[1]} columns, "
+            f"expected {' or '.join(map(str, widths))}; of a larger array, "
+            "name[first:end] takes some"
         )
     finite = np.isfinite(found).all(axis=1)
     if not finite.all():
         bad = int(np.argmin(finite))
         raise RecordingError(
-            f"{where}: {', '.join(_listed(names))}: {found[bad]} at sample {bad}; "
+            f"{where}: {', '.join(names_of(names))}: {found[bad]} at sample {bad}; "
             "remove or repair those samples"
         )
     return found
 
 
-def _listed(names: Names | None) -> list[str]:
+def names_of(names: Names | None) -> list[str]:
+    """Return every name."""
     if names is None:
         return []
     return [names] if isinstance(names, str) else list(names)

@@ -13,6 +13,8 @@ from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers.columns import CHANNELS, Columns, at_least_one
 from consistent_id.recordings.readers.merging import Layout, merged, seconds
 from consistent_id.recordings.readers.named_arrays import gained
+from consistent_id.recordings.readers.topic_clock import JointClock, with_topics
+from consistent_id.recordings.readers.topic_fields import TopicSignal
 from consistent_id.recordings.recording import Recording
 from consistent_id.robot.parameters import did_you_mean
 
@@ -68,8 +70,11 @@ def recording_of_messages(
     where: str,
     name: str,
     torque_gain: ArrayLike,
+    signals: Mapping[str, TopicSignal] | None = None,
 ) -> Recording:
     """Return the recording that messages make, matched by the names of joints.
+
+    What is wanted beside the joints is taken from the signals of other topics.
 
     Messages of one stamp are merged; those without a wanted joint are passed over.
     Time counts from the first sample [s]: dates in nanoseconds do not fit a float.
@@ -85,7 +90,8 @@ def recording_of_messages(
     if columns.time == STAMP and stamps_are_zero:
         _log.warning("%s: all stamps are zero, the time of logging is used", where)
         name = f"{name} (by time of logging)"
-    if columns.time == LOG_TIME or stamps_are_zero:
+    by_log_time = columns.time == LOG_TIME or stamps_are_zero
+    if by_log_time:
         messages = [message._replace(stamp=message.log_time) for message in messages]
     in_log = columns.in_log(joints)
     layouts = _layouts(messages, in_log, tuple(fields.values()), where)
@@ -93,7 +99,7 @@ def recording_of_messages(
     stamps, values = merged(layouts, in_log, where)
     time = (stamps - stamps[0]) / 1e9
     channels = dict(zip(fields, values, strict=True))
-    return gained(
+    recording = gained(
         tuple(joints),
         time,
         channels,
@@ -102,6 +108,10 @@ def recording_of_messages(
         without_torque=columns.without_torque(joints),
         units={channel: u for channel, u in columns.units.items() if channel != "time"},
     )
+    if not columns.beside:
+        return recording
+    clock = JointClock(int(stamps[0]), by_log_time)
+    return with_topics(recording, clock, signals or {}, columns.beside, where)
 
 
 def _layouts(

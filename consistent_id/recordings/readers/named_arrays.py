@@ -72,7 +72,7 @@ def recording_of(
     if not want.beside:
         return recording
     rows = {n: _by_sample(arrays[n], len(time))[keep] for n in want.beside.names}
-    return _with_beside(recording, rows, want.beside, where)
+    return with_beside(recording, rows, want.beside, where)
 
 
 def _by_sample(values: NDArray[Any], samples: int) -> NDArray[Any]:
@@ -81,10 +81,10 @@ def _by_sample(values: NDArray[Any], samples: int) -> NDArray[Any]:
     return flat.T if flat.ndim == 2 and len(flat) != samples else flat
 
 
-def _with_beside(
+def with_beside(
     recording: Recording, arrays: Arrays, beside: BesideColumns, where: str
 ) -> Recording:
-    """Add the base's motion, contacts and wrenches."""
+    """Add the base's motion, contacts and wrenches, of arrays by name."""
     time = recording.time
     base = None if beside.base is None else beside.base.motion(arrays, time, where)
     return replace(

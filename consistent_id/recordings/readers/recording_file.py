@@ -50,6 +50,8 @@ def read_recording(
         comma does not separate), Parquet (``.parquet``), Feather (``.feather``,
         ``.arrow``), NPZ (``.npz``), HDF5 (``.h5``, ``.hdf5``), MATLAB (``.mat``); a ROS
         bag with ``sensor_msgs/JointState`` (``.mcap``, ``.db3``, ``.bag`` or a folder).
+        Of its other topics, what `BesideColumns` name as ``TOPIC.FIELD``, such as
+        ``"/imu/data.angular_velocity"``.
     joints : sequence of str
         Names of the joints to read.
     columns : Columns
@@ -75,19 +77,16 @@ def read_recording(
                 f"{path}: omit counts the rows of tables; messages of bags have none"
             )
         columns = columns or JOINT_STATE
-        if columns.beside:
-            raise RecordingError(
-                f"{path}: of bags joint states alone are read; write the base's "
-                "motion, contacts and wrenches into a table beside the joints"
-            )
         joint_state_fields(columns, joints, str(path))  # before a long read
+        content = reader_of(path).read_messages(path, topic, columns.beside.names)
         return recording_of_messages(
-            reader_of(path).read_messages(path, topic),
+            content.states,
             joints,
             columns,
             where=str(path),
             name=path.name,
             torque_gain=torque_gain,
+            signals=content.signals,
         )
     if topic is not None:
         raise RecordingError(

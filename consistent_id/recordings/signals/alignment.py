@@ -18,9 +18,9 @@ from consistent_id.recordings.signals.filters import low_passed
 from consistent_id.recordings.signals.spline import cubic_spline
 from consistent_id.recordings.signals.track import CHANNELS, Track
 
-_SAME = 1.05  # ratio of rates up to which two clocks count as equally fast
-_ALIAS = 0.8  # cut-off over the slower clock's Nyquist frequency
-_ORDER = 8  # of the filter against aliasing
+SAME = 1.05  # ratio of rates up to which two clocks count as equally fast
+ALIAS = 0.8  # cut-off over the slower clock's Nyquist frequency
+ORDER = 8  # of the filter against aliasing
 
 
 def aligned(recording: Recording, track: Track, *, delay: float = 0.0) -> Recording:
@@ -51,13 +51,13 @@ def aligned(recording: Recording, track: Track, *, delay: float = 0.0) -> Record
     other = track.of(recording.joints).recording()
     other = replace(other, time=other.time - delay)
     ratio = own_rate(other) / own_rate(recording)
-    if max(ratio, 1.0 / ratio) > _SAME:
+    if max(ratio, 1.0 / ratio) > SAME:
         if not is_uniform(other):
             other = resampled(other, own_rate(other))
-        cutoff = _ALIAS * min(other.rate, recording.rate) / 2.0
+        cutoff = ALIAS * min(other.rate, recording.rate) / 2.0
         recording = _smooth(recording, cutoff)
         other = _smooth(other, cutoff)
-    clock = other.time if ratio < 1.0 / _SAME else recording.time
+    clock = other.time if ratio < 1.0 / SAME else recording.time
     clock = _shared(clock, recording, other)
     channels: dict[str, Matrix] = {
         name: _onto(clock, recording.time, values)
@@ -71,7 +71,7 @@ def aligned(recording: Recording, track: Track, *, delay: float = 0.0) -> Record
 
 def _smooth(recording: Recording, cutoff: float) -> Recording:
     return low_passed(
-        recording, motion_cutoff=cutoff, torque_cutoff=cutoff, order=_ORDER
+        recording, motion_cutoff=cutoff, torque_cutoff=cutoff, order=ORDER
     )
 
 

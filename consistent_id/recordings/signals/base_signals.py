@@ -9,8 +9,11 @@ from consistent_id._support.arrays import Array, Matrix, Vector, checked
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.base_motion import BaseMotion
 from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.signals.beside import interpolated_rotations
+from consistent_id.recordings.signals.clocks import is_uniform, own_rate, resampled
 from consistent_id.recordings.signals.differences import differentiated
 from consistent_id.recordings.signals.filters import low_passed
+from consistent_id.recordings.signals.spline import cubic_spline
 
 QuaternionOrder = Literal["xyzw", "wxyz"]
 """Where the real part stands: last, as in ROS and Pinocchio, or first, as in MuJoCo."""
@@ -118,7 +121,7 @@ def base_from_pose(
     Parameters
     ----------
     time : ndarray, shape (samples,), [s]
-        Uniform.
+        If it is not uniform, differences are those of a spline at uniform times.
     position : array_like, shape (samples, 3), [m]
         Of the base frame's origin in the world.
     quaternions : array_like, shape (samples, 4)
@@ -131,17 +134,29 @@ def base_from_pose(
     """
     R = rotations(quaternions, order)
     x = checked(position, (len(R), 3), "position", RecordingError)
-    step = float(np.mean(np.diff(time)))
-    w, dw = _with_derivative(time, _body_rates(R) / step, cutoff)
-    moved = _recording(time, x)
+    g = checked(gravity, (3,), "gravity")
+    place = _recording(time, x)
+    if is_uniform(place):
+        return _of_poses(place, R, cutoff, g)
+    even = resampled(place, own_rate(place))
+    moved = _of_poses(even, interpolated_rotations(time, R, even.time), cutoff, g)
+    w, dw, felt = np.split(cubic_spline(even.time, moved.stacked, time), 3, axis=1)
+    return BaseMotion(w, dw, felt, R)
+
+
+def _of_poses(
+    place: Recording, R: Array, cutoff: float | None, gravity: Vector
+) -> BaseMotion:
+    """Return the motion of uniformly sampled poses."""
+    step = float(np.mean(np.diff(place.time)))
+    w, dw = _with_derivative(place.time, body_rates(R) / step, cutoff)
     if cutoff is not None:
-        moved = low_passed(moved, motion_cutoff=cutoff)
-    a = differentiated(moved).acceleration
-    felt = np.asarray(a) - checked(gravity, (3,), "gravity")
+        place = low_passed(place, motion_cutoff=cutoff)
+    felt = np.asarray(differentiated(place).acceleration) - gravity
     return BaseMotion(w, dw, (np.swapaxes(R, 1, 2) @ felt[..., None])[..., 0], R)
 
 
-def _body_rates(R: Array) -> Matrix:
+def body_rates(R: Array) -> Matrix:
     """Return rotation vectors per sample, in body axes, by central differences."""
     before = np.concatenate([R[:1], R[:-1]])
     after = np.concatenate([R[1:], R[-1:]])

@@ -47,9 +47,7 @@ def resampled_beside(recording: Recording, clock: Vector) -> Beside:
         w, dw, felt = np.split(cubic_spline(time, base.stacked, clock), 3, axis=1)
         rotation = base.rotation
         if rotation is not None:
-            rotation = _nearest_rotations(
-                cubic_spline(time, rotation.reshape(-1, 9), clock).reshape(-1, 3, 3)
-            )
+            rotation = interpolated_rotations(time, rotation, clock)
         base = BaseMotion(w, dw, felt, rotation)
     wrenches = (
         replace(w, values=cubic_spline(time, w.values, clock))
@@ -70,7 +68,8 @@ def resampled_beside(recording: Recording, clock: Vector) -> Beside:
     return Beside(base=base, wrenches=tuple(wrenches), contacts=tuple(contacts))
 
 
-def _nearest_rotations(matrices: Array) -> Array:
-    """Return the rotations nearest to matrices that are almost rotations."""
+def interpolated_rotations(time: Vector, rotation: Array, clock: Vector) -> Array:
+    """Return rotations at other times: those nearest to interpolated matrices."""
+    matrices = cubic_spline(time, rotation.reshape(-1, 9), clock).reshape(-1, 3, 3)
     U, _, Vt = np.linalg.svd(matrices)
     return np.asarray(U @ Vt)

@@ -1,0 +1,1 @@
+"""Drafts for robots whose base floats: how it moves, and what its feet touch."""

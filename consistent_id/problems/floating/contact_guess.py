@@ -1,0 +1,176 @@
+"""What feet touch, found in a log: by columns' names, or by their rest."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from consistent_id.errors import RecordingError
+from consistent_id.problems.floating.feet import Foot
+from consistent_id.problems.floating.hints import ALWAYS
+from consistent_id.recordings.base_words import contact_names, matched_frame
+from consistent_id.recordings.column_patterns import shown
+from consistent_id.recordings.readers.beside_columns import ContactColumns
+from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.signals import differentiated, low_passed, resampled
+from consistent_id.recordings.signals.base_stretches import stretches
+from consistent_id.recordings.signals.clocks import is_uniform, own_rate
+from consistent_id.regression.rows.slip import contact_slip
+from consistent_id.robot.model import RobotModel
+from consistent_id.robot.parameters import did_you_mean
+
+SLIP = 0.05
+"""m/s: feet that move faster against each other do not stand. A foot that swings moves
+some ten times as fast, one that rolls or creeps a fifth of it."""
+
+_STANDS = 0.9  # share of the samples in which feet are at rest, of a robot that stands
+_GUARD = 0.05  # s; a filter of 20 Hz spreads touch-down by half a period
+_SHORTEST = 1.0  # s, of a stretch between gaps in which motion is looked at
+_CUTOFF = 10.0  # Hz, of the motion by which feet are seen to stand
+
+
+@dataclass(frozen=True, slots=True)
+class ContactGuess:
+    """Columns of contacts, and how they were found.
+
+    Parameters
+    ----------
+    columns : tuple of ContactColumns
+    notes : tuple of str
+    assumed : bool
+        Whether feet are only taken to stand: `require_standing` looks at the motion.
+    """
+
+    columns: tuple[ContactColumns, ...]
+    notes: tuple[str, ...] = ()
+    assumed: bool = False
+
+
+def guessed_contacts(names: Sequence[str], feet: Sequence[Foot]) -> ContactGuess:
+    """Return a contact for each foot: its column, or that it always stands."""
+    by_frame = {foot.frame: foot for foot in feet}
+    candidates = contact_names(names)
+    others = {foot.frame: foot.names for foot in feet}
+    flags: dict[str, str] = {}
+    for column in candidates:
+        frame = matched_frame(column, others)
+        if frame is not None and frame not in flags:
+            flags[frame] = column
+    if feet and set(flags) == set(by_frame):
+        found = [_contact(by_frame[frame], flag) for frame, flag in flags.items()]
+        said = ", ".join(f"{frame}: {flag}" for frame, flag in flags.items())
+        return ContactGuess(tuple(found), (f"contacts are {said}", *_shapes(feet)))
+    standing = tuple(_contact(foot, True) for foot in feet)
+    if not standing:
+        note = "no foot is found in the robot's file: nothing is touched"
+        return ContactGuess((), (note,))
+    note = (
+        f"no column says when {shown(list(by_frame))} touch the ground: they are at "
+        "rest against each other, and taken to stand all the time"
+    )
+    return ContactGuess(standing, (note, *_shapes(feet)), assumed=True)
+
+
+def stated_contacts(
+    stated: dict[str, str], feet: Sequence[Foot], robot: RobotModel
+) -> ContactGuess:
+    """Return the contacts that a user names, in the shape of feet.
+
+    Raises
+    ------
+    RecordingError
+        If there is no such frame.
+    """
+    by_frame = {foot.frame: foot for foot in feet}
+    merged = [frame.name for link in robot.links for frame in link.merged]
+    known = [*by_frame, *robot.link_names, *merged]
+    found = []
+    for frame, column in stated.items():
+        if frame not in known:
+            near = did_you_mean(frame, list(by_frame) or known)
+            raise RecordingError(f"--contact: no frame {frame!r}; {near}")
+        foot = by_frame.get(frame) or Foot(frame, (frame,), False, np.zeros(3))
+        found.append(_contact(foot, True if column == ALWAYS else column))
+    used = [by_frame[frame] for frame in stated if frame in by_frame]
+    return ContactGuess(tuple(found), _shapes(used))
+
+
+def require_standing(
+    robot: RobotModel, logs: Sequence[Recording], names: Sequence[str], file: Path
+) -> None:
+    """Refuse to take feet for standing if they move against each other.
+
+    Parameters
+    ----------
+    robot : RobotModel
+    logs : sequence of Recording
+        With contacts that are closed all the time.
+    names : sequence of str
+        Of the log's columns, for the message.
+
+    Raises
+    ------
+    RecordingError
+        With what to say.
+    """
+    share = share_at_rest(robot, logs)
+    if share < _STANDS:
+        frames = [flags.frame for flags in logs[0].contacts]
+        raise RecordingError(
+            f"{file}: no column says when feet touch the ground, and they do not stand "
+            f"all the time: in {1 - share:.0%} of the samples {shown(frames)} move "
+            f"faster than {SLIP} m/s against each other. Say which "
+            f"column tells of each: --contact {frames[0]}=COLUMN ...; of a robot that "
+            f"hangs or flies --contact none. The log has {shown(names)}"
+        )
+
+
+def share_at_rest(robot: RobotModel, logs: Sequence[Recording]) -> float:
+    """Return in which share of the samples no closed contact slips against others."""
+    at_rest = [
+        (contact_slip(robot, smooth_motion(part)) < SLIP).all(axis=1)
+        for part in without_gaps(logs)
+    ]
+    return float(np.concatenate(at_rest).mean()) if at_rest else 0.0
+
+
+def without_gaps(logs: Sequence[Recording]) -> list[Recording]:
+    """Return logs, or what lies between their gaps."""
+    return [
+        log.samples(stretch)
+        for log in logs
+        for stretch in stretches(log.time)
+        if log.time[stretch][-1] - log.time[stretch][0] > _SHORTEST
+    ]
+
+
+def smooth_motion(log: Recording) -> Recording:
+    """Return a log's motion filtered, with velocities, on a uniform clock."""
+    even = log if is_uniform(log) else resampled(log, own_rate(log))
+    cutoff = min(_CUTOFF, 0.2 * even.rate)
+    return differentiated(low_passed(even, motion_cutoff=cutoff))
+
+
+def _contact(foot: Foot, closed: str | bool) -> ContactColumns:
+    return ContactColumns(
+        foot.frame,
+        closed,
+        guard=_GUARD,
+        point=foot.point,
+        surface=foot.surface,
+        radius=foot.radius,
+    )
+
+
+def _shapes(feet: Sequence[Foot]) -> tuple[str, ...]:
+    """Say which shape feet are taken to have."""
+    soles = [foot.frame for foot in feet if foot.surface]
+    bare = [foot.frame for foot in feet if not foot.surface and not foot.shaped]
+    notes = [f"{shown(soles)} are soles, flat on the ground"] if soles else []
+    if bare:
+        notes.append(
+            f"{shown(bare)} touch at the origin of their frames, as the file has no "
+            "ball there: check point and radius"
+        )
+    return tuple(notes)
