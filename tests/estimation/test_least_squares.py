@@ -167,6 +167,21 @@ def test_hubers_loss_shrugs_off_outliers_that_ruin_least_squares():
     assert error < 0.1 * np.linalg.norm(plain.base_values - expected)
 
 
+def test_mixed_steps_settle_in_fewer_passes_than_reweighting_alone(monkeypatch):
+    model, _, log = _experiment(8, noise=0.1)
+    rng = np.random.default_rng(9)
+    torque = log.torque + 0.1 * rng.standard_t(1, log.torque.shape)
+    spoiled = replace(log, torque=torque)
+    few = 7  # mixed steps take six, reweighting alone takes eight
+    mixed = huber(model, spoiled, iterations=few)
+    assert mixed.certificate.verdict == "certified"
+    settled = huber(model, spoiled, iterations=100, tolerance=1e-9)
+    change = mixed.predict(log) - settled.predict(log)
+    assert (abs(change) / settled.sigma).max() < 1e-3
+    monkeypatch.setattr("consistent_id.estimation.robust._GROWN", 0.0)
+    assert huber(model, spoiled, iterations=few).certificate.verdict == "uncertified"
+
+
 def test_hubers_estimate_zeroes_the_gradient_of_hubers_loss():
     model, _, log = _experiment(10, joints=2, samples=500, noise=0.3)
     estimate = huber(model, log, tolerance=1e-8, iterations=100)
