@@ -14,6 +14,10 @@ from consistent_id.estimation.recommendation import (
 )
 
 
+def test_of_errors_that_do_not_scatter_the_least_is_taken():
+    assert _simplest(np.array([[3.0, 3.0], [2.0, 2.0], [4.0, 4.0]])) == 1
+
+
 def test_the_first_within_one_standard_error_of_the_least_is_taken():
     spread = 0.1 * np.array([-1.0, 1.0, -1.0, 1.0])
     squared = np.array([1.05 + spread, 1.4 + spread, 1.0 + spread])
