@@ -6,8 +6,13 @@ import numpy as np
 import pytest
 from faulty_logs import arm, clean_log, logs
 
-from consistent_id import Recording, base_parameters
-from consistent_id.diagnosis.contact import JointResidual, contact, standing_out
+from consistent_id import Recording, base_parameters, differentiated
+from consistent_id.diagnosis.contact import (
+    JointResidual,
+    contact,
+    joint_residuals,
+    standing_out,
+)
 from consistent_id.diagnosis.explain import datasheet_constraints, fitted_log
 from consistent_id.diagnosis.lost_signs import lost_signs
 
@@ -44,6 +49,36 @@ def test_a_stretch_in_which_something_pushes_is_contact(start, stop):
 @pytest.mark.parametrize(("start", "stop"), [(0.0, 0.03), (0.97, 1.0)])
 def test_at_the_ends_filters_settle_and_nothing_touches(start, stop):
     assert list(contact(_as_is(_pushed(clean_log(4), start, stop)))) == []
+
+
+def test_what_friction_holds_while_the_robot_rests_is_no_contact():
+    log = clean_log(4)
+    rows = np.insert(np.arange(len(log)), 1800, np.full(400, 1800))
+    rest = slice(1800, 2201)
+    stamps = log.time[0] + np.arange(len(rows)) * float(np.diff(log.time).mean())
+    velocity, torque = np.array(log.velocity)[rows], np.array(log.torque)[rows]
+    velocity[rest] = 0.0
+    paused = replace(
+        log,
+        time=stamps,
+        position=log.position[rows],
+        velocity=velocity,
+        torque=torque,
+    )
+    torque = torque.copy()
+    torque[rest] += 3.0 * torque.std(axis=0)
+    held = replace(paused, torque=torque)
+    model = arm()
+    as_is = fitted_log(
+        model,
+        differentiated(held),
+        datasheet_constraints(model),
+        base_parameters(model),
+    )
+    assert as_is.misfit > 0.03  # else it would not be looked for
+    every = np.ones(len(as_is.recording), dtype=bool)
+    assert standing_out(joint_residuals(as_is, every)) is not None
+    assert list(contact(as_is)) == []
 
 
 def test_friction_that_the_model_lacks_and_a_delay_are_no_contact():
