@@ -229,7 +229,7 @@ def _of_one(
     stepped = {f.where for f in coarse}
     found += coarse
     pinned = saturation_findings(torque, limits)
-    found += [f for f in pinned if f.where not in stepped]
+    found += (f for f in pinned if f.where not in stepped)
     if any(f.severity == "fault" for f in found):
         return found
     noise = float(np.sqrt(np.mean(noise_share(np.asarray(torque.torque)) ** 2)))

@@ -47,6 +47,20 @@ _KEYS = {
 }
 
 
+def check_data(data: DataTable, *, floating: bool) -> None:
+    """Refuse recordings that cannot be prepared as the file asks.
+
+    Raises
+    ------
+    ProblemError
+        With the key.
+    """
+    check_preparation(data.preparation, data.columns or ColumnsTable())
+    tracks = [track for entry in data.recordings for track in entry.tracks]
+    check_tracks(tracks, data.preparation)
+    check_base(data, floating=floating)
+
+
 def check_tracks(tracks: Iterable[TrackTable], table: PreparationTable) -> None:
     """Refuse channels of their own that would go unused, or a delay unheard of.
 

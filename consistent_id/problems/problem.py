@@ -15,7 +15,6 @@ from consistent_id.problems.constraints import constraints_of, prior_of
 from consistent_id.problems.data_columns import columns_of
 from consistent_id.problems.drives import FoundDrives, found_drives
 from consistent_id.problems.file import (
-    ColumnsTable,
     DataTable,
     ProblemTable,
     RecordingTable,
@@ -23,22 +22,12 @@ from consistent_id.problems.file import (
     read_problem_table,
 )
 from consistent_id.problems.folder import problem_files
-from consistent_id.problems.log_entries import (
-    gains_of_drives,
-    span_of,
-    with_torque,
-)
+from consistent_id.problems.log_entries import gains_of_drives, span_of, with_torque
 from consistent_id.problems.model import assumed, behind_sensor, torque_model
 from consistent_id.problems.motions import sampled_motion
 from consistent_id.problems.named_files import expanded, require_there
 from consistent_id.problems.paths import names_outside
-from consistent_id.problems.preparation import (
-    Log,
-    check_base,
-    check_preparation,
-    check_tracks,
-    joined,
-)
+from consistent_id.problems.preparation import Log, check_data, joined
 from consistent_id.problems.robot_preparation import EstimatedRests, with_robot
 from consistent_id.recordings.readers import read_recording, read_track
 from consistent_id.recordings.recording import Recording
@@ -328,9 +317,8 @@ class Problem:
             for entry in self._data().recordings
             if entry.role == "training"
             for raw in [self._raw(entry, calibration)]
-            for part in self._log(entry, raw, calibration).prepared(
-                *span_of(raw, entry)
-            )
+            for span in [span_of(raw, entry)]
+            for part in self._log(entry, raw, calibration).prepared(*span)
         ]
 
     @cached_property
@@ -397,12 +385,8 @@ def problem_of(
     arm = None if table.wrist_sensor is None else model.robot
     model = behind_sensor(table, model)
     if table.data is not None:
-        columns = table.data.columns or ColumnsTable()
-        check_preparation(table.data.preparation, columns)
         gains_of_drives(table.data)
-        tracks = [track for entry in table.data.recordings for track in entry.tracks]
-        check_tracks(tracks, table.data.preparation)
-        check_base(table.data, floating=model.robot.floating and arm is None)
+        check_data(table.data, floating=model.robot.floating and arm is None)
     constraints = constraints_of(assumed(table, model), file.parent, table.joints)
     lowered(constraints, model)  # a name that is wrong is found here, not after hours
     problem = Problem(

@@ -134,7 +134,7 @@ SPRUNG = """
   </worldbody>
 </mujoco>
 """
-HIP = 80.0  # N m/rad: some 8 Hz on a motor that stands still
+HIP = 80.0  # N m/rad: some 7 Hz on a motor that stands still
 
 
 @pytest.fixture(scope="module", params=[(HIP, 1e4), (1e4, 1e4)], ids=["soft", "stiff"])

@@ -106,38 +106,29 @@ class ProblemRollout:
         if self.form is not None:
             tables.append(self.form.table())
         if self.settings is not None:
-            s = self.settings.settings
-            tables.append(
-                Table(
-                    "Settings chosen on parts of the training motion",
-                    (
-                        "cut-off [Hz]",
-                        "velocity scale",
-                        "friction slope of",
-                        "delay [ms]",
-                        "springs [N m/rad]",
-                    ),
-                    (
-                        (
-                            f"{s.cutoff:g}",
-                            f"{s.velocity_scale:g}",
-                            ", ".join(s.friction_slope) or "none",
-                            f"{1e3 * s.delay:g}",
-                            self._springs(),
-                        ),
-                    ),
-                    (
-                        f"error on the other part {1e3 * self.settings.error:.2f} mrad "
-                        f"(mm), the least of {len(self.settings.tried)}",
-                    ),
-                )
-            )
+            tables.append(self._settings_table(self.settings))
         tables += self.problem.drives.tables()
         if self.scatter is not None:
             tables.append(self.scatter.table())
         if self.trend is not None:
             tables.append(self.trend.table())
         return tables
+
+    def _settings_table(self, choice: SettingsChoice) -> Table:
+        s = choice.settings
+        cells = {
+            "cut-off [Hz]": f"{s.cutoff:g}",
+            "velocity scale": f"{s.velocity_scale:g}",
+            "friction slope of": ", ".join(s.friction_slope) or "none",
+            "delay [ms]": f"{1e3 * s.delay:g}",
+            "springs [N m/rad]": self._springs(),
+        }
+        note = (
+            f"error on the other part {1e3 * choice.error:.2f} mrad (mm), the least of "
+            f"{len(choice.tried)}"
+        )
+        title = "Settings chosen on parts of the training motion"
+        return Table(title, tuple(cells), (tuple(cells.values()),), (note,))
 
     def _springs(self) -> str:
         joints = self.problem.model.robot.joint_names
