@@ -27,7 +27,7 @@ CHECK_RATE = 500.0
 
 _PER_PERIOD = 4  # samples per period of the fastest sinusoid in the search
 _REACHED = 1e-6  # m, rad; feet that are further off are out of reach
-_TRIES = 8  # times that a candidate's amplitude is put right
+_TRIES = 10  # times that a candidate's amplitude is put right
 _USED = 0.88, 0.99  # share of the tightest limit that a candidate uses
 
 

@@ -15,8 +15,12 @@ _LOWEST = 0.3  # Hz; slower sways reach no further, and take long to come round
 _TONES = 4  # of each coordinate
 _CROWD, _BEST = 16, 4  # candidates of a round, and those that the next is like
 _AMPLITUDE, _PHASE = 0.7, 2.0  # spread of logarithms and of phases [rad] to begin with
+# Powers of the frequency by which the first amplitudes fall: velocities alike at all of
+# them, accelerations, or slow sways almost alone.
+_SLOPES = 1.0, 4.0
 _KEPT = 0.05  # of a spread, at which it no longer shrinks
 _FORGET = 0.6  # of the spread of a round, in that of the next
+_LARGEST = 0.15  # rad, of a candidate's largest tone before it is made to fit
 _LEVER = 0.3  # m; how far a turn by one radian takes what a sway of this length does
 
 
@@ -66,8 +70,7 @@ def searched_tones(
     rng = np.random.default_rng(seed)
     count = _TONES * len(COORDINATES)
     frequencies = np.geomspace(_LOWEST, HIGHEST, count)
-    # Accelerations alike at all frequencies.
-    mean = np.stack([-2.0 * np.log(2.0 * np.pi * frequencies), np.zeros(count)])
+    mean = np.zeros((2, count))
     spread = np.stack([np.full(count, _AMPLITUDE), np.full(count, _PHASE)])
     floor = _KEPT * spread
     best, first, done = Tried(None, np.inf), np.inf, 0
@@ -76,6 +79,8 @@ def searched_tones(
         round_ = []
         for _ in range(min(_CROWD, candidates - done)):
             drawn = mean + spread * rng.normal(size=mean.shape)
+            if not done:
+                drawn[0] -= rng.uniform(*_SLOPES) * np.log(frequencies)
             one = tried(_path(frequencies, drawn, duration))
             round_.append((one.error, drawn))
             if one.error < best.error:
@@ -94,7 +99,7 @@ def searched_tones(
 
 def _path(frequencies: Matrix, drawn: Matrix, duration: float) -> TrunkPath:
     """Return the path of tones; its coordinates take turns in the frequencies."""
-    sizes, phases = np.exp(drawn[0] - drawn[0].max()), drawn[1]
+    sizes, phases = _LARGEST * np.exp(drawn[0] - drawn[0].max()), drawn[1]
     coefficients = np.zeros((2, len(frequencies), len(COORDINATES)))
     tone = np.arange(len(frequencies))
     turn = tone % len(COORDINATES)
