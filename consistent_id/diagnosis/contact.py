@@ -31,9 +31,7 @@ _RANK = 1e-6  # of what a direction is told by, below which the rest does not te
 # recordings of the UR10e, the KR300, the TX40 and TIAGo, in which nothing is touched,
 # it is 0.04 or more, whatever delay of 0 to 8 ms the UR10e's torque is given.
 _CHANCE = 1e-4
-# Shares at rest, of a stretch and of the log, from which on friction explains it: what
-# it holds at rest differs from stop to stop.
-_RESTS, _IDLE = 0.5, 0.1
+_RESTS = 0.5  # share of a stretch at rest, from which on friction explains it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,15 +78,14 @@ def contact(as_is: FittedLog) -> Iterator[Candidate]:
     """Yield the log without the stretch that stands out, if one does.
 
     A stretch at either end of a log, nearer than half its length, is when filters
-    settle: no contact is seen in it.  Nor is one in which the robot mostly rests, or
-    of a log that rests time and again: friction holds whatever is needed then.
+    settle: no contact is seen in it.  Nor is one in which the robot mostly rests:
+    friction holds whatever is needed then.
     """
     log = as_is.recording
     if as_is.misfit < _FELT or len(log) < 2 * _CELLS:
         return
     inside = standing_out(joint_residuals(as_is))
-    still = np.asarray(standstill(log).all(axis=1))
-    if inside is None or still.mean() > _IDLE or still[inside].mean() > _RESTS:
+    if inside is None or standstill(log).all(axis=1)[inside].mean() > _RESTS:
         return
     start, stop = log.time[inside][[0, -1]]
     cause = Cause(
