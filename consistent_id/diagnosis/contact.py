@@ -85,7 +85,10 @@ def contact(as_is: FittedLog) -> Iterator[Candidate]:
     if as_is.misfit < _FELT or len(log) < 2 * _CELLS:
         return
     inside = standing_out(joint_residuals(as_is))
-    if inside is None or standstill(log).all(axis=1)[inside].mean() > _RESTS:
+    if inside is None:
+        return
+    still = np.asarray(standstill(log).all(axis=1))
+    if still[inside].mean() > _RESTS:
         return
     start, stop = log.time[inside][[0, -1]]
     cause = Cause(
