@@ -34,9 +34,7 @@ _RANK = 1e-6  # of what a direction is told by, below which the rest does not te
 # recordings of the UR10e, the KR300, the TX40 and TIAGo, in which nothing is touched,
 # it is 0.04 or more, whatever delay of 0 to 8 ms the UR10e's torque is given.
 _CHANCE = 1e-4
-# Shares at rest, of a stretch and of the log, from which on friction explains it: what
-# it holds at rest differs from stop to stop.
-_RESTS, _IDLE = 0.5, 0.1
+_RESTS = 0.5  # share of a stretch at rest, from which on friction explains it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,20 +81,19 @@ def contact(as_is: FittedLog) -> Iterator[Candidate]:
     """Yield the log without the stretch that stands out, if one does.
 
     A stretch at either end of a log, nearer than half its length, is when filters
-    settle: no contact is seen in it.  Nor is one where the robot rests, or in a log
-    that rests time and again: dry friction holds whatever torque is left there.
+    settle: no contact is seen in it.  Nor is one where the robot rests, or mostly
+    rests: dry friction holds whatever torque is left there.
     """
     log = as_is.recording
     moving = ~resting(log)
-    still = np.asarray(standstill(log).all(axis=1))
-    if as_is.misfit < _FELT or moving.sum() < 2 * _CELLS or still.mean() > _IDLE:
+    if as_is.misfit < _FELT or moving.sum() < 2 * _CELLS:
         return
     found = standing_out(joint_residuals(as_is, moving))
     if found is None:
         return
     start, stop = log.time[moving][found][[0, -1]]
     inside = (log.time >= start) & (log.time <= stop)
-    if still[inside].mean() > _RESTS:
+    if np.asarray(standstill(log).all(axis=1))[inside].mean() > _RESTS:
         return
     cause = Cause(
         "contact",

@@ -32,7 +32,6 @@ from consistent_id.problems.robot_preparation import EstimatedRests, with_robot
 from consistent_id.recordings.readers import read_recording, read_track
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import DriveCalibration, PDGains, Track
-from consistent_id.regression.elastic_joints import as_rigid
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.model import RobotModel
 from consistent_id.robot.parameters import did_you_mean
@@ -281,15 +280,11 @@ class Problem:
         self, calibration: DriveCalibration | None = None
     ) -> Callable[[Recording], Recording] | None:
         """Return what is done to a prepared part that takes the robot."""
-        robot, data = self.model.robot, self.table.data
-        then = with_robot(self.table, robot, self.arm)
-        if data is None or data.gains is None:
-            return then
-        known = self.drives.calibration if calibration is None else calibration
-        soft = known.of(len(robot)).compliance
-        if then is None:
-            return lambda log: as_rigid(robot, log, soft)
-        return lambda log: then(as_rigid(robot, log, soft))
+        robot, soft = self.model.robot, None
+        if self.table.data is not None and self.table.data.gains is not None:
+            known = self.drives.calibration if calibration is None else calibration
+            soft = known.of(len(robot)).compliance
+        return with_robot(self.table, robot, self.arm, soft)
 
     def _shared_log(self, entry: RecordingTable) -> Log:
         """Return an entry's log; entries of the same log share it."""

@@ -2,13 +2,16 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import reduce
 
+from consistent_id._support.arrays import Vector
 from consistent_id.constraints import Constraint
 from consistent_id.estimation.rest_speed import rest_speed
 from consistent_id.problems.file import PreparationTable, ProblemTable
 from consistent_id.problems.preparation import rest_reach
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import without_rests
+from consistent_id.regression.elastic_joints import as_rigid
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.rows.slip import without_slip
 from consistent_id.regression.rows.wrench_sensor import carried
@@ -16,14 +19,24 @@ from consistent_id.robot.model import RobotModel
 
 
 def with_robot(
-    table: ProblemTable, robot: RobotModel, arm: RobotModel | None
+    table: ProblemTable,
+    robot: RobotModel,
+    arm: RobotModel | None,
+    compliance: Vector | None,
 ) -> Callable[[Recording], Recording] | None:
-    """Return what is done to a part: carried by a sensor, or without slip."""
+    """Return what is done to a part: springs, a sensor that carries it, slip."""
     sensor = table.wrist_sensor
     slip = None if table.data is None else table.data.preparation.most_slip
+    steps: list[Callable[[Recording], Recording]] = []
+    if compliance is not None:
+        steps.append(lambda log: as_rigid(robot, log, compliance))
     if sensor is not None and arm is not None:
-        return lambda log: carried(robot, arm, log, sensor.frame)
-    return None if slip is None else lambda log: without_slip(robot, log, slip)
+        steps.append(lambda log: carried(robot, arm, log, sensor.frame))
+    elif slip is not None:
+        steps.append(lambda log: without_slip(robot, log, slip))
+    if not steps:
+        return None
+    return lambda log: reduce(lambda part, step: step(part), steps, log)
 
 
 @dataclass(frozen=True, slots=True)
