@@ -45,6 +45,7 @@ from consistent_id.diagnosis.shift_findings import (
 )
 from consistent_id.diagnosis.signal_faults import (
     frozen_findings,
+    hold_findings,
     jump_findings,
     noise_findings,
     noise_share,
@@ -227,7 +228,7 @@ def _of_one(
     found += effort_findings(model.robot, torque)
     coarse = resolution_findings(log, torque)
     stepped = {f.where for f in coarse}
-    found += coarse
+    found += coarse + hold_findings(torque)
     pinned = saturation_findings(torque, limits)
     found += (f for f in pinned if f.where not in stepped)
     if any(f.severity == "fault" for f in found):

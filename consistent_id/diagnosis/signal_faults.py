@@ -8,6 +8,7 @@ from consistent_id._support.arrays import BoolArray, Matrix, Vector
 from consistent_id.diagnosis.findings import Finding
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.resolution import quantum
+from consistent_id.recordings.signals.sample_hold import held_samples
 
 _FROZEN = 0.1  # share of the log in one run of one value that is no chance
 _MOVING = 0.01  # rad or m, above which a joint's other channel says that it moves,
@@ -23,6 +24,9 @@ _HALF = 0.4  # of the travel: less than a wrapped encoder jumps
 _EQUAL = 0.1  # by which jumps of a wrapped encoder may differ
 _COARSE_TORQUE = 0.1  # step over the torque's standard deviation
 _COARSE_POSITION = 1.0 / 400.0  # step over the travel: accelerations are noise
+# s, for which a torque is held: by half of it, it is late, which is more than what
+# filters of currents make.
+_HELD = 0.025
 _NOISY = 0.5  # white noise over the torque's standard deviation, worth a warning
 _ALL_NOISE = 0.9  # beyond which there is hardly anything else
 
@@ -188,7 +192,8 @@ def resolution_findings(recording: Recording, torque: Recording) -> list[Finding
             found.append(_steps("encoder resolution", joint, "position", step, way))
     for joint, tau in zip(torque.joints, np.asarray(torque.torque).T, strict=True):
         size = float(np.std(tau))
-        step = _step(tau)
+        # Of a torque that is held there are few values, whatever their resolution.
+        step = _step(tau) if held_samples(tau) == 1 else quantum(tau)
         if step > _COARSE_TORQUE * size > 0.0:
             found.append(_steps("torque resolution", joint, "torque", step, size))
     return found
@@ -220,6 +225,28 @@ def _steps(kind: str, joint: str, name: str, step: float, size: float) -> Findin
         "log it with more digits, or move more widely; lower cut-offs average steps",
         step / size / (_COARSE_POSITION if name == "position" else _COARSE_TORQUE),
     )
+
+
+def hold_findings(torque: Recording) -> list[Finding]:
+    """Warn of torques that a log samples faster than they come."""
+    step, values = float(np.median(np.diff(torque.time))), np.asarray(torque.torque)
+    holds = np.array([held_samples(tau) for tau in values.T])
+    held = (holds > 1) & (holds * step >= _HELD)
+    if not held.any():
+        return []
+    longest = float(holds[held].max()) * step
+    repeats = (np.diff(values[:, held], axis=0) == 0.0).mean()
+    return [
+        Finding(
+            "torque resolution",
+            "warning",
+            ", ".join(np.array(torque.joints)[held]),
+            f"the torque is held: {repeats:.0%} of its samples repeat the one before, "
+            f"and it is new every {longest:.3g} s",
+            "log the torque as often as the motion; held, it is late by half that time",
+            longest / _HELD,
+        )
+    ]
 
 
 def noise_findings(torque: Recording) -> list[Finding]:

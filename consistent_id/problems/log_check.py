@@ -1,8 +1,12 @@
 """A problem's recordings, looked through for faults."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
-from consistent_id.diagnosis import Diagnosis, diagnose
+import msgspec
+
+from consistent_id.diagnosis import Diagnosis, Finding, diagnose
+from consistent_id.diagnosis.shift_findings import LATE
 from consistent_id.problems.log_entries import drive_limits
 from consistent_id.problems.problem import Problem
 from consistent_id.recordings.recording import Recording
@@ -12,20 +16,22 @@ _OF_COMMANDS = (
     'as delay = "estimated"'
 )
 
+_OF_DELAYS = (
+    "log the torque unfiltered, or the motion through the same filter; if it is known "
+    "to be a delay alone, --accept lag"
+)
+
 
 def check_problem(problem: Problem) -> Diagnosis:
-    """Look for faults in a problem's recordings."""
-    roles = [problem.logs(role) for role in ("training", "validation")]
-    names = [log.name for logs in roles for log in logs]
-    training, validation = ([_distinct(log, names) for log in logs] for logs in roles)
-    found = diagnose(
-        problem.model,
-        training,
-        validation,
-        prepare=problem.prepare,
-        constraints=problem.constraints,
-        limits=drive_limits(problem.gains, problem.recorded_joints),
-    )
+    """Look for faults in a problem's recordings.
+
+    A filter of the drives is late as well as slow.  A delay that preparation undoes
+    hides it, so that behind a long one the recordings are looked at as they are, too.
+    """
+    found = _checked(problem, problem.prepare)
+    if not found.faults and abs(_delay(problem)) >= LATE:
+        late = _checked(problem, _without_delay(problem).prepare)
+        found = replace(found, findings=(*found.findings, *_hidden(problem, late)))
     if problem.gains is None:
         return found
     findings = (
@@ -33,6 +39,53 @@ def check_problem(problem: Problem) -> Diagnosis:
         for f in found.findings
     )
     return replace(found, findings=tuple(findings))
+
+
+def _checked(problem: Problem, prepare: Callable[[Recording], Recording]) -> Diagnosis:
+    roles = [problem.logs(role) for role in ("training", "validation")]
+    names = [log.name for logs in roles for log in logs]
+    training, validation = ([_distinct(log, names) for log in logs] for logs in roles)
+    return diagnose(
+        problem.model,
+        training,
+        validation,
+        prepare=prepare,
+        constraints=problem.constraints,
+        limits=drive_limits(problem.gains, problem.recorded_joints),
+    )
+
+
+def _delay(problem: Problem) -> float:
+    """Return the delay of the torque that preparation undoes, [s]."""
+    data = problem.table.data
+    return 0.0 if data is None else float(data.preparation.delays.get("torque", 0.0))
+
+
+def _without_delay(problem: Problem) -> Problem:
+    """Return a problem of which the torque is taken as it was recorded."""
+    data = problem.table.data
+    if data is None:
+        return problem
+    delays = {k: d for k, d in data.preparation.delays.items() if k != "torque"}
+    preparation = msgspec.structs.replace(data.preparation, delays=delays)
+    data = msgspec.structs.replace(data, preparation=preparation)
+    return replace(problem, table=msgspec.structs.replace(problem.table, data=data))
+
+
+def _hidden(problem: Problem, late: Diagnosis) -> tuple[Finding, ...]:
+    """Return what a delay hides: a filter of the drives, or else how late they are."""
+    if filters := late.of("drive filter"):
+        return filters
+    undone = (
+        f"; [data.preparation] takes it {1e3 * _delay(problem):.3g} ms earlier, which "
+        "undoes a delay, but no filter"
+    )
+    return tuple(
+        replace(
+            f, severity="warning", statement=f.statement + undone, advice=_OF_DELAYS
+        )
+        for f in late.of("lag")
+    )
 
 
 def _distinct(log: Recording, names: list[str]) -> Recording:

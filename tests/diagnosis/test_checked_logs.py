@@ -109,3 +109,35 @@ def test_the_shell_checks_a_log_without_the_torque_of_some_joints(tmp_path, caps
     assert main(arguments) == 2
     assert main([*arguments, "--torque-joints", "shoulder"]) == 0
     assert "Nothing suspicious was found in log.csv" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("filtered", "undone", "found"),
+    [
+        (True, 0.11, [("drive filter", "fault")]),
+        (False, 0.11, [("lag", "warning")]),
+        (False, 0.0, []),
+    ],
+)
+def test_a_delay_that_is_undone_hides_no_filter(tmp_path, filtered, undone, found):
+    from consistent_id import load_problem
+    from consistent_id.diagnosis.late_torque import low_pass
+    from consistent_id.problems.log_check import check_problem
+
+    log = _arm_in(tmp_path)
+    rate, torque = log.rate, log.torque
+    if filtered:  # at 1 Hz
+        torque = low_pass(torque.T, rate / (2.0 * np.pi)).T
+    elif undone:
+        torque = np.roll(torque, round(undone * rate), axis=0)
+    table = np.column_stack([log.time, log.position, torque])[50:]
+    names = "time,q_shoulder,q_elbow,tau_shoulder,tau_elbow"
+    np.savetxt(tmp_path / "log.csv", table, delimiter=",", header=names, comments="")
+    text = PROBLEM.replace('torque_joints = ["shoulder"]\n', "")
+    text = text.replace("rows = [2001, 4000]", "rows = [2001, 3950]")
+    delays = f"[data.preparation]\ndelays = {{torque = {undone}}}"
+    text = text.replace("[data.preparation]", delays)
+    (tmp_path / "problem.toml").write_text(text)
+    suspicious = check_problem(load_problem(tmp_path)).suspicious
+    assert {(f.kind, f.severity) for f in suspicious} == set(found)

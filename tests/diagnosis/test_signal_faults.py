@@ -7,8 +7,10 @@ import pytest
 from faulty_logs import clean_log
 
 from consistent_id.diagnosis.clock import velocity_findings
+from consistent_id.diagnosis.coverage import saturation_findings
 from consistent_id.diagnosis.signal_faults import (
     frozen_findings,
+    hold_findings,
     jump_findings,
     noise_findings,
     noise_share,
@@ -32,7 +34,8 @@ def _stopped(values):
 def test_clean_signals_are_not_accused():
     log = clean_log(0)
     found = [*frozen_findings(log), *spike_findings(log), *jump_findings(log)]
-    assert found + noise_findings(log) + resolution_findings(log, log) == []
+    found += [*noise_findings(log), *hold_findings(log)]
+    assert found + resolution_findings(log, log) == []
 
 
 @pytest.mark.parametrize("channel", ["torque", "velocity", "position"])
@@ -126,3 +129,35 @@ def test_a_ratio_of_few_samples_in_motion_is_chance():
     assert velocity_findings(few) == []
     many = replace(log, velocity=1.12 * log.velocity)
     assert [f.kind for f in velocity_findings(many)] == ["clock"]
+
+
+def _held(log, samples):
+    """Return a log of which the torque is new in every so many-th sample."""
+    rows = np.arange(len(log)) // samples * samples
+    return replace(log, torque=log.torque[rows])
+
+
+def test_a_torque_that_is_held_is_neither_coarse_nor_at_its_limit():
+    log = _held(clean_log(0), 20)  # of 200 Hz
+    (finding,) = hold_findings(log)
+    assert (finding.kind, finding.severity) == ("torque resolution", "warning")
+    assert finding.where == ", ".join(log.joints)
+    # Of 3999 samples with one before, 199 are new.
+    assert "95% of its samples repeat the one before" in finding.statement
+    assert "new every 0.1 s" in finding.statement
+    assert saturation_findings(log) == resolution_findings(log, log) == []
+    few = log.samples(slice(0, 800))  # 40 values
+    assert resolution_findings(few, few) == []
+
+
+def test_a_torque_that_is_held_for_less_than_a_filter_takes_is_not_worth_a_word():
+    assert hold_findings(_held(clean_log(0), 4)) == []
+
+
+def test_a_limit_shows_in_a_torque_that_is_held():
+    log = clean_log(0)
+    limit = 0.6 * abs(log.torque[:, 1]).max()
+    clipped = log.torque.copy()
+    clipped[:, 1] = np.clip(clipped[:, 1], -limit, limit)
+    (finding,) = saturation_findings(_held(replace(log, torque=clipped), 10))
+    assert finding.where == "joint2"

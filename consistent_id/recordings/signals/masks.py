@@ -10,10 +10,11 @@ from consistent_id._support.arrays import Array, BoolArray, Matrix, Vector, froz
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.resolution import quantum
+from consistent_id.recordings.signals.sample_hold import held_samples
 
 _AT_LIMIT = 1e-3  # of the limit, within which a torque is at it
 STILL = 0.01  # of the fastest joint's largest speed
-_RUN, _PILE = 3, 10.0  # consecutive samples at the extreme; their number over others'
+_RUN, _PILE = 3, 10.0  # consecutive readings at the extreme; their number over others'
 
 
 def standstill(recording: Recording, velocity: float | None = None) -> BoolArray:
@@ -91,8 +92,9 @@ def saturated(recording: Recording, limit: ArrayLike | None = None) -> BoolArray
     limit : array_like, shape () or (joints,), optional, [N m or N]
         Largest torque either way.  By default the largest and the smallest torque of a
         joint are taken for limits if they are met again and again: in runs of at least
-        three samples, and ten times as often as the values next to them, so that the
-        top of a smooth curve is not meant.  Noise on top of a limit hides it.
+        three readings, and ten times as often as the values next to them, so that the
+        top of a smooth curve is not meant.  Noise on top of a limit hides it.  A
+        reading that a slower channel holds for several samples is one.
 
     Raises
     ------
@@ -229,5 +231,6 @@ def _top(tau: Vector) -> BoolArray:
     others = int(((tau >= edges[0]) & (tau < edges[1])).sum())
     ends = np.flatnonzero(np.diff(np.concatenate([[0], at.astype(int), [0]])))
     longest = int((ends[1::2] - ends[::2]).max())
-    is_limit = span > 0.0 and longest >= _RUN and at.sum() >= _PILE * others / 5.0
+    is_run = longest >= _RUN * held_samples(tau)
+    is_limit = span > 0.0 and is_run and at.sum() >= _PILE * others / 5.0
     return at if is_limit else np.zeros(len(tau), dtype=np.bool_)
