@@ -17,8 +17,8 @@ from consistent_id.robot.model import Joint
 
 _BLIND = 10.0  # times these sizes, from which on a zero that hides is worth a note
 _LAG = 0.012  # s: less is what filters of currents do
-_LONG = 0.04  # s: a drive's filters and a bus reach 15 to 40 ms in real robots
-LATE = 0.05  # s: more makes estimates wrong
+LONG = 0.04  # s: a drive's filters and a bus reach 15 to 40 ms in real robots
+_LATE = 0.05  # s: more makes estimates wrong
 # Of the torque, that a shorter lag changes: in real robots filters of currents reach
 # 0.03, in their usual motions.
 _EFFECT = 0.04
@@ -125,12 +125,12 @@ def lag_findings(system: Linearised) -> list[Finding]:
     if score < 1.0:
         return []
     effect = lag * system.quickness
-    matters = lag >= _LONG or effect >= _EFFECT
+    matters = lag >= LONG or effect >= _EFFECT
     later = "later" if fit.solution[0] > 0.0 else "earlier"
     return [
         Finding(
             "lag",
-            "fault" if lag >= LATE else "warning" if matters else "note",
+            "fault" if lag >= _LATE else "warning" if matters else "note",
             "all joints",
             f"the torque is {1e3 * lag:.3g} ms {later} than the motion, which changes "
             f"it by {effect:.1%}",

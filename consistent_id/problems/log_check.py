@@ -6,7 +6,7 @@ from dataclasses import replace
 import msgspec
 
 from consistent_id.diagnosis import Diagnosis, Finding, diagnose
-from consistent_id.diagnosis.shift_findings import LATE
+from consistent_id.diagnosis.shift_findings import LONG
 from consistent_id.problems.log_entries import drive_limits
 from consistent_id.problems.problem import Problem
 from consistent_id.recordings.recording import Recording
@@ -29,7 +29,7 @@ def check_problem(problem: Problem) -> Diagnosis:
     hides it, so that behind a long one the recordings are looked at as they are, too.
     """
     found = _checked(problem, problem.prepare)
-    if not found.faults and abs(_delay(problem)) >= LATE:
+    if not found.faults and abs(_delay(problem)) >= LONG:
         late = _checked(problem, _without_delay(problem).prepare)
         found = replace(found, findings=(*found.findings, *_hidden(problem, late)))
     if problem.gains is None:
@@ -77,14 +77,15 @@ def _hidden(problem: Problem, late: Diagnosis) -> tuple[Finding, ...]:
     if filters := late.of("drive filter"):
         return filters
     undone = (
-        f"; [data.preparation] takes it {1e3 * _delay(problem):.3g} ms earlier, which "
-        "undoes a delay, but no filter"
+        f"; [data.preparation] undoes a delay of {1e3 * _delay(problem):.3g} ms, but "
+        "it can undo no filter"
     )
     return tuple(
         replace(
             f, severity="warning", statement=f.statement + undone, advice=_OF_DELAYS
         )
         for f in late.of("lag")
+        if f.severity != "note"
     )
 
 
