@@ -320,7 +320,7 @@ def test_validation_is_looked_at_too():
     assert _diagnosed(log, [motion]).recordings == (log.name,)
 
 
-def _held(joint):
+def _at_rest(joint):
     """Return a log in which a joint does not move, without velocities."""
     case = clean_case(0)
     moves = np.where(np.arange(4) == joint, 0.0, 1.0)[:, None]
@@ -333,7 +333,7 @@ def _held(joint):
 
 
 def test_a_joint_at_rest_is_one_whose_coarse_encoder_flickers():
-    log, rng = _held(1), np.random.default_rng(0)
+    log, rng = _at_rest(1), np.random.default_rng(0)
     position = np.array(log.position)
     position[:, 1] = position[0, 1] + 0.008 * rng.integers(0, 2, len(log))
     found = diagnose(arm(), replace(log, position=position), prepare=logs().prepared)
@@ -345,7 +345,7 @@ def test_a_joint_at_rest_is_one_whose_coarse_encoder_flickers():
 @pytest.mark.parametrize("joint", [1, 3])
 def test_what_is_not_identifiable_is_named(joint):
     case = clean_case(0)
-    prepared = logs().prepared(_held(joint))
+    prepared = logs().prepared(_at_rest(joint))
     base = base_parameters(arm())
     (finding,) = rank_findings(arm(), prepared, base)
     still = f"joint{joint + 1}"
