@@ -6,12 +6,14 @@ MuJoCo simulates the robot on the ground, its trunk swaying, with contact, frict
 noise; on the trunk is a box that the model does not know.  Of the other bodies and of
 rotor inertias all is known, as from a log of the robot hung up by its trunk; or, with
 `--unknown`, nothing is.  Below which speed joints rest is chosen from the log, see
-`rest_speed`.  `--problem FOLDER` writes a problem file and logs instead.  The
-quadruped's description is in CONSISTENT_ID_DATASETS.
+`rest_speed`.  Next to touch-down and lift-off samples are left out, as `impact_guard`
+says, or as many periods of the cut-off as `--guards` tries.  `--problem FOLDER` writes
+a problem file and logs instead.  The quadruped's description is in
+CONSISTENT_ID_DATASETS.
 """
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import product
 from pathlib import Path
 from time import process_time
@@ -74,10 +76,57 @@ def moving_rows(
     return MovingRows(ci.without_rests(log, speed, reach=REACH), speed)
 
 
+def left_out(
+    model: ci.TorqueModel, log: ci.Recording, constraints: Sequence[Constraint]
+) -> Iterator[tuple[str, ci.Recording]]:
+    """Yield a log without samples next to impacts, then without rests, too."""
+    whole = ci.without_impacts(log, ci.impact_guard(CUTOFF))
+    yield "impacts left out", whole
+    started = process_time()
+    moving = moving_rows(model, whole, constraints)
+    yield (
+        f"rests below {moving.speed:.3f} rad/s too, chosen in "
+        f"{process_time() - started:.1f} CPU s",
+        moving.log,
+    )
+
+
+def guarded(
+    log: ci.Recording, periods: Sequence[float]
+) -> Iterator[tuple[str, ci.Recording]]:
+    """Yield a log without samples next to impacts, for each number of periods."""
+    for count in periods:
+        yield f"{count:g} periods left out", ci.without_impacts(log, count / CUTOFF)
+
+
+def told(
+    model: ci.TorqueModel,
+    log: ci.Recording,
+    constraints: Sequence[Constraint],
+    robot: StandingRobot,
+) -> str:
+    """Say how many rows a log has, and how far off the trunk is."""
+    started = process_time()
+    regression = ci.contact_free_regression(model, log)
+    base = ci.contact_free_base(model, log.contacts)
+    found = ci.constrained_least_squares(
+        model, regression, constraints=constraints, base=base
+    )
+    return (
+        f"{regression.counts[0]} rows, {found.certificate.verdict}, "
+        f"{trunk_errors(found, robot)}, misfit {found.fit.misfit:.2%}, "
+        f"{process_time() - started:.2f} CPU s"
+    )
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--robot", choices=ROBOTS, default="quadruped")
     parser.add_argument("--logs", type=int, default=3, help="simulated, each its seed")
+    parser.add_argument("--first", type=int, default=0, help="seed of the first")
+    parser.add_argument(
+        "--guards", type=float, nargs="+", help="periods of the cut-off, each tried"
+    )
     parser.add_argument("--seconds", type=float, default=SECONDS, help="of each log")
     parser.add_argument("--problem", type=Path, help="folder for a problem file")
     parser.add_argument("--unknown", action="store_true", help="nothing known, too")
@@ -89,34 +138,18 @@ def main() -> None:
     model = ci.contact_free_model(ci.TorqueModel(robot.nominal, DRIVE))
     known = [*SIGNS, ci.FixedParameters(robot.known())]
     print(f"{len(model.layout)} parameters, {6 + len(robot.nominal)} rows a sample")
-    for seed, dry in product(range(options.logs), (False, True)):
+    seeds = range(options.first, options.first + options.logs)
+    for seed, dry in product(seeds, (False, True)):
         log = prepared(simulated(robot, seed, options.seconds, dry_friction=dry))
-        started = process_time()
-        moving = moving_rows(model, log, known)
-        print(
-            f"log {seed}, {len(log)} samples, dry friction in the joints: {dry}; rests "
-            f"below {moving.speed:.3f} rad/s, chosen in {process_time() - started:.1f} "
-            "CPU s"
-        )
-        cases = [
-            ("others known", known, log),
-            ("others known, joints at rest left out", known, moving.log),
-            ("nothing known", SIGNS, log),
-        ]
-        for label, constraints, used in cases if options.unknown else cases[:-1]:
-            started = process_time()
-            regression = ci.contact_free_regression(model, used)
-            base = ci.contact_free_base(model, log.contacts)
-            found = ci.constrained_least_squares(
-                model, regression, constraints=constraints, base=base
-            )
-            seconds = process_time() - started
-            print(
-                f"  {label}: {regression.counts[0]} rows, "
-                f"{found.certificate.verdict}, {trunk_errors(found, robot)}, misfit "
-                f"{found.fit.misfit:.1%}, {seconds:.2f} CPU s",
-                flush=True,
-            )
+        print(f"log {seed}, {len(log)} samples, dry friction in the joints: {dry}")
+        if options.guards is None:
+            cases = [("all rows", log), *left_out(model, log, known)]
+        else:
+            cases = list(guarded(log, options.guards))
+        for label, used in cases:
+            print(f"  {label}: {told(model, used, known, robot)}", flush=True)
+        if options.unknown:
+            print(f"  nothing known: {told(model, log, SIGNS, robot)}", flush=True)
 
 
 if __name__ == "__main__":

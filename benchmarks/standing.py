@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 from quadruped import DRIVE, SIGNS, moving_rows, trunk_errors
 from standing_robots import StandingRobot, quadruped
-from standing_simulation import SETTLE, prepared, simulated
+from standing_simulation import CUTOFF, SETTLE, prepared, simulated
 
 import consistent_id as ci
 from consistent_id.excitation.standing.feet_and_pose import (
@@ -31,7 +31,6 @@ from consistent_id.robot.inertia import INERTIAL_NAMES
 
 SECONDS = 20.0
 VELOCITY, EFFORT = 4.0, 23.0  # rad/s, N m: of Go2's hips
-GUARD = 50  # samples before and after touch-down and lift-off that are left out
 NOISE = 0.0, 1.0  # N m, over the simulation's own of 0.05
 
 
@@ -71,17 +70,6 @@ def designed(standing: StandingRobot, candidates: int) -> StandingDesign:
     )
 
 
-def guarded(log: ci.Recording) -> ci.Recording:
-    """Return a log whose contacts are not certain around each change of theirs."""
-    contacts = []
-    for flags in log.contacts:
-        certain = np.ones(len(flags), dtype=bool)
-        for change in np.flatnonzero(np.diff(flags.closed)):
-            certain[max(change + 1 - GUARD, 0) : change + 1 + GUARD] = False
-        contacts.append(replace(flags, certain=certain))
-    return replace(log, contacts=tuple(contacts))
-
-
 def trunks(
     robot: StandingRobot, raw: ci.Recording, noise: float, draws: int
 ) -> np.ndarray:
@@ -92,7 +80,8 @@ def trunks(
     rng, errors = np.random.default_rng(0), []
     for _ in range(draws if noise else 1):
         torque = raw.torque + noise * rng.normal(size=raw.torque.shape)
-        log = prepared(guarded(replace(raw, torque=torque)))
+        whole = prepared(replace(raw, torque=torque))
+        log = ci.without_impacts(whole, ci.impact_guard(CUTOFF))
         moving = moving_rows(model, log, constraints).log
         regression = ci.contact_free_regression(model, moving)
         found = ci.constrained_least_squares(

@@ -179,6 +179,7 @@ from consistent_id.recordings.signals import (
     fit_trajectory,
     fourier_differentiated,
     fourier_fit,
+    impact_guard,
     kalman_differentiated,
     low_passed,
     mask_onto,
@@ -195,6 +196,7 @@ from consistent_id.recordings.signals import (
     trim_standstill,
     trimmed,
     without,
+    without_impacts,
     without_rests,
 )
 from consistent_id.recordings.signals.base_signals import (
@@ -476,6 +478,7 @@ __all__ = [
     "identify_gains",
     "identify_log",
     "identify_payload",
+    "impact_guard",
     "instrumental_variables",
     "joint_noise",
     "joint_springs",
@@ -564,6 +567,7 @@ __all__ = [
     "within_cones",
     "within_workspaces",
     "without",
+    "without_impacts",
     "without_rests",
     "without_slip",
     "write_report",

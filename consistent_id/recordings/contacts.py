@@ -131,10 +131,20 @@ class ContactFlags:
         radius : float, [m]
         """
         closed = np.linalg.norm(wrench.values[:, :3], axis=1) > threshold
-        doubtful = np.zeros(len(closed), dtype=bool)
-        for change in np.flatnonzero(np.diff(closed)):
-            doubtful[max(change + 1 - guard, 0) : change + 1 + guard] = True
-        return cls(wrench.frame, closed, wrench.point, certain=~doubtful, radius=radius)
+        certain = away_from_changes(closed, np.arange(float(len(closed))), guard)
+        return cls(wrench.frame, closed, wrench.point, certain=certain, radius=radius)
+
+
+def away_from_changes(closed: BoolArray, time: Vector, guard: float) -> BoolArray:
+    """Return which samples are further than a guard from any change of a flag.
+
+    A change is halfway between two samples.
+    """
+    before = np.flatnonzero(np.diff(closed))
+    away = np.ones(len(closed), dtype=bool)
+    for change in 0.5 * (time[before] + time[before + 1]):
+        away &= abs(time - change) > guard
+    return away
 
 
 def _flags(values: BoolArray, where: str) -> BoolArray:

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from consistent_id._support.arrays import (
     Array,
-    BoolArray,
     Matrix,
     Vector,
     array_default,
@@ -20,7 +19,12 @@ from consistent_id._support.arrays import (
 )
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.base_motion import BaseMotion
-from consistent_id.recordings.contacts import Axes, ContactFlags, Wrench
+from consistent_id.recordings.contacts import (
+    Axes,
+    ContactFlags,
+    Wrench,
+    away_from_changes,
+)
 from consistent_id.recordings.signals.base_signals import (
     QuaternionOrder,
     base_from_imu,
@@ -173,7 +177,7 @@ class ContactColumns:
             closed,
             self.point,
             self.surface,
-            _settled(closed, time, self.guard),
+            away_from_changes(closed, time, self.guard),
             self.radius,
         )
 
@@ -285,12 +289,3 @@ def names_of(names: Names | None) -> list[str]:
     if names is None:
         return []
     return [names] if isinstance(names, str) else list(names)
-
-
-def _settled(closed: BoolArray, time: Vector, guard: float) -> BoolArray:
-    """Return which samples are further from any change of a flag than a time."""
-    changes = np.flatnonzero(np.diff(closed))
-    settled = np.ones(len(closed), dtype=bool)
-    for change in 0.5 * (time[changes] + time[changes + 1]):
-        settled &= abs(time - change) > guard
-    return settled

@@ -27,6 +27,7 @@ from consistent_id.recordings.signals.fourier import (
     fourier_differentiated,
     fourier_fit,
 )
+from consistent_id.recordings.signals.impacts import impact_guard, without_impacts
 from consistent_id.recordings.signals.masks import (
     mask_onto,
     row_weights,
@@ -69,6 +70,7 @@ __all__ = [
     "fit_trajectory",
     "fourier_differentiated",
     "fourier_fit",
+    "impact_guard",
     "kalman_differentiated",
     "low_passed",
     "mask_onto",
@@ -86,5 +88,6 @@ __all__ = [
     "trimmed",
     "uniform_rate",
     "without",
+    "without_impacts",
     "without_rests",
 ]
