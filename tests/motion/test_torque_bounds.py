@@ -262,6 +262,7 @@ def test_rounding_is_far_below_what_is_told_of_it():
     assert (torque.rounding(path) <= 1e-6 * abs(other).max()).all()
 
 
+@settings(max_examples=40)
 @given(st.lists(st.floats(-3, 3), min_size=4, max_size=4), st.floats(0, 1))
 def test_intervals_hold_the_results_for_all_numbers_in_them(ends, share):
     a, b = np.sort(ends[:2]), np.sort(ends[2:])
