@@ -62,7 +62,15 @@ def read_from_file(arm):
 
 
 @pytest.mark.parametrize(
-    "form", [dict, MappingProxyType, as_pandas, as_arrow, as_polars, as_structured]
+    "form",
+    [
+        pytest.param(dict, marks=pytest.mark.slow),
+        MappingProxyType,
+        as_pandas,
+        as_arrow,
+        as_polars,
+        as_structured,
+    ],
 )
 def test_a_table_in_memory_is_read_as_its_file_is(arm, read_from_file, form):
     (urdf, log), its = arm, read_from_file
