@@ -41,6 +41,7 @@ def _rooms() -> dict[str, Any]:
     return runpy.run_path(str(DOCS / "rooms.py"))
 
 
+@cache
 def _modules() -> dict[Path, ast.Module]:
     return _rooms()["modules"]()
 

@@ -80,7 +80,13 @@ def _starts():
     return np.array(fit_shapes(model, log, starts=3).misfits)
 
 
-WORK = [_bootstrap, _cross_validation, _monte_carlo, _model_selection, _starts]
+WORK = [
+    _bootstrap,
+    _cross_validation,
+    _monte_carlo,
+    pytest.param(_model_selection, marks=pytest.mark.slow),
+    _starts,
+]
 
 
 @pytest.mark.parametrize("where", WHERE)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from robots import random_robot
+from some_fast import some_fast
 
 from consistent_id import (
     DriveTerms,
@@ -41,7 +42,7 @@ def told_early(model, x, delay, noise=0.0):
     return Recording(model.robot.joint_names, TIME, q, dq, ddq, position_command=told)
 
 
-@pytest.mark.parametrize("delay", [0.0, 0.0032, 0.0121])
+@pytest.mark.parametrize("delay", some_fast([0.0032, 0.0121, 0.0]))
 def test_the_delay_is_found_again(delay):
     rng = np.random.default_rng(5)
     _, robot = random_robot(rng, 2)

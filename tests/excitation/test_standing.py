@@ -134,8 +134,8 @@ def test_standing_still_each_foot_bears_its_share(stance):
 def test_errors_are_those_of_repeated_fits(stance):
     """Trunks fitted to torque with noise scatter as much as was said."""
     path = path_of(0.7)
-    rate = 50.0
-    time = np.linspace(0, 6, 301)
+    rate = 12.5
+    time = np.linspace(0, 6, 76)
     model = model_of(stance)
     motion = standing_motion(stance, model, LIMITS, path, time)
     said = trunk_errors(stance, model, motion, rate)
@@ -149,8 +149,10 @@ def test_errors_are_those_of_repeated_fits(stance):
     rows = model.predict(truth, *state, base=motion.trunk.base)
     keep = np.r_[np.arange(10), np.arange(len(robot.nominal), len(layout))]
     found = []
-    for _ in range(200):
+    for _ in range(100):
         noisy = rows + rng.normal(size=rows.shape)
+        # All eighteen rows have this noise; that of the base's comes as a wrench.
+        wrench = ci.Wrench(robot.link_names[0], noisy[:, :6] - rows[:, :6], axes="base")
         log = ci.Recording(
             robot.joint_names,
             time,
@@ -158,16 +160,6 @@ def test_errors_are_those_of_repeated_fits(stance):
             noisy[:, 6:],
             base=motion.trunk.base,
             contacts=stance.contacts(n),
-        )
-        # All eighteen rows have this noise; that of the base's comes as a wrench.
-        wrench = ci.Wrench(robot.link_names[0], noisy[:, :6] - rows[:, :6], axes="base")
-        log = ci.Recording(
-            log.joints,
-            time,
-            *state,
-            noisy[:, 6:],
-            base=log.base,
-            contacts=log.contacts,
             wrenches=(wrench,),
         )
         (factor,) = ci.contact_free_regression(free, log).factors
@@ -176,7 +168,7 @@ def test_errors_are_those_of_repeated_fits(stance):
         fit = np.linalg.lstsq(R[:, keep], z - R[:, legs] @ truth[legs], rcond=None)[0]
         found.append(fit[:10] - truth[:10])
     scatter = np.std(found, axis=0)
-    # 200 repetitions: a standard deviation is known to 5 %.
+    # 100 repetitions: a standard deviation is known to 7 %.
     assert said == pytest.approx(scatter, rel=0.25)
 
 

@@ -41,6 +41,7 @@ def test_a_search_ends_when_its_work_is_done():
     assert part.score > whole.score
 
 
+@pytest.mark.slow
 def test_the_same_work_on_a_busy_machine_finds_the_same():
     work = 0.5 * search(problem(), Candidate(0)).work
     quiet = search(problem(), Candidate(0), work=work)

@@ -99,7 +99,9 @@ def test_a_merged_frame_is_where_the_file_puts_it(tmp_path):
             marks=pytest.mark.slow,
         ),
         ellipsoid((0.1, 0.08, 0.06), centre=[0.3, 0.1, 0.4]),
-        helix(0.08, 0.1, centre=[0.3, -0.1, 0.35]),
+        pytest.param(
+            helix(0.08, 0.1, centre=[0.3, -0.1, 0.35]), marks=pytest.mark.slow
+        ),
         through_points([[0.3, 0, 0.3], [0.35, 0.1, 0.25], [0.3, 0.15, 0.35]]),
     ],
     ids=["circle", "ellipsoid", "helix", "points"],

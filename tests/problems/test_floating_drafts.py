@@ -28,17 +28,23 @@ def robot_text(unit="", armature=0.0):
     return text.replace("<freejoint/>", f"<freejoint/>{unit}")
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    """A robot, and a log of it with a box on its trunk."""
-    folder = tmp_path_factory.mktemp("walker")
+def write_logs(folder, *names, seconds):
+    """Write a robot, and logs of it with a box on its trunk."""
     (folder / "robot.xml").write_text(robot_text())
     robot = ci.load_mjcf(folder / "robot.xml", base="floating")
     truth = robot.nominal.copy()
     truth[:10] += BOX.vector
-    for seed, name in enumerate(("training", "validation")):
-        write_csv(folder / f"{name}.csv", walk(robot, truth, seed=seed))
+    for seed, name in enumerate(names):
+        log = walk(robot, truth, seconds=seconds, seed=seed)
+        write_csv(folder / f"{name}.csv", log)
     return folder
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A robot, and a log in which each foot is once in the air."""
+    folder = tmp_path_factory.mktemp("walker")
+    return write_logs(folder, "training", seconds=8.0)
 
 
 def columns(folder):
@@ -60,7 +66,8 @@ def logs_of(folder, log, hints=None, robot="robot.xml"):
 
 
 @pytest.mark.slow
-def test_a_trunk_is_found_from_a_robot_and_logs_alone(folder):
+def test_a_trunk_is_found_from_a_robot_and_logs_alone(tmp_path):
+    folder = write_logs(tmp_path, "training", "validation", seconds=20.0)
     study = ci.identify_log(
         folder / "robot.xml",
         folder / "training.csv",

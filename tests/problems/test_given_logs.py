@@ -55,14 +55,27 @@ def arm(tmp_path_factory):
     return write_arm(tmp_path_factory.mktemp("arm"))
 
 
+@pytest.fixture(scope="module")
+def read_from_file(arm):
+    (log,) = draft_problem(*arm, select=False).problem().training
+    return log
+
+
 @pytest.mark.parametrize(
-    "form", [dict, MappingProxyType, as_pandas, as_arrow, as_polars, as_structured]
+    "form",
+    [
+        pytest.param(dict, marks=pytest.mark.slow),
+        MappingProxyType,
+        as_pandas,
+        as_arrow,
+        as_polars,
+        as_structured,
+    ],
 )
-def test_a_table_in_memory_is_read_as_its_file_is(arm, form):
-    urdf, log = arm
+def test_a_table_in_memory_is_read_as_its_file_is(arm, read_from_file, form):
+    (urdf, log), its = arm, read_from_file
     ours = draft_problem(urdf, form(arrays_of(log)), select=False).problem()
     (mine,) = ours.training
-    (its,) = draft_problem(urdf, log, select=False).problem().training
     np.testing.assert_allclose(mine.time, its.time, rtol=0, atol=1e-12)
     np.testing.assert_allclose(mine.position, its.position, rtol=0, atol=1e-12)
     np.testing.assert_allclose(mine.torque, its.torque, rtol=0, atol=1e-12)

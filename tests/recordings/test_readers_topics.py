@@ -100,8 +100,9 @@ def read(path, columns=None, **beside):
     return ci.read_recording(path, JOINTS, wanted)
 
 
-@pytest.fixture(params=["mcap", "ros1"])
-def bag(request, tmp_path):
+@pytest.fixture(scope="module", params=["mcap", "ros1"])
+def bag(request, tmp_path_factory):
+    tmp_path = tmp_path_factory.mktemp("bags")
     topics = {"/joint_states": joints(), "/imu": imu(), "/odom": odometry()}
     topics |= {"/sole": wrench(), "/foot": flags()}
     if request.param == "mcap":

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -156,8 +157,12 @@ def _compress(
     return _Part(triangle(np.asfortranarray(stacked)), count, peak)
 
 
+@lru_cache(maxsize=16)
 def _every_row(model: TorqueModel) -> TorqueModel:
-    """Return the model with all rows, before they are mixed."""
+    """Return the model with all rows, before they are mixed.
+
+    It is the same model every time: what its structure is, is kept for each model.
+    """
     if model.torque_joints != (CONTACT_FREE,):
         raise ProblemError(
             f"the model has rows of {', '.join(model.torque_joints)}; expected those "
