@@ -22,6 +22,8 @@ from consistent_id.problems.selection.superset import couplings_between
 LEAST_HELP = 0.025
 """Share of a joint's own squared error that a term takes away where it helps."""
 
+_DELAYS = 4  # first-order steps of a delay, at the most
+
 
 @dataclass(frozen=True, slots=True)
 class Scope:
@@ -93,12 +95,24 @@ def _other_moves(
                     "motion_cutoff", f"motion_cutoff = {cutoff:g}", choice, after
                 )
     if "delay" not in scope.fixed:
-        candidate, factors = current.fits.candidate, evaluator.factors(choice)
-        late = torque_delay(candidate, factors, setting.base, setting.sigma)
-        delay = float(f"{choice.delay + late:.2g}")
+        delay = _delay(evaluator, current)
         if delay != choice.delay:
             after = replace(choice, delay=delay)
             yield Move("delay", f"torque late by {1e3 * delay:.3g} ms", choice, after)
+
+
+def _delay(evaluator: Evaluator, current: Evaluated) -> float:
+    """Return the delay at which torque seems to be late no more [s], to two digits."""
+    setting, candidate = evaluator.setting, current.fits.candidate
+    choice = current.choice
+    for _ in range(_DELAYS):
+        factors = evaluator.factors(choice)
+        late = torque_delay(candidate, factors, setting.base, setting.sigma)
+        delay = float(f"{choice.delay + late:.2g}")
+        if delay == choice.delay:
+            break
+        choice = replace(choice, delay=delay)
+    return choice.delay
 
 
 def _of_terms(
