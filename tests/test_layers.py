@@ -2,7 +2,9 @@
 
 import ast
 import runpy
+from collections.abc import Iterator
 from functools import cache
+from graphlib import TopologicalSorter
 from pathlib import Path
 from typing import Any
 
@@ -68,6 +70,27 @@ def test_heavy_libraries_are_not_imported_at_the_top_of_a_module():
         for imported in _imported(ast.Module(body=top, type_ignores=[])):
             assert imported.split(".")[0] not in HEAVY, f"{path} imports {imported}"
             assert imported != LAZY, path
+
+
+def _needed(path: Path, tree: ast.Module) -> Iterator[str]:
+    """What has to be imported before a module, packages that are not its own too."""
+    own = path.with_suffix("").parts
+    for node in tree.body:
+        if not isinstance(node, ast.ImportFrom):
+            continue
+        parts = tuple((node.module or "").split("."))[1:]
+        for size in range(1, len(parts) + 1):
+            if parts[:size] != own[:size]:
+                yield ".".join(parts[:size])
+
+
+def test_any_module_can_be_imported_first():
+    graph = {}
+    for path, tree in _modules().items():
+        parts = path.with_suffix("").parts
+        name = ".".join(part for part in parts if part != "__init__")
+        graph[name] = set(_needed(path, tree)) - {name}
+    TopologicalSorter(graph).prepare()
 
 
 def test_estimators_do_not_know_casadi():
