@@ -77,11 +77,18 @@ def moving_rows(
 
 
 def left_out(
-    model: ci.TorqueModel, log: ci.Recording, constraints: Sequence[Constraint]
+    model: ci.TorqueModel,
+    log: ci.Recording,
+    constraints: Sequence[Constraint],
+    rests: float | None,
 ) -> Iterator[tuple[str, ci.Recording]]:
     """Yield a log without samples next to impacts, then without rests, too."""
     whole = ci.without_impacts(log, ci.impact_guard(CUTOFF))
     yield "impacts left out", whole
+    if rests is not None:
+        slow = ci.without_rests(whole, rests, reach=REACH)
+        yield f"rests below {rests:g} rad/s too", slow
+        return
     started = process_time()
     moving = moving_rows(model, whole, constraints)
     yield (
@@ -127,6 +134,7 @@ def main() -> None:
     parser.add_argument(
         "--guards", type=float, nargs="+", help="periods of the cut-off, each tried"
     )
+    parser.add_argument("--rests", type=float, help="speed of rests, else chosen")
     parser.add_argument("--seconds", type=float, default=SECONDS, help="of each log")
     parser.add_argument("--problem", type=Path, help="folder for a problem file")
     parser.add_argument("--unknown", action="store_true", help="nothing known, too")
@@ -143,7 +151,7 @@ def main() -> None:
         log = prepared(simulated(robot, seed, options.seconds, dry_friction=dry))
         print(f"log {seed}, {len(log)} samples, dry friction in the joints: {dry}")
         if options.guards is None:
-            cases = [("all rows", log), *left_out(model, log, known)]
+            cases = [("all rows", log), *left_out(model, log, known, options.rests)]
         else:
             cases = list(guarded(log, options.guards))
         for label, used in cases:

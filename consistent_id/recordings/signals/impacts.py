@@ -9,9 +9,9 @@ from consistent_id.recordings.contacts import away_from_changes
 from consistent_id.recordings.recording import Recording
 
 # The response of `low_passed` to an impact has fallen to 0.4 % of its peak, after half
-# a period to 13 %.  With half a period misfits have fallen all they do in simulation,
-# and up to four periods the trunk is found as well (benchmarks/quadruped.py
-# --guards 0 0.5 1 2 3 4 --first 10 --logs 2); foot switches may be late, too.
+# a period to 13 %.  In simulation misfits have fallen after half a period, and up to
+# four the trunk is found as well (benchmarks/quadruped.py --first 10 --logs 2 --guards
+# 0 0.5 1 2 3 4); foot switches may be late, too.
 _PERIODS = 2.0
 
 
