@@ -4,6 +4,7 @@ import os
 import signal
 import threading
 import time
+from functools import cache
 
 import numpy as np
 import pytest
@@ -32,8 +33,13 @@ def assert_same(first, second):
         assert one.score == other.score and one.work == other.work
 
 
+@cache
+def whole_search():
+    return search(problem(), Candidate(0))
+
+
 def test_a_search_ends_when_its_work_is_done():
-    whole = search(problem(), Candidate(0))
+    whole = whole_search()
     part = search(problem(), Candidate(0), work=0.3 * whole.work)
     assert whole.complete and not part.complete
     # It ends at the next iteration, which is a small part of it.
@@ -41,9 +47,8 @@ def test_a_search_ends_when_its_work_is_done():
     assert part.score > whole.score
 
 
-@pytest.mark.slow
 def test_the_same_work_on_a_busy_machine_finds_the_same():
-    work = 0.5 * search(problem(), Candidate(0)).work
+    work = 0.5 * whole_search().work
     quiet = search(problem(), Candidate(0), work=work)
     stop = threading.Event()
 

@@ -28,6 +28,7 @@ from consistent_id import (
     load_urdf,
     row_levels,
 )
+from consistent_id.regression.row_structure import row_structure
 
 EVERY = [[True] * 4]
 THREE = [[i != j for j in range(4)] for i in range(4)]  # one foot is always lifted
@@ -103,6 +104,16 @@ def test_the_base_wrench_alone_needs_no_torque(robot):
     assert len(least_squares(model, build_regression(model, log)).base) == len(
         base_parameters(TorqueModel(robot))
     )
+
+
+def test_the_structure_of_rows_is_found_once_for_each_model(robot):
+    model = contact_free_model(TorqueModel(robot))
+    log = standing(robot, np.array(THREE))
+    contact_free_regression(model, log)
+    before = row_structure.cache_info()
+    contact_free_regression(model, log)
+    after = row_structure.cache_info()
+    assert (after.hits, after.misses) == (before.hits + 1, before.misses)
 
 
 def test_noise_levels_weigh_rows_before_they_are_mixed(robot):
