@@ -56,6 +56,18 @@ def test_the_nearest_semidefinite_matrix_is_the_one_with_its_negative_part_cut(s
     assert distance <= np.sqrt(2.0 * excess) + 1e-7
 
 
+def test_a_curvature_that_is_all_but_flat_proves_what_a_flat_one_does():
+    problem, answer = _triangular(0)
+    exact, centre = solve_least_norm(problem), np.zeros(6)
+    off = replace(exact, u=answer + 0.01)
+    faint = np.eye(6)
+    faint[:2, :2] = [[1e-170, 1.0], [0.0, 1e-170]]  # singular once rows are exchanged
+    flat = faint.copy()
+    flat[[0, 1], [0, 1]] = 0.0
+    found = certify(problem, off, centre, curvature=faint)
+    assert found.gap == pytest.approx(certify(problem, off, centre, curvature=flat).gap)
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_a_magnified_solution_has_the_multipliers_of_the_problem_as_it_stands(seed):
     problem, answer = _triangular(seed)

@@ -251,15 +251,19 @@ def _cost_of_rest(
     All in coordinates of the steps that equalities allow.  Where no direction is flat,
     the parabola's maximum may be as small as is `enough`; then no better one is sought.
     """
+    from scipy.linalg import solve_triangular
+
     R = np.asarray(np.linalg.qr(curvature, mode="r"))
     if len(R) == len(rest) and np.diag(R).all():
-        turn = np.linalg.solve(R.T, rest)
-        if turn @ turn / 2 <= enough:
-            return float(turn @ turn / 2)
+        with np.errstate(over="ignore", invalid="ignore"):
+            turn = solve_triangular(R, rest, trans="T", check_finite=False)
+            turned = float(turn @ turn) / 2
+        if turned <= enough:
+            return turned
     _, s, Vt = np.linalg.svd(R)
     s = np.append(s, np.zeros(len(Vt) - len(s)))
     along, to_centre = Vt @ rest, Vt @ to_centre
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
         turns = np.where(s > 0.0, (along / s) ** 2 / 2, np.inf)
     # The first k, whose parabolas turn latest, are taken as flat; the best k counts.
     order = np.argsort(-turns)
