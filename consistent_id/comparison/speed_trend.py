@@ -155,13 +155,15 @@ def speed_trend(blocks: Sequence[BlockScatter], speeds: Sequence[float]) -> Spee
     Raises
     ------
     NotExcitedError
-        If there are fewer than four blocks, or all are of one speed.
+        If there are fewer than four blocks, one does not move, or all are of one speed.
     """
     fast = np.array(speeds, dtype=np.float64)
-    if len(fast) < 4 or fast.max() < _RANGE * fast.min():
+    still = len(fast) > 0 and fast.min() <= 0.0
+    if len(fast) < 4 or still or fast.max() < _RANGE * fast.min():
         raise NotExcitedError(
             f"{len(fast)} blocks with speeds from {fast.min():.3g} to {fast.max():.3g} "
-            "show no trend with speed; expected four or more of different speeds"
+            "show no trend with speed; expected four or more that move at different "
+            "speeds"
         )
     x = np.log(fast) - np.log(fast).mean()
     X = np.column_stack([np.ones_like(x), x])

@@ -92,6 +92,9 @@ def test_blocks_of_one_speed_show_no_trend():
         speed_trend(drawn(rng, np.ones(6), 0.0, 0.1), np.ones(6))
     with pytest.raises(NotExcitedError, match="3 blocks"):
         speed_trend(drawn(rng, SPEEDS[:3], 0.0, 0.1), SPEEDS[:3])
+    resting = np.append(0.0, SPEEDS[1:])
+    with pytest.raises(NotExcitedError, match="from 0 to"):
+        speed_trend(drawn(rng, SPEEDS, 0.0, 0.1), resting)
 
 
 def test_what_is_expected_says_at_which_speed():
