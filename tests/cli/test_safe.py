@@ -212,7 +212,13 @@ def started(arguments, tmp_path):
         text=True,
         env=os.environ | {"TMPDIR": str(tmp_path)},
         start_new_session=True,
+        preexec_fn=_heeds_interrupts,
     )
+
+
+def _heeds_interrupts():
+    """Undo what a shell does to work in the background: it ignores interrupts."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def interrupt(process):
