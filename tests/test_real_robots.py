@@ -25,21 +25,25 @@ ROBOTS = [
     name if name == "kuka_kr300" else pytest.param(name, marks=NEEDS_DATA)
     for name in KNOWN
 ]
-POORLY_EXCITED = [
-    robot if robot == "kuka_kr300" else pytest.param(robot, marks=NEEDS_DATA)
-    for robot in ("kuka_kr300", "tiago")
-]
 each_robot = pytest.mark.parametrize("robot", ROBOTS)
 each_twin = pytest.mark.parametrize("method", TWINS)
 
 
+# Models of friction and drives that were made by hand, and those that the training data
+# chose, which learn more from it: there constraints may cost the share of the error
+# that README names, where the motion is rich.
+BY_HAND, CHOSEN = "benchmarks/hand_made/{}.toml", "problems/{}"
+COSTS = {(CHOSEN, "staubli_tx40"): 0.02}
+each_model = pytest.mark.parametrize("file", [BY_HAND, CHOSEN])
+
+
 @cache
-def _study(robot):
-    return run_study(load_problem(f"problems/{robot}"))
+def _study(robot, file=CHOSEN):
+    return run_study(load_problem(file.format(robot), trust=True))
 
 
-def _stacked(robot, method):
-    (error,) = _study(robot).comparison[method].validation
+def _stacked(robot, method, file=CHOSEN):
+    (error,) = _study(robot, file).comparison[method].validation
     return error.stacked
 
 
@@ -48,24 +52,19 @@ def test_least_squares_predicts_held_out_torque_as_well_as_known(robot):
     assert _stacked(robot, "least squares") < KNOWN[robot]
 
 
+@each_model
 @each_twin
-@pytest.mark.parametrize("robot", POORLY_EXCITED)
-def test_bodies_predict_held_out_torque_better_than_least_squares(robot, method):
-    assert _stacked(robot, method) < _stacked(robot, TWINS[method])
+@each_robot
+def test_bodies_predict_held_out_torque_better_than_least_squares(robot, method, file):
+    allowed = 1.0 + COSTS.get((file, robot), 0.0)
+    twin = _stacked(robot, TWINS[method], file)
+    assert _stacked(robot, method, file) < allowed * twin
 
 
 @each_robot
 def test_the_recommended_estimate_predicts_better_than_least_squares(robot):
     (error,) = _study(robot).recommended.validation
     assert error.stacked < _stacked(robot, "least squares")
-
-
-@NEEDS_DATA
-@each_twin
-def test_bodies_cost_next_to_nothing_where_the_motion_is_rich(method):
-    assert _stacked("staubli_tx40", method) < 1.02 * _stacked(
-        "staubli_tx40", TWINS[method]
-    )
 
 
 @each_twin
