@@ -32,6 +32,7 @@ def main() -> None:
     parser.add_argument("names", nargs="*", default=[], help=", ".join(ROBOTS))
     parser.add_argument("--robots", type=int, default=3, help="planted, of each")
     parser.add_argument("--seconds", type=float, default=10.0, help="of each search")
+    parser.add_argument("--executor", help="processes, dask, ... (default: here)")
     options = parser.parse_args()
     ratios: dict[str, list[float]] = {}
     for name in options.names or ROBOTS:
@@ -39,7 +40,11 @@ def main() -> None:
         changes = {"share": 0.9, "acceleration": 10.0}
         problem = problem_to_excite(EXAMPLES / file, changes, Selection(None, tip))
         found = dry_run(
-            problem, robots=options.robots, rivals=True, time_limit=options.seconds
+            problem,
+            robots=options.robots,
+            rivals=True,
+            time_limit=options.seconds,
+            executor=options.executor,
         )
         for table in found.tables():
             print(f"\n{table.text()}", flush=True)

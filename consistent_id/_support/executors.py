@@ -6,26 +6,31 @@ takes nothing with it: its tasks are done again.
 """
 
 import os
-import signal
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from itertools import islice
+from time import sleep
 from typing import Any, Literal, Self, TypeVar, get_args
 
-from consistent_id._support.extras import needed
-from consistent_id._support.interrupts import interrupts_ignored
-from consistent_id._support.run import Run, current_run, running
-from consistent_id.errors import ProblemError, SolverError
+from consistent_id._support.run import current_run
+from consistent_id._support.workers import (
+    Call,
+    HandedTask,
+    Workers,
+    dask_cluster,
+    processes,
+)
+from consistent_id.errors import ProblemError
 
 _T = TypeVar("_T")
 _R = TypeVar("_R")
-_Submit = Callable[[_T], Any]
 
 Kind = Literal["serial", "processes", "dask"]
 
 _AHEAD = 2  # tasks handed out per worker: one under way, one waiting
-_TRIES = 4  # of a task whose worker is killed each time
+_PAUSE = 0.05  # s between looks at what is done
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +44,7 @@ class Executor:
         Processes; by default as many as there are cores.
     address : str
         Of a Dask scheduler, such as ``tcp://10.0.0.5:8786``; by default a cluster of
-        this machine is started, and ended when the work is done.
+        this machine is started, and ended with this process.
 
     Examples
     --------
@@ -121,14 +126,53 @@ class Executor:
         if self.kind == "serial":
             yield from map(function, tasks)
             return
-        call = _Call(function, replace(current_run(), inputs=set(), executor=""))
-        workers = self.workers or os.cpu_count() or 1
+        with self._at_work(function) as workers:
+            yield from _in_order(workers, tasks)
+
+    def as_done(
+        self, function: Callable[[_T], _R], tasks: Sequence[_T]
+    ) -> Generator[dict[int, _R], None, None]:
+        """Hand out all tasks, and yield at each look what was done since the last one.
+
+        The first look comes as soon as the tasks are handed out.  Whoever has enough
+        closes the iterator, and what is still under way is ended.
+
+        Parameters
+        ----------
+        function : callable
+            See `map`.
+        tasks : sequence
+
+        Yields
+        ------
+        dict
+            Results by the place of their tasks; often none.
+
+        Raises
+        ------
+        ProblemError, SolverError
+            See `map`.
+        """
+        if self.kind == "serial":
+            yield from ({k: function(task)} for k, task in enumerate(tasks))
+        elif tasks:
+            with self._at_work(function, len(tasks)) as workers:
+                yield from _as_done(workers, tasks)
+
+    @contextmanager
+    def _at_work(
+        self, function: Callable[[Any], Any], most: int | None = None
+    ) -> Iterator[Workers]:
+        """Yield workers for a function, at most so many."""
+        call = Call(function, replace(current_run(), inputs=set(), executor=""))
+        number = self.workers or os.cpu_count() or 1
+        number = number if most is None else min(number, most)
         if self.kind == "processes":
-            with _processes(call, workers) as (submit, broken):
-                yield from _in_order(submit, broken, tasks, _AHEAD * workers)
+            with processes(call, number) as workers:
+                yield workers
         else:
-            with _dask(call, workers, self.address) as (submit, broken, width):
-                yield from _in_order(submit, broken, tasks, _AHEAD * width)
+            with dask_cluster(call, number, self.address) as workers:
+                yield workers
 
 
 def tree_reduced(items: Iterable[_T], combine: Callable[[_T, _T], _T]) -> _T | None:
@@ -157,98 +201,21 @@ def tree_reduced(items: Iterable[_T], combine: Callable[[_T, _T], _T]) -> _T | N
     return whole
 
 
-@dataclass(frozen=True, slots=True)
-class _Call:
-    """A function, and what the user allows; called in another process."""
-
-    function: Callable[[Any], Any]
-    run: Run
-
-    def __call__(self, task: Any) -> Any:
-        with running(self.run):
-            return self.function(task)
-
-
-def _in_order(
-    submit: _Submit[_T],
-    broken: tuple[type[Exception], ...],
-    tasks: Iterable[_T],
-    ahead: int,
-) -> Iterator[Any]:
-    """Yield results in the order of tasks; do again what was lost with a worker."""
-    waiting: deque[tuple[_T, Any, int]] = deque()  # task, future, tries
-    coming = iter(tasks)
-    while True:
-        while len(waiting) < ahead:
-            try:
-                task = next(coming)
-            except StopIteration:
-                break
-            waiting.append((task, submit(task), 1))
-        if not waiting:
-            return
-        task, future, tries = waiting.popleft()
-        try:
-            result = future.result()
-        except broken as cause:
-            if tries == _TRIES:
-                raise SolverError(
-                    f"workers were killed {tries} times at the same task, perhaps for "
-                    f"want of memory: {cause}. Take fewer workers"
-                ) from None
-            waiting.appendleft((task, submit(task), tries + 1))
-            continue
+def _in_order(workers: Workers, tasks: Iterable[_T]) -> Iterator[Any]:
+    """Yield results in the order of tasks; few are handed out at a time."""
+    coming = (HandedTask(workers, task) for task in tasks)
+    waiting = deque(islice(coming, _AHEAD * workers.number))
+    while waiting:
+        result = waiting.popleft().result()
+        waiting.extend(islice(coming, 1))
         yield result
 
 
-@contextmanager
-def _processes(
-    call: _Call, workers: int
-) -> Iterator[tuple[_Submit[Any], tuple[type[Exception], ...]]]:
-    """Yield how to hand tasks to processes; what is left at the end is killed."""
-    from concurrent.futures.process import BrokenProcessPool
-
-    from loky import get_reusable_executor
-
-    def submit(task: Any) -> Any:
-        with interrupts_ignored():  # a broken pool is replaced by a new one
-            pool = get_reusable_executor(max_workers=workers, initializer=_deaf)
-            return pool.submit(call, task)
-
-    try:
-        yield submit, (BrokenProcessPool,)
-    except BaseException:
-        get_reusable_executor().shutdown(wait=False, kill_workers=True)
-        raise
-
-
-def _deaf() -> None:
-    """Let interrupts of the terminal reach the process that waits alone."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-
-@contextmanager
-def _dask(
-    call: _Call, workers: int, address: str
-) -> Iterator[tuple[_Submit[Any], tuple[type[Exception], ...], int]]:
-    """Yield how to hand tasks to a Dask cluster, and how many it does at a time."""
-    distributed = needed("distributed", "cluster", "executor dask")
-    try:
-        client = (
-            distributed.Client(address)
-            if address
-            else distributed.Client(
-                n_workers=workers, threads_per_worker=1, dashboard_address=None
-            )
-        )
-    except OSError as cause:
-        raise ProblemError(
-            f"executor dask: no scheduler answers at {address}: {cause}"
-        ) from None
-    with client:
-        width = sum(client.nthreads().values()) or workers
-
-        def submit(task: Any) -> Any:
-            return client.submit(call, task, pure=False)
-
-        yield submit, (distributed.KilledWorker,), width
+def _as_done(workers: Workers, tasks: Sequence[_T]) -> Iterator[dict[int, Any]]:
+    """Yield what is done, until all is."""
+    left = {k: HandedTask(workers, task) for k, task in enumerate(tasks)}
+    while left:
+        done = [k for k, handed in left.items() if handed.done()]
+        yield {k: left.pop(k).result() for k in done}
+        if left and not done:
+            sleep(_PAUSE)

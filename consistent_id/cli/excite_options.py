@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from consistent_id.cli.option import Group, Option, positive
+from consistent_id.cli.options import SEARCH_EXECUTOR
 
 
 def _absolute(text: str) -> str:
@@ -102,11 +103,17 @@ SEARCH = (
     Option("--starts N", "searches from random paths", int, default=4),
     Option(
         "--time-limit SECONDS",
-        "of a design's search, on an idle machine and each process",
+        "of a design's search, on an idle machine and for each worker",
         positive,
         default=10.0,
     ),
-    Option("--workers N", "processes (default: one per processor)", int),
+    Option(
+        "--workers N",
+        "shares of the starts, searched side by side (default: one per processor of "
+        "this computer)",
+        int,
+    ),
+    SEARCH_EXECUTOR,
 )
 
 

@@ -82,6 +82,12 @@ EXECUTOR = Option(
 FITS_EXECUTOR = replace(
     EXECUTOR, text=f"{EXECUTOR.text} (default: two threads)", default=None
 )
+# Of searches, and of robots that play what they find.
+SEARCH_EXECUTOR = replace(
+    EXECUTOR,
+    text=f"{EXECUTOR.text} (default: processes of this computer)",
+    default=None,
+)
 
 
 def add_command(

@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from consistent_id._support.executors import Executor
 from consistent_id._support.interrupts import noted_interrupts
 from consistent_id._support.threads import single_threaded
 from consistent_id.errors import NotExcitedError, ProblemError
@@ -58,6 +59,7 @@ def design_trajectory(
     time_limit: float = 10.0,
     seed: int = 0,
     workers: int | None = None,
+    executor: str | Executor | None = None,
     progress: bool = False,
 ) -> ExcitationDesign:
     """Design an exciting trajectory within a robot's limits.
@@ -84,13 +86,17 @@ def design_trajectory(
     starts : int
         Searches from random paths.
     time_limit : float, [s]
-        For the searches, in work: seconds of an idle processor like ours, on each of
+        For the searches, in work: seconds of an idle processor like ours, for each of
         the workers.  A busy machine takes longer and finds the same.  A proof that
         fails adds to it.
     seed : int
         Same seed, limit and number of workers: same design on one machine.
     workers : int, optional
-        Processes; by default one for each processor, at most one for each start.
+        Shares of the starts, searched side by side; by default one for each processor
+        of this computer, at most one for each start.
+    executor : str or Executor, optional
+        Where the workers are, see `stream_regression`; the design is the same.  By
+        default where ``--executor`` says, else each is a process of this computer.
     progress : bool
         Show a bar; an interrupt ends the search and keeps the best.
 
@@ -106,7 +112,8 @@ def design_trajectory(
     began = clock.monotonic()
     model = TorqueModel(model) if isinstance(model, RobotModel) else model
     limits = motion_limits(model.robot) if limits is None else limits
-    workers = _require_sensible(starts, time_limit, seed, workers)
+    lanes = _require_sensible(starts, time_limit, seed, workers)
+    where = Executor.chosen(executor)
     required = demands(model, limits, parameters, scene, friction_share)
     aim = with_default_noise(aim or Aim(), model, limits)
     limits = required.limits
@@ -120,7 +127,7 @@ def design_trajectory(
     }
     meter = Meter(time_limit)
     with noted_interrupts() as interrupted:
-        means = Means(starts, workers, time_limit, interrupted, progress)
+        means = Means(starts, lanes, time_limit, interrupted, where, progress)
         chosen = best_form(list(problems.values()), means, meter)
         stages = design_stages(chosen, required, aim, means, meter)
         unoptimised = _unoptimised(chosen, aim, starts)
@@ -204,7 +211,7 @@ def _notes(aim: Aim, stages: tuple[Stage, ...], interrupted: bool) -> tuple[str,
 def _require_sensible(
     starts: int, time_limit: float, seed: int, workers: int | None
 ) -> int:
-    """Return the number of processes; refuse what makes no sense before any work."""
+    """Return the number of lanes; refuse what makes no sense before any work."""
     for name, value, least in (
         ("starts", starts, 1),
         ("seed", seed, 0),

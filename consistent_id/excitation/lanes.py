@@ -1,25 +1,19 @@
-"""Lanes: processes, each with starts of its own; one that is killed is replaced."""
+"""Lanes: starts that are searched one after another, with work of their own.
+
+A lane's result depends on nothing but the lane.  A process that is killed is replaced:
+what it had finished is in the folder, and the start that was under way is searched
+again from its beginning, so that the result is the same.
+"""
 
 import os
-import signal
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
-from consistent_id._support.interrupts import interrupts_ignored
-from consistent_id.excitation.reports import (
-    begun,
-    has_begun,
-    has_ended,
-    read_reports,
-    write_report,
-)
+from consistent_id.excitation.reports import read_reports, times_begun, write_report
 from consistent_id.excitation.search import Candidate, search
 from consistent_id.excitation.search_problem import SearchProblem
 
-_WAIT = 0.2  # [s] between looks at whether the user has interrupted
-_TRIES = 2  # of a start under way when a process was killed
+_TRIES = 3  # of a start under way when a process was killed; the executor has one more
 
 
 def run_lane(
@@ -29,129 +23,54 @@ def run_lane(
     folder: Path,
     ended: Callable[[], bool],
     show: Callable[[], None] = lambda: None,
-) -> None:
-    """Search from one start after another; results go to the folder."""
+) -> tuple[Candidate, ...]:
+    """Search from one start after another; what is found goes to the folder, too.
+
+    Parameters
+    ----------
+    problem : SearchProblem
+    starts : sequence of Candidate
+    work : float
+        For all of them, see `Meter`; the first begins in any case.
+    folder : Path
+        With what is known of them already.
+    ended : callable
+        Returns whether to end at once with what there is.
+    show : callable
+        Called after each start.
+    """
+    known = {one.number: one for one in read_reports(folder, ended=True)}
+    found: list[Candidate] = []
     left = work
     for start in starts:
-        if ended() or (left <= 0.0 and start is not starts[0]):
-            return
-        begun(folder, start.number)
-        found = search(
-            problem,
-            start,
-            work=left,
-            ended=ended,
-            report=lambda best: write_report(folder, best, complete=False),
-        )
-        write_report(folder, found)
-        left -= found.work
-        show()
-
-
-@contextmanager
-def helped(
-    problem: SearchProblem,
-    lanes: Sequence[Sequence[Candidate]],
-    work: float,
-    folder: Path,
-) -> Iterator["Helpers"]:
-    """Search in other processes, a lane each, until the caller has enough."""
-    helpers = Helpers(problem, lanes, work, folder)
-    try:
-        yield helpers
-    finally:
-        helpers.end()
-
-
-class Helpers:
-    """Processes at work on lanes of starts.
-
-    When one of them is killed, perhaps for want of memory, its lane goes on in a new
-    process.  A start that was under way is tried again, from its beginning, so that the
-    result is the same; after the second time it is given up.
-    """
-
-    def __init__(
-        self,
-        problem: SearchProblem,
-        lanes: Sequence[Sequence[Candidate]],
-        work: float,
-        folder: Path,
-    ) -> None:
-        self._problem, self._work, self._folder = problem, work, folder
-        self._tries: dict[int, int] = {}  # that were broken, by the start's number
-        self._running: dict[Any, Sequence[Candidate]] = {}  # whole lanes
-        self._executor: Any = None
-        self._submit(lanes)
-
-    def busy(self) -> bool:
-        """Wait for a moment; return whether any is still at work."""
-        from concurrent.futures.process import BrokenProcessPool
-
-        from loky import wait
-
-        wait(self._running, timeout=_WAIT)
-        lost = []
-        for future in [future for future in self._running if future.done()]:
-            lane = self._running.pop(future)
-            try:
-                future.result()
-            except BrokenProcessPool:
-                lost.append(lane)
-        if lost:
-            # One process that is killed breaks the work of all others.
-            lost += self._running.values()
-            self._running.clear()
-            self._count(lost)
-            self._submit(lost)
-        return bool(self._running)
-
-    def end(self) -> None:
-        """Kill what is still at work."""
-        if self._running:
-            self._executor.shutdown(wait=False, kill_workers=True)
-
-    def _submit(self, lanes: Sequence[Sequence[Candidate]]) -> None:
-        """Begin or go on with lanes."""
-        from loky import get_reusable_executor
-
-        spent = {one.number: one.work for one in read_reports(self._folder)}
-        for lane in lanes:
-            left = [one for one in lane if self._is_left(one)]
-            done = [spent[one.number] for one in lane if self._has_ended(one)]
-            work = self._work - sum(done)
-            if not left or (done and work <= 0.0):
+        if ended() or (left <= 0.0 and found):
+            break
+        one = known.get(start.number)
+        if one is None:
+            if times_begun(folder, start.number) > _TRIES:
                 continue
-            with interrupts_ignored():
-                self._executor = get_reusable_executor(max_workers=len(lanes))
-                call = (_in_worker, self._problem, left, work, self._folder)
-                self._running[self._executor.submit(*call)] = lane
-
-    def _has_ended(self, start: Candidate) -> bool:
-        return has_ended(self._folder, start.number)
-
-    def _is_left(self, start: Candidate) -> bool:
-        tried = self._tries.get(start.number, 0)
-        return tried < _TRIES and not self._has_ended(start)
-
-    def _count(self, lanes: Sequence[Sequence[Candidate]]) -> None:
-        """Count a try of each start that was under way when processes were killed."""
-        for lane in lanes:
-            for start in lane:
-                begun = has_begun(self._folder, start.number)
-                if begun and self._is_left(start):
-                    self._tries[start.number] = self._tries.get(start.number, 0) + 1
-                    break
+            one = search(
+                problem,
+                start,
+                work=left,
+                ended=ended,
+                report=lambda best: write_report(folder, best, complete=False),
+            )
+            write_report(folder, one)
+        found.append(one)
+        left -= one.work
+        show()
+    return tuple(found)
 
 
-def _in_worker(
-    problem: SearchProblem, starts: Sequence[Candidate], work: float, folder: Path
-) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # where it was not inherited
-    main = os.getppid()
+def run_lane_elsewhere(
+    problem: SearchProblem, work: float, folder: Path, starts: Sequence[Candidate]
+) -> tuple[Candidate, ...]:
+    """Run a lane in another process, for as long as anybody waits for it."""
+    main, seen = os.getppid(), folder.exists()
 
     def ended() -> bool:
-        # Nobody tells a worker that the process it works for was killed.
-        return os.getppid() != main
+        # Nobody tells a worker that the process it works for was killed, or has enough.
+        return os.getppid() != main or (seen and not folder.exists())
 
-    run_lane(problem, starts, work, folder, ended)
+    return run_lane(problem, starts, work, folder, ended)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from consistent_id._support.executors import Executor
 from consistent_id.errors import InfeasibleError, ProblemError
 from consistent_id.excitation.aims import Aim
 from consistent_id.excitation.design import design_trajectory
@@ -61,6 +62,7 @@ def playable_design(
     time_limit: float = 10.0,
     seed: int = 0,
     workers: int | None = None,
+    executor: str | Executor | None = None,
     sequential: bool = False,
     earlier: Sequence[Regression] = (),
     progress: bool = False,
@@ -70,7 +72,7 @@ def playable_design(
     Parameters
     ----------
     problem : Problem
-    parameters, starts, time_limit, seed, workers, progress
+    parameters, starts, time_limit, seed, workers, executor, progress
         See `design_trajectory`.
     sequential : bool
         Count the information of the problem's training recordings; where the table
@@ -100,6 +102,7 @@ def playable_design(
         time_limit=time_limit,
         seed=seed,
         workers=workers,
+        executor=executor,
         progress=progress,
     )
     played: dict[str, ProvenMove] = {}

@@ -2,8 +2,10 @@
 
 import os
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from shutil import rmtree
+from tempfile import mkdtemp
 from typing import Any
 
 import numpy as np
@@ -11,15 +13,33 @@ import numpy as np
 from consistent_id.excitation.search import Candidate
 
 
-def begun(folder: Path, number: int) -> None:
-    """Note that a search has begun, and in which process."""
-    with suppress(FileNotFoundError):
-        (folder / f"{number}.begun").write_text(str(os.getpid()))
+@contextmanager
+def report_folder(place: Path | None = None) -> Iterator[Path]:
+    """Yield a new folder, which is gone at once for all who still write to it.
+
+    Parameters
+    ----------
+    place : Path, optional
+        Of the folder; by default that of temporary files.
+    """
+    folder = last = Path(mkdtemp(prefix="excitation-", dir=place))
+    try:
+        yield folder
+    finally:
+        with suppress(OSError):  # of systems that rename no folder in use
+            last = folder.rename(folder.with_suffix(".over"))
+        rmtree(last, ignore_errors=True)
 
 
-def has_begun(folder: Path, number: int) -> bool:
-    """Return whether a search has begun."""
-    return (folder / f"{number}.begun").exists()
+def times_begun(folder: Path, number: int) -> int:
+    """Note that a search begins, and in which process; return how often it has."""
+    file = folder / f"{number}.begun"
+    try:
+        with file.open("a") as noted:
+            noted.write(f"{os.getpid()}\n")
+        return len(file.read_text().splitlines())
+    except FileNotFoundError:  # a folder that this computer does not see
+        return 1
 
 
 def write_report(
@@ -52,19 +72,12 @@ def write_report(
         temporary.replace(folder / f"{found.number}.npz")
 
 
-def has_ended(folder: Path, number: int) -> bool:
-    """Return whether a search has written its last report."""
-    file = folder / f"{number}.npz"
-    if not file.exists():
-        return False
-    with np.load(file) as saved:
-        return bool(saved["ended"])
-
-
-def read_reports(folder: Path) -> Iterator[Candidate]:
-    """Yield what searches have reported, ended or not."""
+def read_reports(folder: Path, *, ended: bool = False) -> Iterator[Candidate]:
+    """Yield what searches have reported, ended or not; or those that have ended."""
     for file in sorted(folder.glob("*.npz")):
         with np.load(file) as saved:
+            if ended and not saved["ended"]:
+                continue
             yield Candidate(
                 int(file.stem),
                 saved["variables"] if "variables" in saved else None,

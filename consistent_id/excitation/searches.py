@@ -1,20 +1,22 @@
 """Searches from many starts, side by side, none of whose work is lost.
 
-Each process has a lane: every so many-th start, searched one after another with an
-allowance of work of its own.  So what is found depends on neither the clock nor on how
-processes are scheduled.
+Starts are dealt to lanes, every so many-th to each, and each lane has an allowance of
+work of its own.  So what is found depends on neither the clock nor on where lanes are
+run.
 """
 
 from collections.abc import Sequence
+from contextlib import closing
+from functools import partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from consistent_id._support.executors import Executor
 from consistent_id._support.interrupts import Interrupted
 from consistent_id._support.progress import counted
-from consistent_id.excitation.lanes import helped, run_lane
-from consistent_id.excitation.reports import read_reports
+from consistent_id.excitation.lanes import run_lane, run_lane_elsewhere
+from consistent_id.excitation.reports import read_reports, report_folder
 from consistent_id.excitation.search import Candidate
 from consistent_id.excitation.search_problem import SearchProblem
 
@@ -23,9 +25,10 @@ def run_searches(
     problem: SearchProblem,
     starts: Sequence[Candidate],
     *,
-    workers: int,
+    lanes: int,
     work: float,
     interrupted: Interrupted,
+    executor: Executor | None = None,
     progress: bool = False,
 ) -> tuple[Candidate, ...]:
     """Run searches until all are done, their work is spent or the user interrupts.
@@ -37,20 +40,23 @@ def run_searches(
     ----------
     problem : SearchProblem
     starts : sequence of Candidate
-    workers : int
-        Processes, this one among them.
+    lanes : int
+        Shares of the starts; what is found depends on their number.
     work : float
-        That each process may do, see `Meter`; the first start begins in any case.
+        Of each lane, see `Meter`; its first start begins in any case.
     interrupted : callable
         Returns whether the user has asked to end.
+    executor : Executor, optional
+        Where lanes are run; what is found does not depend on it.  By default one in
+        this process, and each other one in a process of its own.
     progress : bool
         Show a bar with the best value so far.
     """
+    dealt = [list(starts[k::lanes]) for k in range(min(lanes, len(starts)))]
     with (
-        TemporaryDirectory(prefix="excitation-") as name,
+        report_folder(_place(executor)) as folder,
         counted(len(starts), "starts", progress) as count,
     ):
-        folder = Path(name)
 
         def show() -> None:
             found = list(read_reports(folder))
@@ -59,19 +65,37 @@ def run_searches(
                 complete = sum(one.complete for one in found)
                 count(complete, f"(best {problem.objective}: {best:.4g})")
 
-        lanes = [list(starts[k::workers]) for k in range(min(workers, len(starts)))]
-        with helped(problem, lanes[1:], work, folder) as helpers:
-            run_lane(problem, lanes[0], work, folder, interrupted, show)
-            while not interrupted() and helpers.busy():
+        here = _here(executor, len(dealt))
+        others = Executor("processes") if executor is None else executor
+        elsewhere = partial(run_lane_elsewhere, problem, work, folder)
+        found: list[Candidate] = []
+        with closing(others.as_done(elsewhere, dealt[here:])) as looks:
+            next(looks, None)  # they begin
+            for lane in dealt[:here]:
+                found += run_lane(problem, lane, work, folder, interrupted, show)
+            while not interrupted() and (done := next(looks, None)) is not None:
+                found += [one for lane in done.values() for one in lane]
                 show()
-        found = list(read_reports(folder))
-    return tuple(sorted(found, key=lambda one: (one.score, one.number)))
+        known = {one.number: one for one in [*read_reports(folder), *found]}
+    return tuple(sorted(known.values(), key=lambda one: (one.score, one.number)))
+
+
+def _here(executor: Executor | None, lanes: int) -> int:
+    """Return how many of the lanes are run in this process."""
+    if executor is None:
+        return 1
+    return lanes if executor.kind == "serial" else 0
+
+
+def _place(executor: Executor | None) -> Path | None:
+    """Return where workers report: for those of a cluster, where they may look."""
+    return Path.cwd() if executor is not None and executor.address else None
 
 
 def lane_work(
-    found: Sequence[Candidate], starts: Sequence[Candidate], workers: int
+    found: Sequence[Candidate], starts: Sequence[Candidate], lanes: int
 ) -> float:
-    """Return the work of the process that did most."""
+    """Return the work of the lane that did most."""
     work = {one.number: one.work for one in found}
-    lanes = (starts[k::workers] for k in range(workers))
-    return max(sum(work.get(one.number, 0.0) for one in lane) for lane in lanes)
+    dealt = (starts[k::lanes] for k in range(lanes))
+    return max(sum(work.get(one.number, 0.0) for one in lane) for lane in dealt)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from consistent_id._support.executors import Executor
 from consistent_id._support.interrupts import Interrupted
 from consistent_id.errors import InfeasibleError, NotExcitedError
 from consistent_id.excitation.accuracy import PredictedAccuracy, predicted_accuracy
@@ -21,7 +22,7 @@ _TRIAL = 0.1  # share of the work in which one of several forms is tried
 _FIRST = 0.6  # share of the work after which the first of two stages ends
 _LAST = 0.9  # share after which the last stage ends; the rest is for proofs
 _MORE = 0.3  # share that searches get at least after a proof has failed
-_REFINED = 2  # paths that go on to the second stage, however many workers there are
+_REFINED = 2  # paths that go on to the second stage, however many lanes there are
 _ATTEMPTS = 4  # at a proof, each with less of the limits to use
 _WORSE = 0.05  # a logarithm, by which another path may be worse than one unproven
 _CREST = 2.0  # peak over root mean square, of torque whose peak is not limited
@@ -44,38 +45,42 @@ class Means:
     ----------
     starts : int
         Random paths to search from.
-    workers : int
-        Processes.
+    lanes : int
+        Shares of the starts, searched side by side.
     work : float
-        That each process may do, see `Meter`.
+        That may be done in each lane, see `Meter`.
     interrupted : callable
         Returns whether the user has asked to end.
+    executor : Executor, optional
+        Where lanes are run, see `run_searches`.
     progress : bool
         Show a bar.
     """
 
     starts: int
-    workers: int
+    lanes: int
     work: float
     interrupted: Interrupted
+    executor: Executor | None = None
     progress: bool = False
 
     def run(
         self, problem: SearchProblem, starts: Sequence[Candidate], work: float
     ) -> tuple[Candidate, ...]:
-        """Run searches, each process with so much work."""
+        """Run searches, each lane with so much work."""
         return run_searches(
             problem,
             starts,
-            workers=self.workers,
+            lanes=self.lanes,
             work=work,
             interrupted=self.interrupted,
+            executor=self.executor,
             progress=self.progress,
         )
 
     def spent(self, found: Sequence[Candidate], starts: Sequence[Candidate]) -> float:
-        """Return the work of the process that did most."""
-        return lane_work(found, starts, self.workers)
+        """Return the work of the lane that did most."""
+        return lane_work(found, starts, self.lanes)
 
 
 def compared_paths(problem: SearchProblem, starts: int) -> list[Candidate]:
@@ -91,7 +96,7 @@ def best_form(
     """Return the problem whose form promises most: by a short search of each."""
     if len(problems) == 1:
         return problems[0]
-    starts = [Candidate(number) for number in range(min(means.starts, means.workers))]
+    starts = [Candidate(number) for number in range(min(means.starts, means.lanes))]
     scores = []
     for problem in problems:
         found = means.run(problem, starts, _TRIAL * means.work)

@@ -151,7 +151,7 @@ def test_time_that_is_over_leaves_what_a_moment_found():
     (found,) = run_searches(
         problem,
         [Candidate(0)],
-        workers=1,
+        lanes=1,
         work=0.0,
         interrupted=bool,
     )
@@ -171,7 +171,7 @@ def test_every_improvement_is_reported():
 @pytest.mark.slow
 def test_searches_come_back_best_first():
     starts = [Candidate(number) for number in range(3)]
-    found = run_searches(problem_of(), starts, workers=1, work=np.inf, interrupted=bool)
+    found = run_searches(problem_of(), starts, lanes=1, work=np.inf, interrupted=bool)
     scores = [one.score for one in found]
     assert scores == sorted(scores) and len(scores) == 3
     assert all(one.complete for one in found)

@@ -11,6 +11,7 @@ import pytest
 from excited import arm, arm_limits, arm_problem
 
 from consistent_id import TorqueModel
+from consistent_id._support.executors import Executor
 from consistent_id.excitation.aims import PathForm
 from consistent_id.excitation.search import Candidate, search
 from consistent_id.excitation.searches import lane_work, run_searches
@@ -69,7 +70,7 @@ def test_the_same_work_on_a_busy_machine_finds_the_same():
 @pytest.mark.slow
 def test_lanes_end_by_their_own_work_however_long_they_take():
     one = search(problem(), Candidate(0)).work
-    how = {"workers": 2, "work": 1.5 * one, "interrupted": bool}
+    how = {"lanes": 2, "work": 1.5 * one, "interrupted": bool}
     first = run_searches(problem(), STARTS, **how)
     again = run_searches(problem(), STARTS, **how)
     assert_same(first, again)
@@ -77,18 +78,56 @@ def test_lanes_end_by_their_own_work_however_long_they_take():
     assert lane_work(first, STARTS, 2) >= 1.5 * one
 
 
+EVERYWHERE = ["serial", "processes:2", "dask:2"]
+
+
+def place(name):
+    """An executor, if what it needs is installed."""
+    if name == "dask:2":
+        pytest.importorskip("distributed")
+    return name and Executor.named(name)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", EVERYWHERE)
+def test_lanes_find_the_same_wherever_they_are_run(name):
+    one = search(problem(), Candidate(0)).work
+    how = {"lanes": 3, "work": 1.5 * one, "interrupted": bool}
+    expected = run_searches(problem(), STARTS, **how)
+    found = run_searches(problem(), STARTS, **how, executor=place(name))
+    assert_same(expected, found)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", EVERYWHERE)
+def test_an_interrupt_leaves_what_was_found_wherever_it_was(name):
+    asked = iter([False] * 8)
+    found = run_searches(
+        problem(),
+        [Candidate(number) for number in range(500)],
+        lanes=2,
+        work=np.inf,
+        interrupted=lambda: next(asked, True),
+        executor=place(name),
+    )
+    assert len(found) < 500
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="kills a process")
-def test_a_killed_process_changes_nothing(monkeypatch, tmp_path):
+@pytest.mark.filterwarnings("ignore")  # of those who look after killed workers
+@pytest.mark.parametrize("name", [None, "processes:2", "dask:2"])
+def test_a_killed_process_changes_nothing(monkeypatch, tmp_path, name):
+    executor = place(name)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    how = {"workers": 2, "work": np.inf, "interrupted": bool}
+    how = {"lanes": 2, "work": np.inf, "interrupted": bool}
     expected = run_searches(problem(), STARTS, **how)
     killed = []
 
     def kill():
         until = time.monotonic() + 60.0
         while time.monotonic() < until and not killed:
-            # Starts 1, 3 and 5 are those of the other process.
+            # Starts 1, 3 and 5 are those of the second lane, in another process.
             for begun in tmp_path.glob("excitation-*/3.begun"):
                 if (text := begun.read_text()) and int(text) != os.getpid():
                     os.kill(int(text), signal.SIGKILL)
@@ -97,7 +136,7 @@ def test_a_killed_process_changes_nothing(monkeypatch, tmp_path):
 
     thread = threading.Thread(target=kill)
     thread.start()
-    found = run_searches(problem(), STARTS, **how)
+    found = run_searches(problem(), STARTS, **how, executor=executor)
     thread.join()
     assert len(killed) == 1
     assert_same(expected, found)

@@ -4,6 +4,7 @@ import os
 import signal
 import threading
 import time
+from contextlib import closing
 from itertools import accumulate
 
 import numpy as np
@@ -104,6 +105,26 @@ def test_workers_are_killed_at_any_time():
 def test_a_task_that_kills_every_worker_is_given_up():
     with pytest.raises(SolverError, match="killed 4 times at the same task"):
         list(Executor.named("processes:2").map(_killed, [0]))
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")
+def test_whoever_has_enough_need_not_wait(executor):
+    started = time.monotonic()
+    with closing(executor.as_done(time.sleep, [0.0, 300.0])) as looks:
+        assert next(done for done in looks if done) == {0: None}
+    assert time.monotonic() - started < 100.0
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")
+def test_results_as_they_are_done_are_the_same_whoever_is_killed(executor, tmp_path):
+    found = {}
+    for done in executor.as_done(_killed_once, [(k, tmp_path) for k in range(8)]):
+        found |= done
+    assert len(list(tmp_path.iterdir())) == 2  # so many were killed
+    for k in range(8):
+        np.testing.assert_array_equal(found[k], _factor(k))
 
 
 @pytest.mark.slow

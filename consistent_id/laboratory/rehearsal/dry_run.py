@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Matrix, Vector
+from consistent_id._support.executors import Executor
 from consistent_id._support.tables import Table
-from consistent_id.errors import ModelError
+from consistent_id.errors import ModelError, ProblemError
 from consistent_id.excitation.accuracy import predicted_accuracy
 from consistent_id.excitation.aims import Aim, PathForm
 from consistent_id.excitation.basis import FourierBasis
@@ -22,10 +23,11 @@ from consistent_id.excitation.search_problem import search_problem
 from consistent_id.excitation.validating import validation_trajectory
 from consistent_id.laboratory.rehearsal.modelled import as_rehearsed
 from consistent_id.laboratory.rehearsal.planted import PlantedRobot, planted_robot
-from consistent_id.laboratory.rehearsal.rehearsal import (
-    Rehearsal,
-    rehearsal_table,
-    rehearse,
+from consistent_id.laboratory.rehearsal.rehearsal import Rehearsal, rehearsal_table
+from consistent_id.laboratory.rehearsal.several_robots import (
+    PredictedMotion,
+    RehearsalPlan,
+    played_by_all,
 )
 from consistent_id.motion.limits import MotionLimits
 from consistent_id.problems.problem import Problem
@@ -169,6 +171,7 @@ def dry_run(
     time_limit: float = 10.0,
     seed: int = 0,
     workers: int | None = None,
+    executor: str | Executor | None = None,
     progress: bool = False,
 ) -> DryRun:
     """Design what a problem requests, and let planted robots play it.
@@ -192,6 +195,9 @@ def dry_run(
         constants are known.
     starts, time_limit, seed, workers, progress
         See `design_trajectory`.
+    executor : str or Executor, optional
+        Where the design is searched for, see `design_trajectory`, and where robots
+        play; the result is the same.
 
     Raises
     ------
@@ -200,7 +206,9 @@ def dry_run(
     ProblemError
         If nothing of interest is rehearsed, or no robot has an estimate's bodies.
     """
-    request = design_request(problem)
+    if robots < 1:
+        raise ProblemError(f"robots is {robots}, expected 1 or more")
+    request, where = design_request(problem), Executor.chosen(executor)
     given = None if parameters is None else np.atleast_2d(np.asarray(parameters, float))
     rehearsed = as_rehearsed(problem.model, tuple(request.aim.interest), given)
     model = rehearsed.model
@@ -217,7 +225,8 @@ def dry_run(
             model, forms, aim, limits=request.limits, scene=request.scene,
             parameters=rehearsed.parameters,
             friction_share=request.friction_share, starts=starts,
-            time_limit=time_limit, seed=seed, workers=workers, progress=progress,
+            time_limit=time_limit, seed=seed, workers=workers, executor=where,
+            progress=progress,
         )  # fmt: skip
 
     design = designed(aim, request.forms)
@@ -244,8 +253,8 @@ def dry_run(
         for k in range(robots)
     ]
     share = problem.table.excitation.limits.share
-    found = _played(design, request, paths, planted, seed, share)
-    return replace(found, notes=rehearsed.notes)
+    found = _played(design, request, paths, planted, seed, where, progress)
+    return replace(found, share=share, notes=rehearsed.notes)
 
 
 def _played(
@@ -254,27 +263,35 @@ def _played(
     paths: Mapping[str, Sequence[FourierTrajectory]],
     planted: Sequence[PlantedRobot],
     seed: int,
-    share: float,
+    executor: Executor | None,
+    progress: bool,
 ) -> DryRun:
     """Let planted robots play motions; all identify from the same noise."""
     model, aim, limits = design.model, design.aim, request.limits
-    noise = aim.noise_of(model.torque_joints)
-    validation = validation_trajectory(design, seed=seed).trajectory
-    rehearsals, conditions = {}, {}
-    for name, alike in paths.items():
-        accuracies = [predicted_accuracy(model, design.base, p, aim) for p in alike]
-        conditions[name] = float(np.median([a.condition.value for a in accuracies]))
-        rehearsals[name] = tuple(
-            rehearse(
-                robot, accuracy, path, validation, limits, noise,
-                np.random.default_rng((seed, k, 1)),
-                highest=float(design.form.frequencies[-1]), rate=aim.rate,
-            )
-            for accuracy, path in zip(accuracies, alike, strict=True)
-            for k, robot in enumerate(planted)
-        )  # fmt: skip
+    motions = {
+        name: [
+            PredictedMotion(p, predicted_accuracy(model, design.base, p, aim))
+            for p in alike
+        ]
+        for name, alike in paths.items()
+    }
+    plan = RehearsalPlan(
+        validation=validation_trajectory(design, seed=seed).trajectory,
+        limits=limits,
+        noise=aim.noise_of(model.torque_joints),
+        highest=float(design.form.frequencies[-1]),
+        rate=aim.rate,
+        seed=seed,
+    )
+    rehearsals = played_by_all(
+        plan, motions, planted, executor=executor, progress=progress
+    )
+    conditions = {
+        name: float(np.median([one.accuracy.condition.value for one in motions[name]]))
+        for name in rehearsals
+    }
     peaks = _peaks(design, limits, rehearsals[DESIGN])
-    return DryRun(design, rehearsals, conditions, peaks, share)
+    return DryRun(design, rehearsals, conditions, peaks)
 
 
 def _peaks(
