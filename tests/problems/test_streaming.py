@@ -8,7 +8,7 @@ from logged import DRIVE, moved, write_arm
 
 import consistent_id as ci
 from consistent_id.cli import main
-from consistent_id.errors import ProblemError, RecordingError
+from consistent_id.errors import RecordingError
 from consistent_id.estimation.torque_error import torque_errors
 from consistent_id.problems.streaming import kept_rows, windows
 from consistent_id.recordings.readers.log_rows import LogRows
@@ -238,28 +238,6 @@ def test_clock_faults_are_named_across_windows(log):
     )
     with pytest.raises(RecordingError, match="not uniform"):
         ci.stream_regression(problem)
-
-
-@pytest.mark.parametrize(
-    ("preparation", "message"),
-    [
-        ('method = "smoother"', "whole recording"),
-        ('method = "fourier"\nperiod = 5.0', "whole recording"),
-        ('delays = {torque = "estimated"}', "found from motion"),
-    ],
-)
-def test_what_takes_a_whole_recording_is_refused(log, preparation, message):
-    folder, recording = log
-    file = _written(folder, "csv", _columns(recording, recording.time))
-    with pytest.raises(ProblemError, match=message):
-        ci.stream_regression(_problem(folder, file, preparation))
-
-
-def test_formats_that_cannot_be_read_piece_by_piece_are_named(log):
-    folder, recording = log
-    np.savez(folder / "log.npz", **_columns(recording, recording.time))
-    with pytest.raises(ProblemError, match="CSV, Parquet, Feather, HDF5"):
-        ci.stream_regression(_problem(folder, "log.npz", UNIFORM))
 
 
 @pytest.fixture

@@ -154,7 +154,7 @@ def carried_body(problem: Problem) -> CarriedBody | None:
 
 def _share_of(fleet: FleetModel, problem: Problem) -> RobotShare:
     try:
-        if obstacle(problem, "training"):
+        if obstacle(problem):
             regression = build_regression(problem.model, problem.training)
         else:
             regression = stream_regression(problem)

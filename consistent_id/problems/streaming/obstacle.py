@@ -1,40 +1,86 @@
-"""What of a problem file takes a whole recording at once."""
+"""What of a problem file takes a whole recording at once, or all of them together."""
 
+from consistent_id._support.inputs import GIBIBYTE, memory_of_this_computer
+from consistent_id._support.run import current_run
+from consistent_id.errors import RecordingError
+from consistent_id.problems.file import PreparationTable, RecordingTable
 from consistent_id.problems.problem import Problem
 from consistent_id.recordings.log_formats import LOG_FORMATS, log_format
 
+_COPIES = 2  # of a file's size that reading it as a whole takes, at the least
+_METHODS = ("smoother", "fourier")
 
-def obstacle(problem: Problem, role: str) -> str:
-    """Return why the recordings of a role cannot be streamed; empty if they can."""
+
+def obstacle(problem: Problem) -> str:
+    """Return why recordings cannot be read one after another; empty if they can."""
     data = problem.table.data
     if data is None:
         return f"problem {problem.name!r} has no recordings"
-    if data.gains is not None:
+    if data.preparation.least_joint_speed == "estimated":
+        return (
+            "[data.preparation]: a least_joint_speed that is estimated takes all "
+            "recordings at once; give the speed that a part of the log shows "
+            "(rest_speed)"
+        )
+    gains = data.gains
+    for key in ("delay", "scale", "encoder_bias", "stiffness"):
+        if gains is not None and getattr(gains, key) == "estimated":
+            return (
+                f"[data.gains]: a {key} that is estimated takes all recordings at "
+                "once; give the value that a part of the log shows (consistent-id "
+                "identify of a file with that part)"
+            )
+    return ""
+
+
+def reason_for_whole(problem: Problem, entry: RecordingTable) -> str:
+    """Return why a log is read as a whole; empty if it is read piece by piece."""
+    data = problem.table.data
+    if data is not None and data.gains is not None:
         return "[data.gains]: torque is made of the commands of a whole recording"
-    where, table = "[data.preparation]", data.preparation
-    if table.method in ("smoother", "fourier"):
+    if problem.arm is not None or problem.model.robot.floating:
+        return "the motion of a base, or of a wrench sensor, is found from all of it"
+    if entry.tracks:
+        return "tracks are joined with whole recordings"
+    path = problem.log_file(entry.file)
+    if not log_format(path).in_pieces(path):
+        known = ", ".join(known.name for known in LOG_FORMATS if known.streams)
+        return f"piece by piece are read {known} (of version 7.3)"
+    return "" if data is None else _of_preparation(data.preparation)
+
+
+def _of_preparation(table: PreparationTable) -> str:
+    where = "[data.preparation]"
+    if table.method in _METHODS:
         return (
             f'{where}: method = "{table.method}" looks at a whole recording at once; '
             '"butterworth" and "savitzky-golay" do not'
         )
-    if "estimated" in table.delays.values():
+    if table.least_joint_speed is not None:
         return (
-            f"{where}: a delay that is estimated takes a whole recording at once; give "
-            "the seconds that a part of the log shows (consistent-id check)"
+            f"{where}: least_joint_speed looks at a whole recording at once; "
+            "least_speed does not"
         )
-    for entry in data.recordings:
-        if entry.role != role:
-            continue
-        if entry.tracks:
-            return (
-                f"{entry.file}: tracks are joined with whole recordings; write all "
-                "channels into one file"
-            )
-        path = problem.log_file(entry.file)
-        if not log_format(path).in_pieces(path):
-            known = ", ".join(known.name for known in LOG_FORMATS if known.streams)
-            return (
-                f"{path}: cannot be read piece by piece; that takes {known} (of "
-                "version 7.3). Convert it"
-            )
+    if "estimated" in table.delays.values():
+        return f"{where}: a delay is estimated from a whole recording; seconds are not"
     return ""
+
+
+def require_room(problem: Problem, entry: RecordingTable, reason: str) -> None:
+    """Refuse to read a log as a whole that does not fit into memory.
+
+    Raises
+    ------
+    RecordingError
+        With the reason why it would have to be.
+    """
+    path = problem.log_file(entry.file)
+    files = path.rglob("*") if path.is_dir() else [path]
+    size = sum(file.stat().st_size for file in files if file.is_file())
+    room = memory_of_this_computer()
+    if room is not None and _COPIES * size > room and not current_run().large_files:
+        raise RecordingError(
+            f"{path}: {size / GIBIBYTE:.1f} GiB, which have to be read as a whole into "
+            f"a computer with {room / GIBIBYTE:.1f} GiB of memory: {reason}. Convert "
+            "it, or divide it into logs that fit; they are read one after another"
+        )

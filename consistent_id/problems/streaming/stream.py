@@ -1,14 +1,17 @@
 """The regression of a problem's recordings, however large they are."""
 
+import logging
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import islice
 
+import msgspec
 import numpy as np
 
 from consistent_id._support.executors import Executor, tree_reduced
 from consistent_id.errors import NotExcitedError, ProblemError, RecordingError
 from consistent_id.problems.data_columns import columns_of
-from consistent_id.problems.file import PreparationTable, RecordingTable
+from consistent_id.problems.file import DataTable, PreparationTable, RecordingTable
 from consistent_id.problems.log_entries import require_rows, rows_of
 from consistent_id.problems.problem import Problem
 from consistent_id.problems.streaming.kept_rows import (
@@ -16,7 +19,11 @@ from consistent_id.problems.streaming.kept_rows import (
     KeptWindows,
     kept_rows,
 )
-from consistent_id.problems.streaming.obstacle import obstacle
+from consistent_id.problems.streaming.obstacle import (
+    obstacle,
+    reason_for_whole,
+    require_room,
+)
 from consistent_id.problems.streaming.stretches import survey
 from consistent_id.problems.streaming.windows import prepared_stretches
 from consistent_id.recordings.readers.log_rows import LogRows
@@ -28,6 +35,8 @@ from consistent_id.regression.regression import (
 )
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.streamed_noise import with_noise_of
+
+_log = logging.getLogger(__name__)
 
 
 def stream_regression(
@@ -44,10 +53,15 @@ def stream_regression(
     where they began.  A first pass reads the times alone; speeds, if the file asks for
     ``trim_standstill`` or ``least_speed``, take another one.
 
+    A log that cannot be read piece by piece is read as a whole, if it fits into memory,
+    one after another, and a warning says why: bags, NPZ and older MATLAB files, tracks,
+    gains, bases that float, wrench sensors, ``least_joint_speed``, delays that are
+    estimated, the methods ``smoother`` and ``fourier``.
+
     Parameters
     ----------
     problem : Problem
-        With recordings in CSV, Parquet, Feather, HDF5 or MATLAB 7.3.
+        With recordings in CSV, Parquet, Feather, HDF5 or MATLAB 7.3 to be streamed.
     role : {"training", "validation"}
     executor : str or Executor
         ``"serial"``, ``"processes"`` or ``"processes:4"``, ``"dask"`` or
@@ -62,10 +76,11 @@ def stream_regression(
     Raises
     ------
     ProblemError
-        If the file asks for what takes a whole recording at once: a delay that is
-        estimated, tracks, gains, the methods ``smoother`` and ``fourier``, bags.
+        If the file asks for what takes all recordings together: gains or a
+        ``least_joint_speed`` that are estimated.
     RecordingError
-        If a log cannot be read, or its clock has gaps.
+        If a log cannot be read, or its clock has gaps; if it has to be read as a whole,
+        and does not fit into memory.
     NotExcitedError
         If there is nothing to learn from.
 
@@ -74,42 +89,68 @@ def stream_regression(
     save_regression, build_regression
     """
     executor = Executor.named(executor)
-    kept = [
-        rows for source in _sources(problem, role) for rows in _kept(source, executor)
-    ]
-    tasks = [(problem.model, task) for rows in kept for task in rows.tasks]
-    counts: list[int] = []  # of each window
+    parts = list(_parts(problem, role, executor))
+    tasks = [(problem.model, task) for part in parts for task in part.tasks]
+    seen: list[Compressed] = []  # without regressions
 
     def regressions() -> Iterator[Regression]:
         for found in executor.map(compressed, tasks):
-            counts.extend(found.counts)
+            seen.append(replace(found, regression=None))
             if found.regression is not None:
                 yield found.regression
 
     whole = tree_reduced(regressions(), Regression.__add__)
     if whole is None:
         raise NotExcitedError(f"problem {problem.name!r}: no sample counts")
-    middles, samples, before = [], [], 0
-    for rows in kept:
-        own = counts[before : before + len(rows.cuts)]
-        before += len(own)
-        if any(own):
-            middles.append(_middle(rows, own))
-            samples.append(sum(own))
+    middles, samples, left = list[Recording](), list[int](), iter(seen)
+    for part in parts:
+        own = list(islice(left, len(part.tasks)))
+        counts = [count for one in own for count in one.counts]
+        if isinstance(part, WholeLog):
+            middles += [middle for one in own for middle in one.middles]
+            samples += counts
+        elif any(counts):
+            middles.append(_middle(part, counts))
+            samples.append(sum(counts))
     return with_noise_of(problem.model, whole, middles, samples)
 
 
 @dataclass(frozen=True, eq=False)
 class Compressed:
-    """The regression of some windows, if any sample counts, and each one's samples."""
+    """The regression of some windows, if any sample counts, and each one's samples.
+
+    Parameters
+    ----------
+    regression : Regression, optional
+    counts : tuple of int
+        Of each window; of a log that was read as a whole, of each of its recordings.
+    middles : tuple of Recording
+        Of the latter, see `with_noise_of`.
+    """
 
     regression: Regression | None
     counts: tuple[int, ...]
+    middles: tuple[Recording, ...] = ()
 
 
-def compressed(task: tuple[TorqueModel, KeptWindows]) -> Compressed:
-    """Compress some windows, one at a time."""
+@dataclass(frozen=True, eq=False)
+class WholeLog:
+    """A log that is read as a whole: the problem with this one alone."""
+
+    problem: Problem
+    role: str
+
+    @property
+    def tasks(self) -> list["WholeLog"]:
+        """The log itself."""
+        return [self]
+
+
+def compressed(task: tuple[TorqueModel, KeptWindows | WholeLog]) -> Compressed:
+    """Compress some windows, one at a time; or a log as a whole."""
     model, windows = task
+    if isinstance(windows, WholeLog):
+        return _compressed_whole(model, windows)
     counts: list[int] = []
 
     def regressions() -> Iterator[Regression]:
@@ -123,6 +164,17 @@ def compressed(task: tuple[TorqueModel, KeptWindows]) -> Compressed:
     return Compressed(tree_reduced(regressions(), Regression.__add__), tuple(counts))
 
 
+def _compressed_whole(model: TorqueModel, log: WholeLog) -> Compressed:
+    problem = log.problem
+    parts = problem.training if log.role == "training" else problem.validation
+    middles = []
+    for part in parts:
+        start = max((len(part) - SHOWN) // 2, 0)
+        middles.append(part.samples(slice(start, start + SHOWN)))
+    regression = build_regression(model, parts, noise=False)
+    return Compressed(regression, tuple(map(len, parts)), tuple(middles))
+
+
 @dataclass(frozen=True, eq=False)
 class _Source:
     """A log, what its entry says of it, and how it is prepared."""
@@ -132,23 +184,38 @@ class _Source:
     table: PreparationTable
 
 
-def _sources(problem: Problem, role: str) -> Iterator[_Source]:
-    """Yield the logs of a role."""
+def _parts(
+    problem: Problem, role: str, executor: Executor
+) -> Iterator[KeptRows | WholeLog]:
+    """Yield the parts of the logs of a role: what counts, or logs as a whole."""
     data = problem.table.data
-    reason = obstacle(problem, role)
+    reason = obstacle(problem)
     if reason or data is None:
         raise ProblemError(f"the recordings cannot be streamed: {reason}")
     for entry in data.recordings:
-        if entry.role == role:
-            path = problem.log_file(entry.file)
-            log = LogRows(
-                path,
-                problem.model.robot.joint_names,
-                columns_of(data, path),
-                data.torque_gain,
-                tuple(entry.omit),
-            )
-            yield _Source(log, entry, data.preparation)
+        if entry.role != role:
+            continue
+        reason = reason_for_whole(problem, entry)
+        if reason:
+            require_room(problem, entry, reason)
+            _log.warning("%s: read as a whole: %s", entry.file, reason)
+            alone = msgspec.structs.replace(data, recordings=(entry,))
+            table = msgspec.structs.replace(problem.table, data=alone)
+            yield WholeLog(replace(problem, table=table), role)
+        else:
+            yield from _kept(_source(problem, data, entry), executor)
+
+
+def _source(problem: Problem, data: DataTable, entry: RecordingTable) -> _Source:
+    path = problem.log_file(entry.file)
+    log = LogRows(
+        path,
+        problem.model.robot.joint_names,
+        columns_of(data, path),
+        data.torque_gain,
+        tuple(entry.omit),
+    )
+    return _Source(log, entry, data.preparation)
 
 
 def _kept(source: _Source, executor: Executor) -> Iterator[KeptRows]:
