@@ -151,7 +151,7 @@ def _own_cluster(workers: int) -> Any:
         cluster = _OWN_CLUSTERS[workers] = distributed.LocalCluster(
             n_workers=workers,
             threads_per_worker=1,
-            dashboard_address=None,
+            dashboard_address="127.0.0.1:0",  # any free port: several clusters may run
             silence_logs=logging.CRITICAL,  # that a worker was killed changes nothing
         )
     return cluster

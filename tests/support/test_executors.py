@@ -2,9 +2,10 @@
 
 import os
 import signal
+import socket
 import threading
 import time
-from contextlib import closing
+from contextlib import closing, suppress
 from itertools import accumulate
 
 import numpy as np
@@ -69,6 +70,17 @@ def executor(request):
 @pytest.mark.slow
 def test_results_are_the_same_to_the_last_bit(executor):
     np.testing.assert_array_equal(_reduced(executor), _reduced(Executor()))
+
+
+@pytest.mark.slow
+def test_somebody_else_may_have_dask_dashboard_at_its_usual_port():
+    pytest.importorskip("distributed")
+    with socket.socket() as other:
+        with suppress(OSError):  # somebody else has it already
+            other.bind(("127.0.0.1", 8787))
+            other.listen()
+        found = _reduced(Executor.named("dask:1"))  # warnings are errors here
+        np.testing.assert_array_equal(found, _reduced(Executor()))
 
 
 @pytest.mark.slow
