@@ -16,7 +16,7 @@ from consistent_id.problems.file import (
     LinkTable,
     ProblemTable,
 )
-from consistent_id.problems.named_files import expanded, require_there
+from consistent_id.problems.paths import expanded, require_there
 from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.drive.gear_coupling import GearCoupling
 from consistent_id.regression.loads import unloaded_joints

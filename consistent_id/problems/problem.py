@@ -25,8 +25,7 @@ from consistent_id.problems.folder import problem_files
 from consistent_id.problems.log_entries import gains_of_drives, span_of, with_torque
 from consistent_id.problems.model import assumed, behind_sensor, torque_model
 from consistent_id.problems.motions import sampled_motion
-from consistent_id.problems.named_files import expanded, require_there
-from consistent_id.problems.paths import names_outside
+from consistent_id.problems.paths import expanded, names_outside, require_there
 from consistent_id.problems.preparation import Log, check_data, joined
 from consistent_id.problems.robot_preparation import EstimatedRests, with_robot
 from consistent_id.recordings.readers import read_recording, read_track
