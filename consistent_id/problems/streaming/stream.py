@@ -7,9 +7,8 @@ import numpy as np
 
 from consistent_id._support.executors import Executor, tree_reduced
 from consistent_id.errors import NotExcitedError, ProblemError, RecordingError
-from consistent_id.problems.data_columns import columns_of
 from consistent_id.problems.file import PreparationTable, RecordingTable
-from consistent_id.problems.log_entries import require_rows, rows_of
+from consistent_id.problems.log_entries import columns_of, require_rows, rows_of
 from consistent_id.problems.problem import Problem
 from consistent_id.problems.streaming.kept_rows import (
     KeptRows,
