@@ -123,12 +123,11 @@ from consistent_id.motion.files import (
     write_trajectory,
 )
 from consistent_id.motion.limits import MotionLimits, motion_limits
-from consistent_id.motion.motion_state import MotionState
 from consistent_id.motion.move import Move
 from consistent_id.motion.move_along import move_along
 from consistent_id.motion.polynomial_path import PolynomialPath
 from consistent_id.motion.proofs.margins import MotionMargins, motion_margins
-from consistent_id.motion.transfers import transfer
+from consistent_id.motion.transfers import MotionState, transfer
 from consistent_id.problems.draft import Draft
 from consistent_id.problems.drafting import draft_problem
 from consistent_id.problems.fleet.fleet import fleet_estimate, identify_fleet
