@@ -12,8 +12,7 @@ from consistent_id.motion.files.content import (
     require_names,
     require_rest,
 )
-from consistent_id.motion.files.controller_tables import franka_of, rsi_of
-from consistent_id.motion.files.cycles import CYCLES
+from consistent_id.motion.files.controller_tables import CYCLES, franka_of, rsi_of
 from consistent_id.motion.files.document import (
     ExactPath,
     json_of,
