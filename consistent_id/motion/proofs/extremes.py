@@ -12,8 +12,13 @@ import numpy as np
 from consistent_id._support.arrays import Array, IntArray, Vector
 from consistent_id.errors import ProblemError
 from consistent_id.motion.proofs.interval import Interval
-from consistent_id.motion.proofs.peaks import Enclosed, Peaks, peaks
-from consistent_id.motion.proofs.piecewise import bounds_of, smooth_pieces
+from consistent_id.motion.proofs.peaks import (
+    Enclosed,
+    Peaks,
+    bounds_of,
+    peaks,
+    smooth_pieces,
+)
 from consistent_id.recordings.paths import JointPath
 
 _FINEST = 1e-3  # least scale of the tolerance, relative to the bound over all time

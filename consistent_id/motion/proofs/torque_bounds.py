@@ -18,8 +18,14 @@ from consistent_id.motion.proofs.friction_bounds import (
     directed_friction,
 )
 from consistent_id.motion.proofs.interval import Interval
-from consistent_id.motion.proofs.peaks import Enclosed, Enclosure, Peaks, peaks
-from consistent_id.motion.proofs.piecewise import bounds_of, smooth_pieces
+from consistent_id.motion.proofs.peaks import (
+    Enclosed,
+    Enclosure,
+    Peaks,
+    bounds_of,
+    peaks,
+    smooth_pieces,
+)
 from consistent_id.motion.proofs.torque_motion import SmoothTorque, smooth_torque
 from consistent_id.recordings.paths import JointPath
 from consistent_id.regression.regressor import TorqueModel
