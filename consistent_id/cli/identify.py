@@ -151,7 +151,7 @@ def _identify_streamed(options: argparse.Namespace) -> Answer:
 
 
 def _identify_log(options: argparse.Namespace) -> Answer:
-    from consistent_id.diagnosis.diagnosis_table import (
+    from consistent_id.diagnosis.findings import (
         diagnosis_record,
         diagnosis_table,
     )
