@@ -1,4 +1,4 @@
-"""How a run of the tool begins and ends: what it may do, how long, and its exit code."""
+"""How a run of the tool begins and ends: what it may do, how long; its exit code."""
 
 import argparse
 import os

@@ -65,17 +65,8 @@ _STATE = {"observation", "state"}  # LeRobot
 _MEASURED = {"observation", "state", "actual"}
 _DEGREES = ({"ai", "pos"}, {"axis", "act"}, {"feedback", "joints"})  # KUKA, ABB
 
-_TIMES: tuple[str, ...] = (
-    "time",
-    "t",
-    "timestamp",
-    "stamp",
-    "seconds",
-    "sec",
-    "time_s",
-    "t_s",
-)
-_TIMES += ("sim_time", "zeitinsec", "elapsed", "elapsed_time")
+_TIMES = {"time", "t", "timestamp", "stamp", "seconds", "sec", "time_s", "t_s"}
+_TIMES |= {"sim_time", "zeitinsec", "elapsed", "elapsed_time"}
 
 
 def words(pattern: str) -> set[str]:

@@ -1,4 +1,8 @@
-"""What is drawn of a robot: joints, and each link's ellipsoid, in the base frame."""
+"""A drawing of the robot: joints, and each link's inertia ellipsoid, in the base frame.
+
+Elements carry what the page's script needs to turn them: points ``data-p``, [m], and of
+an ellipsoid the upper half of ``Q``, ``data-q``, [m^2].
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

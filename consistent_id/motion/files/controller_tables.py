@@ -22,6 +22,13 @@ CYCLES: dict[str, tuple[float, ...]] = {
 _EQUAL = 1e-3  # of a rate, such as 83.3 for 1000 / 12
 
 
+class Targets(NamedTuple):
+    """Positions, shape (targets, joints), and seconds since the start."""
+
+    since: Vector
+    position: Matrix
+
+
 def rsi_of(path: JointPath, rate: float, where: Path) -> str:
     """Return axis angles [degrees] for KUKA's Robot Sensor Interface, ``A1;...;A6``.
 
@@ -79,13 +86,6 @@ def _table(
         f"# joints {', '.join(path.joints)}; one row every {1e3 / rate:g} ms",
     ]
     return "\n".join([*comments, *head, *lines, ""])
-
-
-class Targets(NamedTuple):
-    """Positions, shape (targets, joints), and seconds since the start."""
-
-    since: Vector
-    position: Matrix
 
 
 def cycle_of(format: str, rate: float) -> float | None:

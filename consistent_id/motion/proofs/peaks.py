@@ -14,6 +14,17 @@ _MOST = 100_000  # stretches at once; more are given up, with the bound they hav
 _ROUNDING = 4.0 * np.finfo(float).eps  # of a time, relative to the latest one
 
 
+class Bounds(NamedTuple):
+    """Proven bounds, and values that are reached; arrays of shape (functions,)."""
+
+    lowest: Vector
+    highest: Vector
+    least: Vector
+    most: Vector
+    least_time: Vector
+    most_time: Vector
+
+
 class Enclosed(NamedTuple):
     """Functions over stretches of time, each of shape (stretches, functions)."""
 
@@ -108,17 +119,6 @@ def peaks(
         after = (after[rows, None] + steps).ravel()
         cell, alive = np.repeat(cell[rows], _SPLIT), np.repeat(still[rows], _SPLIT, 0)
     return Peaks(search.reached, search.at, search.bound)
-
-
-class Bounds(NamedTuple):
-    """Proven bounds, and values that are reached; arrays of shape (functions,)."""
-
-    lowest: Vector
-    highest: Vector
-    least: Vector
-    most: Vector
-    least_time: Vector
-    most_time: Vector
 
 
 def smooth_pieces(path: JointPath) -> tuple[JointPath, ...]:
