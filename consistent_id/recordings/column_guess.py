@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from consistent_id.errors import ProblemError, RecordingError
+from consistent_id.recordings.clock_words import is_time
 from consistent_id.recordings.column_patterns import (
     NumberedColumns,
     by_joint,
@@ -22,7 +23,6 @@ from consistent_id.recordings.column_words import (
     CHANNELS,
     channel_of,
     is_current,
-    is_time,
     unit_of,
 )
 from consistent_id.recordings.log_formats import log_format

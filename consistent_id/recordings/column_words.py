@@ -65,9 +65,6 @@ _STATE = {"observation", "state"}  # LeRobot
 _MEASURED = {"observation", "state", "actual"}
 _DEGREES = ({"ai", "pos"}, {"axis", "act"}, {"feedback", "joints"})  # KUKA, ABB
 
-_TIMES = {"time", "t", "timestamp", "stamp", "seconds", "sec", "time_s", "t_s"}
-_TIMES |= {"sim_time", "zeitinsec", "elapsed", "elapsed_time"}
-
 
 def words(pattern: str) -> set[str]:
     """Return the words of a pattern beside the joint, in lower case.
@@ -143,17 +140,3 @@ def unit_of(channel: str, pattern: str) -> str:
     if channel == "position_command" and "aspos" in said:
         return "deg"
     return unit_of_a_name(channel, pattern)
-
-
-def is_time(name: str) -> bool:
-    """Return whether a name is that of the clock, its unit aside.
-
-    Examples
-    --------
-    >>> is_time("Time [ms]"), is_time("state.time"), is_time("time_left")
-    (True, True, False)
-    """
-    last = re.split(r"[./]", name.strip().lower())[-1].lstrip("_")
-    unit = re.compile(r"[\s_]*[\[(]?\b(ms|us|ns|s|sec|seconds)[\])]?$")
-    bare = unit.sub("", last.replace("_", " ")).replace(" ", "_")
-    return last in _TIMES or bare in _TIMES

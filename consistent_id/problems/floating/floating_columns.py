@@ -27,7 +27,7 @@ from consistent_id.problems.floating.mujoco_arrays import (
     widths_of,
 )
 from consistent_id.recordings.base_words import BaseNames, BaseRole, base_names
-from consistent_id.recordings.column_words import is_time
+from consistent_id.recordings.clock_words import is_time
 from consistent_id.recordings.log_formats import log_format
 from consistent_id.recordings.readers.array_parts import read_parts, stored_name
 from consistent_id.recordings.readers.beside_columns import BaseColumns, BesideColumns

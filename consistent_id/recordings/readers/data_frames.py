@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from consistent_id.errors import RecordingError
-from consistent_id.recordings.column_words import is_time
+from consistent_id.recordings.clock_words import is_time
 from consistent_id.recordings.readers.columns import Columns, require, wanted
 from consistent_id.recordings.readers.named_arrays import recording_of
 from consistent_id.recordings.recording import Recording
