@@ -1,4 +1,4 @@
-"""Physical consistency, and what a datasheet says of links."""
+"""Physical consistency, and what a datasheet or the robot's file says of links."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -17,7 +17,12 @@ from consistent_id.constraints.rows import (
 )
 from consistent_id.errors import ProblemError
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.robot.inertia import PSEUDO_INERTIA_BASIS, pseudo_inertia
+from consistent_id.robot.inertia import (
+    INERTIAL_NAMES,
+    PSEUDO_INERTIA_BASIS,
+    pseudo_inertia,
+)
+from consistent_id.robot.parameters import did_you_mean
 from consistent_id.robot.scaling import link_scales, reference_bodies
 
 
@@ -58,6 +63,46 @@ class PhysicalConsistency:
             least = -self.margin * np.diag(root**2) - contained
             blocks.append(SemidefiniteBlock(layout.links[k], coefficients, least, root))
         return ConicSet.semidefinite(blocks, len(layout))
+
+
+@dataclass(frozen=True, slots=True)
+class FixedBodies:
+    """Bodies as the robot's file has them.
+
+    Parameters
+    ----------
+    links : sequence of str
+        By default all; the data then determine the drives alone.
+    """
+
+    links: Sequence[str] = ()
+
+    def lower(self, model: TorqueModel) -> ConicSet:
+        """Return ten equalities per link.
+
+        Raises
+        ------
+        ProblemError
+            If a link's nominal parameters are unknown.
+        """
+        robot = model.robot
+        for name in self.links:
+            if name not in robot.link_names:
+                near = did_you_mean(name, robot.link_names)
+                raise ProblemError(f"known bodies: no link {name!r}; {near}")
+        wanted = [n for n in robot.link_names if not self.links or n in self.links]
+        bodies = {link.name: link.nominal for link in robot.links}
+        values: dict[str, float] = {}
+        for name in wanted:
+            body = bodies[name]
+            if body is None:
+                raise ProblemError(
+                    f"the body of {name!r} is to be as in the file of {robot.name!r}, "
+                    "which states no inertia of it; identify it (bodies, known_links)"
+                )
+            keys = (f"{name}.{entry}" for entry in INERTIAL_NAMES)
+            values |= dict(zip(keys, body.vector.tolist(), strict=True))
+        return fixed_values(values, model.layout)
 
 
 @dataclass(frozen=True, slots=True)
