@@ -12,7 +12,7 @@ from consistent_id.constraints.rows import (
     inequalities,
     known_links,
     offset_row,
-    require_some,
+    stated,
     unit_row,
 )
 from consistent_id.errors import ProblemError
@@ -121,9 +121,7 @@ class FixedMasses:
         """Return ``m_k = value``."""
         masses = self.masses
         if masses is None:
-            sheets = {link.name: link.datasheet.mass for link in model.robot.links}
-            masses = {name: mass for name, mass in sheets.items() if mass is not None}
-            require_some(masses, "mass", "FixedMasses")
+            masses = stated(model, "mass", "FixedMasses")
         known_links(masses, model, "fixed mass")
         return fixed_values(
             {f"{link}.m": mass for link, mass in masses.items()}, model.layout
@@ -140,11 +138,7 @@ class MassBounds:
         """Return ``lower <= m_k <= upper``."""
         bounds = self.bounds
         if bounds is None:
-            sheets = {
-                link.name: link.datasheet.mass_bounds for link in model.robot.links
-            }
-            bounds = {name: pair for name, pair in sheets.items() if pair is not None}
-            require_some(bounds, "mass_bounds", "MassBounds")
+            bounds = stated(model, "mass_bounds", "MassBounds")
         known_links(bounds, model, "mass bounds")
         rows, limits, labels = [], [], []
         for link, (low, high) in bounds.items():
@@ -175,11 +169,7 @@ class FixedCentresOfMass:
         """Return ``h_k - c m_k = 0``, three rows per link."""
         centres = self.centres
         if centres is None:
-            sheets = {link.name: link.datasheet.com for link in model.robot.links}
-            centres = {
-                name: com.tolist() for name, com in sheets.items() if com is not None
-            }
-            require_some(centres, "com", "FixedCentresOfMass")
+            centres = stated(model, "com", "FixedCentresOfMass")
         known_links(centres, model, "fixed centre of mass")
         rows, labels = [], []
         for link, com in centres.items():
@@ -209,13 +199,7 @@ class CentreOfMassBoxes:
         """Return six rows per link, linear because masses are not negative."""
         boxes = self.boxes
         if boxes is None:
-            sheets = {link.name: link.datasheet.com_box for link in model.robot.links}
-            boxes = {
-                name: (box[0].tolist(), box[1].tolist())
-                for name, box in sheets.items()
-                if box is not None
-            }
-            require_some(boxes, "com_box", "CentreOfMassBoxes")
+            boxes = stated(model, "com_box", "CentreOfMassBoxes")
         known_links(boxes, model, "centre-of-mass box")
         rows, labels = [], []
         for link, (low, high) in boxes.items():

@@ -8,7 +8,7 @@ import numpy as np
 from consistent_id._support.arrays import Array
 from consistent_id._support.files import relative_path
 from consistent_id.errors import ModelError
-from consistent_id.export.mjcf_body import compiled_body, require_mujoco
+from consistent_id.export.mjcf_body import require_mujoco
 from consistent_id.export.mjcf_paths import asset_files, path_edits
 from consistent_id.export.mjcf_source import read_spec
 from consistent_id.export.mjcf_splice import (
@@ -20,6 +20,7 @@ from consistent_id.export.mjcf_splice import (
 )
 from consistent_id.export.mjcf_text import exact_xml
 from consistent_id.export.provenance import comment_edit
+from consistent_id.robot.loaders.mjcf import compiled_body
 from consistent_id.robot.loaders.mjcf_assets import stand_in
 from consistent_id.robot.loaders.splice import Document, joined
 from consistent_id.robot.loaders.urdf_lint import read_bytes

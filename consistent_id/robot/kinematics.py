@@ -6,11 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._support.arrays import Array, checked
-from consistent_id.errors import ModelError
+from consistent_id._support.arrays import Array, Vector, checked
 from consistent_id.robot.chains import Place
-from consistent_id.robot.model import Joint, RobotModel
-from consistent_id.robot.parameters import did_you_mean
+from consistent_id.robot.model import RobotModel
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,7 +91,7 @@ def link_places(
         if joint.kind == "prismatic":
             moved = moved + q[:, k, None] * (joint.rotation @ joint.axis)
         else:
-            turned = turned @ _turns(joint, q[:, k])
+            turned = turned @ turns(joint.axis, q[:, k])
         if joint.parent >= 0:
             parent = rotation[:, joint.parent]
             moved = (parent @ moved[..., None])[..., 0] + translation[:, joint.parent]
@@ -105,9 +103,9 @@ def link_places(
     )
 
 
-def _turns(joint: Joint, angles: Array) -> Array:
-    """Rotations about a joint's axis (Rodrigues' formula), shape (samples, 3, 3)."""
-    x, y, z = joint.axis
+def turns(axis: Vector, angles: Array) -> Array:
+    """Rotations about a unit vector (Rodrigues' formula), shape (samples, 3, 3)."""
+    x, y, z = axis
     K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     sine, rest = np.sin(angles), 1.0 - np.cos(angles)
     return np.asarray(
@@ -125,14 +123,12 @@ def fixed_place(robot: RobotModel, name: str) -> Place:
     ModelError
         If the model knows no such link.
     """
-    known = {f.name: Place(-1, f.rotation, f.translation) for f in robot.ground}
-    for k, link in enumerate(robot.links):
-        known |= {f.name: Place(k, f.rotation, f.translation) for f in link.merged}
-        known[link.name] = Place(k, np.eye(3), np.zeros(3))
-    if name not in known:
-        near = did_you_mean(name, known)
-        raise ModelError(f"robot {robot.name!r}: no link named {name!r}; {near}")
-    return known[name]
+    k = robot.carrier(name)
+    fixed = robot.ground if k < 0 else robot.links[k].merged
+    if name in robot.link_names:
+        return Place(k, np.eye(3), np.zeros(3))
+    frame = next(frame for frame in fixed if frame.name == name)
+    return Place(k, frame.rotation, frame.translation)
 
 
 def frame_places(robot: RobotModel, name: str, q: ArrayLike) -> FramePlaces:

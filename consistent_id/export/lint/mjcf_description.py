@@ -10,11 +10,11 @@ from consistent_id._support.arrays import Array
 from consistent_id._support.extras import needed
 from consistent_id.errors import ModelError
 from consistent_id.export.lint.described import DescribedLink, DescribedRobot
-from consistent_id.export.mjcf_body import compiled_body, require_mujoco, rotation_of
+from consistent_id.export.mjcf_body import require_mujoco
 from consistent_id.export.repair.cause_search import LinkStatement
 from consistent_id.export.repair.file_evidence import FileEvidence
 from consistent_id.export.repair.link_solid import LinkSolid, directions, hull_solid
-from consistent_id.robot.loaders.mjcf import load_mjcf
+from consistent_id.robot.loaders.mjcf import compiled_body, load_mjcf, quaternion_matrix
 from consistent_id.robot.loaders.mjcf_assets import stand_in
 from consistent_id.robot.loaders.urdf_inertial import inertia_matrix
 from consistent_id.robot.loaders.xml import Element
@@ -115,7 +115,7 @@ def _statement(name: str, body: Any, model: Any, b: int) -> LinkStatement:
         xx, yy, zz, xy, xz, yz = body.fullinertia
         inertia = inertia_matrix([xx, xy, xz, yy, yz, zz])
         return LinkStatement(name, mass, com, np.eye(3), inertia)
-    axes = rotation_of(model.body_iquat[b])
+    axes = quaternion_matrix(model.body_iquat[b])
     return LinkStatement(name, mass, com, axes, np.diag(model.body_inertia[b]))
 
 
@@ -126,7 +126,9 @@ def _solid(model: Any, b: int) -> LinkSolid | None:
         points = _points(model, int(g))
         if points is None:
             return None
-        clouds.append(points @ rotation_of(model.geom_quat[g]).T + model.geom_pos[g])
+        clouds.append(
+            points @ quaternion_matrix(model.geom_quat[g]).T + model.geom_pos[g]
+        )
     return hull_solid(np.vstack(clouds)) if clouds else None
 
 
