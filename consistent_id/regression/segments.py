@@ -147,7 +147,12 @@ def merged(segments: Sequence[Regression]) -> Regression:
 def _runs(recordings: Sequence[Recording], count: int) -> Iterator[tuple[int, slice]]:
     """Yield the samples of each segment, and the recording that they are of."""
     length = max(sum(len(r) for r in recordings) / count, 2.0)
-    for k, samples in enumerate(map(len, recordings)):
-        number = max(min(round(samples / length), samples // 2), 1)
-        ends = np.linspace(0, samples, number + 1).round().astype(int).tolist()
-        yield from ((k, slice(start, stop)) for start, stop in pairwise(ends))
+    for k, recording in enumerate(recordings):
+        for start, stop in _cuts(len(recording), length):
+            yield k, slice(start, stop)
+
+
+def _cuts(samples: int, length: float) -> list[tuple[int, int]]:
+    number = max(min(round(samples / length), samples // 2), 1)
+    ends = np.linspace(0, samples, number + 1).round().astype(int).tolist()
+    return list(pairwise(ends))
