@@ -20,13 +20,14 @@ from consistent_id.problems.streaming.stretches import survey
 from consistent_id.problems.streaming.windows import prepared_stretches
 from consistent_id.recordings.readers.log_rows import LogRows
 from consistent_id.recordings.recording import Recording, joined_in_time
+from consistent_id.regression.motion_arrays import motion_of
+from consistent_id.regression.recorded_noise import SHOWN, with_noise
 from consistent_id.regression.regression import (
-    SHOWN,
     Regression,
     build_regression,
 )
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.regression.streamed_noise import with_noise_of
+from consistent_id.regression.row_filter import RowFilter
 
 
 def stream_regression(
@@ -95,7 +96,9 @@ def stream_regression(
         if any(own):
             middles.append(_middle(rows, own))
             samples.append(sum(own))
-    return with_noise_of(problem.model, whole, middles, samples)
+    motions = [motion_of(problem.model, middle, None) for middle in middles]
+    every = [range(len(middle)) for middle in middles]
+    return with_noise(problem.model, whole, motions, every, RowFilter(), samples)
 
 
 @dataclass(frozen=True, eq=False)
