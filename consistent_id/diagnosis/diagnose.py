@@ -10,6 +10,7 @@ from consistent_id._support.threads import single_threaded
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.distances import nominal_distance
 from consistent_id.diagnosis.alternatives import alternatives
+from consistent_id.diagnosis.beyond_limits import effort_findings, travel_findings
 from consistent_id.diagnosis.clock import clock_findings, velocity_findings
 from consistent_id.diagnosis.corrections import corrections
 from consistent_id.diagnosis.coverage import (
@@ -19,7 +20,6 @@ from consistent_id.diagnosis.coverage import (
     saturation_findings,
     standstill_findings,
 )
-from consistent_id.diagnosis.effort import effort_findings
 from consistent_id.diagnosis.explain import (
     SAMPLES,
     Explanations,
@@ -56,7 +56,6 @@ from consistent_id.diagnosis.signal_faults import (
 from consistent_id.diagnosis.small_shifts import moved_channels
 from consistent_id.diagnosis.torque_channel import channel_findings, nothing_findings
 from consistent_id.diagnosis.torque_parts import torque_parts
-from consistent_id.diagnosis.travel import travel_findings
 from consistent_id.errors import InfeasibleError, SolverError
 from consistent_id.estimation.penalised import penalised_fit
 from consistent_id.recordings.recording import Recording
