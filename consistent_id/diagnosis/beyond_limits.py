@@ -1,4 +1,4 @@
-"""Positions and torques far beyond the limits of the model: they are in another unit."""
+"""Positions and torques far beyond the limits of the model: in another unit."""
 
 import numpy as np
 
@@ -16,9 +16,7 @@ _TORQUE = 10.0  # times the effort limit: more than a careless limit
 # Times the share of any other joint: limits may be placeholders, all alike, of joints
 # that carry from 1 to 1000 N m; a joint in N mm has a thousand times its share.
 _ONE_TORQUE = 100.0
-_EVERY_TORQUE = (
-    3.0  # times every limit, of limits that differ and so are no placeholders
-)
+_EVERY_TORQUE = 3.0  # times every limit, where limits differ: these are no placeholders
 
 
 def travel_findings(robot: RobotModel, log: Recording) -> list[Finding]:
