@@ -30,7 +30,6 @@ def run_to_its_end(
 
     Parameters
     ----------
-    options : argparse.Namespace
     work : callable
         From the options to an exit code.
     """

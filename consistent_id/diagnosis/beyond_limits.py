@@ -27,7 +27,6 @@ def travel_findings(robot: RobotModel, log: Recording) -> list[Finding]:
 
     Parameters
     ----------
-    robot : RobotModel
     log : Recording
         Of the robot's joints, in their order.
     """
@@ -78,7 +77,6 @@ def effort_findings(robot: RobotModel, torque: Recording) -> list[Finding]:
 
     Parameters
     ----------
-    robot : RobotModel
     torque : Recording
         Of the joints whose torque is looked at.
     """

@@ -166,7 +166,6 @@ class _Open:
 
     Parameters
     ----------
-    as_is : FittedLog
     signals : tuple of Finding
         Of its channels by themselves.
     odd : tuple of Finding
@@ -245,7 +244,6 @@ def signal_findings(model: TorqueModel, log: Recording) -> list[Finding]:
 
     Parameters
     ----------
-    model : TorqueModel
     log : Recording
         Of the robot's joints, as it was logged.
     """

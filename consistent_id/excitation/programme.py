@@ -25,7 +25,6 @@ class Programme:
     ----------
     objective : callable
         ``variables -> (value, gradient)``, flattened.
-    limits : LimitRows
     rows : callable, optional
         ``variables -> (values, Jacobian)``, shapes (count,) and (count, variables);
         each value is to be 0 or less.
@@ -51,9 +50,7 @@ def minimise(
 
     Parameters
     ----------
-    programme : Programme
     start : ndarray, shape (variables,)
-    iterations : int
     watch : callable
         Sees every iterate; says whether to stop.
     reach : float

@@ -86,7 +86,6 @@ def estimated_parameters(problem: Problem, files: Sequence[Path]) -> Matrix | No
 
     Parameters
     ----------
-    problem : Problem
     files : sequence of Path
         Written by `Estimate.save` or ``identify``.
 
@@ -113,7 +112,6 @@ def earlier_recordings(
 
     Parameters
     ----------
-    problem : Problem
     files : sequence of Path
         Written by `save_regression` or ``compress``.
 

@@ -54,7 +54,6 @@ def put_in_place(
     ----------
     spec : mujoco.MjSpec
         What the file is to say.
-    source : Path
     comment : str
         For its first line.
     folder : Path, optional

@@ -56,8 +56,6 @@ def number_edits(
 
     Parameters
     ----------
-    document : Document
-    places : Places
     before, after : mujoco.MjModel
         Of the file as it is, and as it is to be.
     degree : bool

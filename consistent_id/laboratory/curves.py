@@ -94,7 +94,6 @@ def circle(
     centre : array_like, shape (3,), [m]
     along, across : array_like, shape (3,)
         Directions that span the plane; `across` is made perpendicular to `along`.
-    turns : float
 
     Examples
     --------

@@ -44,7 +44,6 @@ def time_law(law: TimeLaw, s: ArrayLike, derivatives: int = 2) -> Array:
         is zero at the ends, too; ``s - sin(2 pi s) / (2 pi)``.
     s : array_like, shape (samples,)
         Before 0 and after 1 it stands still.
-    derivatives : int
 
     Returns
     -------

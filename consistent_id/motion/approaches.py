@@ -34,8 +34,6 @@ def approach(
 
     Parameters
     ----------
-    end : MotionState
-    limits : MotionLimits
     near : array_like, shape (joints,), optional, [rad or m]
         Of the poses at rest from which it can be done in this time, the nearest to this
         one is taken; by default the middle one.

@@ -144,7 +144,6 @@ def shortest(
         From durations to Bernstein coefficients.
     states : tuple of MotionState
         That the family meets at its ends.
-    limits : MotionLimits
     """
     if any(state.joints != limits.joints for state in states):
         raise ProblemError("states are of different joints; expected the same")

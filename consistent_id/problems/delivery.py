@@ -23,7 +23,6 @@ def refitted(
 
     Parameters
     ----------
-    problem : Problem
     judged : Estimate
         By a constrained method, with its verdict.
     recordings : sequence of Recording

@@ -41,7 +41,6 @@ class DraftRecording:
 
     Parameters
     ----------
-    log : Path
     role : {"training", "validation"}
     rows : tuple of int
         First and last, from 1.

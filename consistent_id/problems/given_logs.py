@@ -28,7 +28,6 @@ class GivenLogs:
 
     Parameters
     ----------
-    training, validation : tuple of Path
     tables : mapping of Path to ColumnTable
         Those in memory.
     """

@@ -57,8 +57,6 @@ def require_rows(name: str, entry: RecordingTable, left: int) -> None:
 
     Parameters
     ----------
-    name : str
-    entry : RecordingTable
     left : int
         Rows of the log that are not omitted.
 
@@ -137,10 +135,8 @@ def with_torque(
 
     Parameters
     ----------
-    raw : Recording
     gains : PDGains, optional
         As they are stated.
-    calibration : DriveCalibration, optional
     """
     if gains is None:
         return raw

@@ -26,7 +26,6 @@ def names_outside(table: ProblemTable, file: Path) -> Iterator[str]:
 
     Parameters
     ----------
-    table : ProblemTable
     file : Path
         From whose folder relative names count.
     """
@@ -56,7 +55,6 @@ def moved(table: ProblemTable, old: Path, new: Path) -> ProblemTable:
 
     Parameters
     ----------
-    table : ProblemTable
     old, new : Path
         Folders of the file, before and after.
     """

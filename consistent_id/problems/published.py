@@ -49,8 +49,6 @@ class RankReport:
 
     Parameters
     ----------
-    columns : tuple of str
-    rank : int
     singular_values : ndarray
         Of the regressor with unit columns, relative to the largest.
     null_directions : tuple of str
@@ -69,7 +67,6 @@ class PublishedVector:
 
     Parameters
     ----------
-    name : str
     feasibility : BaseFeasibility
         With the datasheet's masses and centres of mass.
     nearest : Estimate
@@ -90,8 +87,6 @@ class PublishedReport:
 
     Parameters
     ----------
-    parametrisation : Parametrisation
-    motion : Recording
     all_columns, free_columns : RankReport
         With all combinations, and without those fixed from the datasheet.
     mean, standard_deviation : ndarray
@@ -304,8 +299,6 @@ def published_least_squares(
 
     Parameters
     ----------
-    problem : Problem
-    recording : Recording
     base : BaseParameters, optional
         Of the problem's model, or of the one with `drive`.
     drive : DriveTerms, optional

@@ -40,7 +40,6 @@ class RobotDraft:
     ----------
     model : Path
         URDF or MJCF.
-    excitation : ExcitationTable
     selection : Selection
         The part of the robot that moves.
     """
@@ -101,8 +100,6 @@ def robot_draft(
     ----------
     model : str or Path
         URDF or MJCF.
-    excitation : ExcitationTable, optional
-    selection : Selection, optional
 
     Raises
     ------

@@ -34,7 +34,6 @@ class RobotLogs:
     ----------
     robot : RobotModel
         With the joints that the logs have.
-    columns : Columns
     locked : dict of str to float
         Joints that do not move, and where they are held [rad or m].
     gain : float or list of float

@@ -18,7 +18,6 @@ def toml_text(table: Table, comments: Mapping[str, str]) -> str:
 
     Parameters
     ----------
-    table : Table
     comments : mapping of str to str
         By the path of a key, such as ``"drive.viscous"``: beside a value, or above a
         table.  A key with its default value is left out if it has none; ``""`` is

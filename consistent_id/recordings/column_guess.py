@@ -45,7 +45,6 @@ class ColumnGuess:
 
     Parameters
     ----------
-    columns : Columns
     joints : tuple of str
         The robot's joints that the log has positions of.
     notes : tuple of str
@@ -84,7 +83,6 @@ def guess_columns(
 
     Parameters
     ----------
-    log : Path
     joints : sequence of str
         The robot's.
     known : mapping of str to str, optional

@@ -89,7 +89,6 @@ def channel_of(pattern: str, names: Iterable[str] = ()) -> str:
 
     Parameters
     ----------
-    pattern : str
     names : iterable of str
         All columns of the log.
 

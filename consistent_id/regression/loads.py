@@ -53,7 +53,6 @@ def unloaded_joints(
 
     Parameters
     ----------
-    robot : RobotModel
     reference : ndarray, shape (10 links,), optional
         Inertial parameters; by default the nominal ones.  None are unloaded where
         these are unknown.

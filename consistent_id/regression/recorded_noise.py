@@ -42,13 +42,10 @@ def with_noise(
 
     Parameters
     ----------
-    model : TorqueModel
-    regression : Regression
     motions : sequence of Motion
         Of its recordings, or of `SHOWN` samples in the middle of each.
     kept : sequence of range
         Samples of each motion whose rows are kept.
-    row_filter : RowFilter
     samples : sequence of int, optional
         Of each whole recording, where of some the middle alone is left.
     """

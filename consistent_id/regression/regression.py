@@ -235,8 +235,6 @@ def reweighted(
 
     Parameters
     ----------
-    model : TorqueModel
-    motions : sequence of Motion
     row_weights : sequence of ndarray, each shape (samples, torque joints)
         Positive.  Rows that do not count in a motion do not count here either.
     noise : bool

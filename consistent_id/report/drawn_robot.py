@@ -32,7 +32,6 @@ class DrawnLink:
 
     Parameters
     ----------
-    name : str
     joint, parent : ndarray, shape (3,), [m]
     possible : bool
         Whether the link is physically consistent.
@@ -60,7 +59,6 @@ def drawn_links(report: EstimateReport, q: Vector) -> tuple[DrawnLink, ...]:
 
     Parameters
     ----------
-    report : EstimateReport
     q : ndarray, shape (joints,), [rad or m]
     """
     robot = report.estimate.model.robot

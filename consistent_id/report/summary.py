@@ -125,7 +125,6 @@ def costly_constraints(
 
     Parameters
     ----------
-    costs : sequence of ConstraintCost
     prices : sequence of ShadowPrice
         The largest first.
 

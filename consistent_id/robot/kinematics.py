@@ -69,7 +69,6 @@ def link_places(
 
     Parameters
     ----------
-    robot : RobotModel
     q : array_like, shape (samples, joints), [rad or m]
     links : collection of int, optional
         Those that are wanted, with all before them, in ascending order; by default all.

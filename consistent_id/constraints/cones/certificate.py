@@ -102,8 +102,6 @@ def certify(
 
     Parameters
     ----------
-    problem : LeastNorm
-    solution : ConeSolution
     centre : ndarray
         Centre of the ball in which the proof holds.
     reference : float

@@ -88,7 +88,6 @@ def mjcf_evidence(spec: Any, model: Any, blind: Collection[str]) -> FileEvidence
 
     Parameters
     ----------
-    spec : mujoco.MjSpec
     model : mujoco.MjModel
         The specification, compiled.
     blind : collection of str

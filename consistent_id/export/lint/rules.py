@@ -202,7 +202,6 @@ def probable_mistakes(
 
     Parameters
     ----------
-    known : FileEvidence
     lines : mapping of str to int
         Where each link states it.
     advice : str

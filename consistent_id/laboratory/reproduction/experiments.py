@@ -51,7 +51,6 @@ class ExperimentExcitation:
 
     Parameters
     ----------
-    rank : int
     condition : float
         Largest singular value over the smallest that counts, of the free columns with
         unit length.
@@ -77,12 +76,8 @@ class IdentifiedExperiment:
 
     Parameters
     ----------
-    name : str
-    log : ExperimentLog
     synchronised_log : SynchronisedLog
         What was identified from.
-    excitation : ExperimentExcitation
-    estimates : tuple of Estimate
     vectors : ndarray, shape (estimates, combinations)
         In the paper's combinations.
     """
@@ -101,10 +96,8 @@ class ParameterTable:
 
     Parameters
     ----------
-    method : str
     names : tuple of str
         Of the combinations.
-    experiments : tuple of str
     vectors : ndarray, shape (experiments, combinations)
     """
 
@@ -133,7 +126,6 @@ class Reproduction:
     names : tuple of str
         Of the paper's combinations.
     truth : ndarray, shape (combinations,)
-    experiments : tuple of IdentifiedExperiment
     """
 
     names: tuple[str, ...]

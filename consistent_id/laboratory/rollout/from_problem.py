@@ -46,7 +46,6 @@ class FormLoss(NamedTuple):
 
     Parameters
     ----------
-    form : str
     before, after : float, [rad or m]
         Error of rollouts of the torque fit as the problem states it, less what MuJoCo
         lacks, and fitted in the form of the format.
@@ -74,11 +73,8 @@ class ProblemRollout:
     ----------
     problem : Problem
         With the settings that were chosen, if they were.
-    estimate : Estimate
     rollout : Rollout
         Of the validation logs, or of the training logs if there are no others.
-    settings : SettingsChoice, optional
-    refinement : Refined, optional
     scatter : BlockScatter, optional
         How sure the torque fit's parameters are; None where blocks of the training
         motion do not determine them by themselves.

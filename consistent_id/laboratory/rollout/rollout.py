@@ -153,7 +153,6 @@ def rollout(
 
     Parameters
     ----------
-    estimate : Estimate
     logs : Recording or sequence of Recording
         With commands, as they were logged: not filtered.
     gains : PDGains

@@ -40,10 +40,8 @@ class SceneObject:
 
     Parameters
     ----------
-    name : str
     frame : str
         Of the poses: a link, or the frame that the scene is planned in.
-    shapes : tuple of PlacedShape
     """
 
     name: str
@@ -59,7 +57,6 @@ def shape_of(kind: str, sizes: Array) -> Shape:
     kind : str
         ``box`` (x, y, z), ``sphere`` (radius), ``cylinder`` and ``cone`` (radius,
         length), or ``mesh`` (its vertices, whose hull is taken).
-    sizes : ndarray
     """
     values = np.asarray(sizes, dtype=np.float64)
     if kind == "mesh":

@@ -40,7 +40,6 @@ def urdf_bodies(
 
     Parameters
     ----------
-    path : Path
     package_dirs : iterable of str or Path
         Folders in which ``package://name/...`` is looked for as ``name/...``.  So are
         the folders above the file.

@@ -26,11 +26,9 @@ def thinned(path: JointPath, tolerance: float, name: str = "trajectory") -> Reco
 
     Parameters
     ----------
-    path : JointPath
     tolerance : float, [rad or m]
         Which no joint is off by at any time, proven by a bound of the path's sixth
         derivative.
-    name : str
 
     Raises
     ------

@@ -33,7 +33,6 @@ class Extremes:
 
     Parameters
     ----------
-    joints : tuple of str
     order : int
         0 for position, 1 for velocity, and so on.
     lowest, highest : ndarray, shape (joints,)
@@ -65,7 +64,6 @@ def extremes(path: JointPath, order: int, *, tolerance: float = 1e-6) -> Extreme
     path : JointPath
         With two continuous derivatives more than `order`, which is not checked; or
         with `pieces` that have, as those of a `Move`: each is proven by itself.
-    order : int
     tolerance : float
         What bound and value may differ by, relative to the range of the values.
 

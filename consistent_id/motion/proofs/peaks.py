@@ -52,7 +52,6 @@ class Peaks:
     ----------
     reached : ndarray
         A value that is taken, at time `at` [s].
-    at : ndarray
     bound : ndarray
         Proven never to be exceeded.
     """

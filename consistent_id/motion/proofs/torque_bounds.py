@@ -78,7 +78,6 @@ def torque_bounds(
     path : JointPath
         With four continuous derivatives, which is not checked, or with `pieces` that
         have, as those of a `Move`; and all joints of the model's robot in order.
-    model : TorqueModel
     parameters : array_like, shape (parameters,) or (robots, parameters)
         One robot's, or several: the torque is linear in them, so what holds for all
         holds for every mixture of them.

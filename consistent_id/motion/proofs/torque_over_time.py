@@ -27,8 +27,6 @@ def torque_rate_bounds(
 
     Parameters
     ----------
-    path : JointPath
-    model : TorqueModel
     parameters : ndarray, shape (robots, parameters)
     limit : ndarray, shape (torque joints,), [N m/s or N/s]
         What the tolerance is relative to, where it is finite.

@@ -57,12 +57,10 @@ class FloatingColumns:
 
     Parameters
     ----------
-    beside : BesideColumns
     joints : MujocoArrays
         Columns of the joints, if the log is of arrays of MuJoCo.
     taken : tuple of str
         Names that are of no joint.
-    notes : tuple of str
     standing : bool
         Whether feet are taken to stand all the time, which is to be looked at.
     names : tuple of str
@@ -84,7 +82,6 @@ def floating_columns(
 
     Parameters
     ----------
-    log : Path
     robot : RobotModel
         Whose base floats.
     model : Path

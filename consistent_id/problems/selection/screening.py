@@ -33,7 +33,6 @@ def screened(
 
     Parameters
     ----------
-    candidate : Candidate
     factors : Factors
         Of the candidate's rows.
     current : FoldFits
@@ -134,8 +133,6 @@ def torque_delay(
 
     Parameters
     ----------
-    candidate : Candidate
-    factors : Factors
     base : BaseParameters
         Of the bodies.
     sigma : ndarray, shape (torque joints,), [N m or N]

@@ -59,7 +59,6 @@ def beginning(
 
     Parameters
     ----------
-    problem : Problem
     raws : tuple of Recording
         Training logs as they were recorded.
     fixed : collection of str

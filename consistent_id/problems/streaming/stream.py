@@ -181,7 +181,6 @@ def _middle(rows: KeptRows, counts: Sequence[int]) -> Recording:
 
     Parameters
     ----------
-    rows : KeptRows
     counts : sequence of int
         Samples that count in each window.
     """

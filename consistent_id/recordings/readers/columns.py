@@ -115,8 +115,6 @@ class Wanted:
 
     Parameters
     ----------
-    joints : tuple of str
-    time : str
     columns : dict of str to tuple of str
         One name per joint, by channel; empty where there is nothing to read.
     arrays : dict of str to str
@@ -127,8 +125,6 @@ class Wanted:
         Columns of the joints in such an array.
     without_torque : tuple of int
         Places of the joints whose torque the log does not have.
-    units : mapping of str to str or sequence of str
-    beside : BesideColumns
     """
 
     joints: tuple[str, ...]

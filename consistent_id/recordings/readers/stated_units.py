@@ -17,7 +17,6 @@ def in_stated_units(want: Wanted, said: Mapping[str, str], where: str) -> Wanted
 
     Parameters
     ----------
-    want : Wanted
     said : mapping of str to str
         Unit by name of an array; words that are no unit are passed over.
     where : str
