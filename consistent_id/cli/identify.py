@@ -155,7 +155,7 @@ def _identify_log(options: argparse.Namespace) -> Answer:
         diagnosis_record,
         diagnosis_table,
     )
-    from consistent_id.problems.draft import draft_table
+    from consistent_id.problems.draft_text import draft_table
     from consistent_id.problems.study import run_study
     from consistent_id.report.study_record import study_record
     from consistent_id.report.summary import headline_tables, study_tables

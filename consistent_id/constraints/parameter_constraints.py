@@ -77,13 +77,7 @@ class NonNegativeDrive:
 
 
 def _sloped(model: TorqueModel) -> dict[str, tuple[str, tuple[float, float]]]:
-    """Return Coulomb levels that vary with position: their slopes, joints' limits.
-
-    Raises
-    ------
-    ProblemError
-        If such a joint has no limits.
-    """
+    """Return Coulomb levels that vary with position: their slopes, joints' limits."""
     found = {}
     for joint, terms in zip(model.robot.driven, model.terms, strict=True):
         if {"coulomb", "friction_slope"} <= set(terms.names):

@@ -232,13 +232,7 @@ def _seems_clear(move: Move, demands: Demands) -> bool:
 def _whole(
     move: Move, path: FourierTrajectory, proof: Proof, demands: Demands, way: _Way
 ) -> Proof:
-    """Return the proof of a move along a path that is proven already.
-
-    Raises
-    ------
-    InfeasibleError
-        If run-in or run-out does not keep what is demanded.
-    """
+    """Return the proof of a move along a path that is proven already."""
     proofs: dict[str, list[Proof]] = {}
     brief = demands.of_short_motion
     for name, pieces in (("run-in", move.run_in), ("run-out", move.run_out)):
