@@ -9,10 +9,10 @@ import msgspec
 
 from consistent_id._support.files import relative_path
 from consistent_id.problems.base_tables import beside_tables
+from consistent_id.problems.constraint_tables import ConstraintsTable
 from consistent_id.problems.draft_text import comments_of
 from consistent_id.problems.file import (
     ColumnsTable,
-    ConstraintsTable,
     DataTable,
     DriveTable,
     JointTable,

@@ -9,8 +9,8 @@ import numpy as np
 
 from consistent_id._support.files import relative_path
 from consistent_id.errors import ProblemError
+from consistent_id.problems.constraint_tables import ConstraintsTable
 from consistent_id.problems.file import (
-    ConstraintsTable,
     CouplingTable,
     DHTable,
     DriveTable,
