@@ -216,7 +216,7 @@ def _answer(
     """Add the uncertainty and write the report, if they are asked for."""
     uncertainty = study.uncertainty if options.uncertainty else None
     if uncertainty is not None:
-        from consistent_id.report.summary import uncertainty_table
+        from consistent_id.report.uncertainty_table import uncertainty_table
 
         tables = [*tables, uncertainty_table(uncertainty)]
         record = {**record, "uncertainty": uncertainty.to_dict()}

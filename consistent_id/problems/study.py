@@ -33,11 +33,8 @@ from consistent_id.problems.delivery import refitted
 from consistent_id.problems.experiment_data import recordings_of
 from consistent_id.problems.log_check import check_problem
 from consistent_id.problems.problem import Problem
-from consistent_id.problems.published import (
-    PublishedReport,
-    check_published,
-    published_least_squares,
-)
+from consistent_id.problems.published import PublishedReport, check_published
+from consistent_id.problems.published_fit import published_least_squares
 from consistent_id.recordings.finding import Finding
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import BaseParameters

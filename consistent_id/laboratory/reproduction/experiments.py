@@ -29,11 +29,8 @@ from consistent_id.laboratory.from_problem import (
 )
 from consistent_id.problems.parametrisation import Parametrisation
 from consistent_id.problems.problem import Problem
-from consistent_id.problems.published import (
-    parametrisation_of,
-    published_least_squares,
-    published_table,
-)
+from consistent_id.problems.published import parametrisation_of, published_table
+from consistent_id.problems.published_fit import published_least_squares
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import base_parameters, linear_combination
 from consistent_id.regression.drive.drive_terms import DriveTerms
