@@ -10,11 +10,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType
 
-from consistent_id._support.interrupts import (
-    OutOfTime,
-    Terminated,
-    terminations_raised,
-)
+from consistent_id._support.interrupts import OutOfTime, Terminated, terminations_raised
 from consistent_id._support.run import Run, note_input, running
 from consistent_id.cli.answers import print_error
 from consistent_id.errors import ConsistentIdError, ProblemError

@@ -151,10 +151,7 @@ def _identify_streamed(options: argparse.Namespace) -> Answer:
 
 
 def _identify_log(options: argparse.Namespace) -> Answer:
-    from consistent_id.diagnosis.findings import (
-        diagnosis_record,
-        diagnosis_table,
-    )
+    from consistent_id.diagnosis.findings import diagnosis_record, diagnosis_table
     from consistent_id.problems.draft_text import draft_table
     from consistent_id.problems.study import run_study
     from consistent_id.report.study_record import study_record

@@ -6,11 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from consistent_id.constraints.cones.sets import ConicSet
-from consistent_id.constraints.rows import (
-    fixed_values,
-    inequalities,
-    unit_row,
-)
+from consistent_id.constraints.rows import fixed_values, inequalities, unit_row
 from consistent_id.errors import ProblemError
 from consistent_id.regression.drive.drive_terms import LAWS
 from consistent_id.regression.drive.gear_coupling import COUPLING_NAMES

@@ -11,14 +11,8 @@ from consistent_id.constraints import Constraint
 from consistent_id.constraints.distances import nominal_distance
 from consistent_id.diagnosis.beyond_limits import travel_findings
 from consistent_id.diagnosis.clock import clock_findings, velocity_findings
-from consistent_id.diagnosis.coverage import (
-    saturation_findings,
-)
-from consistent_id.diagnosis.explain import (
-    FittedLog,
-    datasheet_constraints,
-    fitted_log,
-)
+from consistent_id.diagnosis.coverage import saturation_findings
+from consistent_id.diagnosis.explain import FittedLog, datasheet_constraints, fitted_log
 from consistent_id.diagnosis.findings import Diagnosis, Finding
 from consistent_id.diagnosis.linearise import Linearised, linearised
 from consistent_id.diagnosis.model_faults import model_findings

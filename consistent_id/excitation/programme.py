@@ -63,11 +63,7 @@ def minimise(
     """
     import casadi as ca
 
-    from consistent_id.excitation.callbacks import (
-        Differentiable,
-        Observer,
-        QuasiNewton,
-    )
+    from consistent_id.excitation.callbacks import Differentiable, Observer, QuasiNewton
 
     x = ca.MX.sym("x", len(start))
     objective = Differentiable("objective", len(start), 1, programme.objective)

@@ -19,11 +19,7 @@ from consistent_id.export.exported_file import Export, SideFile
 from consistent_id.export.inertia_split import Part, split_inertia
 from consistent_id.export.json_record import drive_record, json_text
 from consistent_id.export.new_urdf import urdf_text
-from consistent_id.export.provenance import (
-    comment_edit,
-    provenance,
-    require_usable,
-)
+from consistent_id.export.provenance import comment_edit, provenance, require_usable
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.loaders.splice import Document, Edit, joined
 from consistent_id.robot.loaders.urdf_inertial import (

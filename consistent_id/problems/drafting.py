@@ -9,17 +9,8 @@ import msgspec
 
 from consistent_id.errors import ConsistentIdError, ProblemError
 from consistent_id.problems.draft import Draft, DraftRecording
-from consistent_id.problems.draft_cutoff import (
-    DraftCutoff,
-    draft_cutoff,
-    usual_cutoff,
-)
-from consistent_id.problems.draft_rows import (
-    Clock,
-    clock_of,
-    moving_rows,
-    split_logs,
-)
+from consistent_id.problems.draft_cutoff import DraftCutoff, draft_cutoff, usual_cutoff
+from consistent_id.problems.draft_rows import Clock, clock_of, moving_rows, split_logs
 from consistent_id.problems.floating.hints import BaseHints
 from consistent_id.problems.floating.standing_draft import standing_draft
 from consistent_id.problems.given_logs import GivenLog, given_logs

@@ -14,11 +14,7 @@ from consistent_id.problems.file import DataTable, GainsTable, RecordingTable
 from consistent_id.recordings.log_formats import log_format
 from consistent_id.recordings.readers import JOINT_STATE, Columns
 from consistent_id.recordings.recording import Recording
-from consistent_id.recordings.signals import (
-    DriveCalibration,
-    PDGains,
-    calibrated,
-)
+from consistent_id.recordings.signals import DriveCalibration, PDGains, calibrated
 
 
 def span_of(raw: Recording, entry: RecordingTable) -> tuple[float, float]:

@@ -18,15 +18,9 @@ from consistent_id.estimation.cross_validation import (
     cross_validated,
 )
 from consistent_id.estimation.estimate import Estimate
-from consistent_id.estimation.least_squares import (
-    least_squares,
-)
+from consistent_id.estimation.least_squares import least_squares
 from consistent_id.estimation.method import Method
-from consistent_id.estimation.recommendation import (
-    Candidate,
-    Recommendation,
-    recommend,
-)
+from consistent_id.estimation.recommendation import Candidate, Recommendation, recommend
 from consistent_id.estimation.robust import huber
 from consistent_id.estimation.verdict import Verdict
 from consistent_id.problems.delivery import refitted

@@ -6,11 +6,7 @@ import numpy as np
 import pytest
 from logged import URDF, write_arm
 
-from consistent_id import (
-    ProblemError,
-    RecordingError,
-    load_problem,
-)
+from consistent_id import ProblemError, RecordingError, load_problem
 from consistent_id.problems import preparation as preparation_module
 from consistent_id.problems import problem as problem_module
 from consistent_id.problems.constraint_tables import ConstraintsTable, RelationTable

@@ -9,11 +9,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Vector
 from consistent_id._support.tables import Table
-from consistent_id.comparison.block_scatter import (
-    BLOCKS,
-    BlockScatter,
-    block_scatter,
-)
+from consistent_id.comparison.block_scatter import BLOCKS, BlockScatter, block_scatter
 from consistent_id.comparison.comparison import compare
 from consistent_id.comparison.speed_trend import (
     TrendAt,

@@ -7,13 +7,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector
 from consistent_id.errors import ProblemError
-from consistent_id.motion.collisions.bodies import (
-    Box,
-    Cylinder,
-    Hull,
-    Shape,
-    Sphere,
-)
+from consistent_id.motion.collisions.bodies import Box, Cylinder, Hull, Shape, Sphere
 
 _CORNERS = 24  # of the polygon around a cone's circle
 _SMALLEST = 1e-6  # of a quaternion that has a direction

@@ -8,11 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from consistent_id.problems.floating.base_guess import (
-    BaseGuess,
-    chosen_names,
-    settled,
-)
+from consistent_id.problems.floating.base_guess import BaseGuess, chosen_names, settled
 from consistent_id.problems.floating.contact_guess import (
     ContactGuess,
     guessed_contacts,

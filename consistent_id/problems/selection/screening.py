@@ -10,10 +10,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Array, BoolArray, Matrix, Vector
 from consistent_id.problems.selection.factors import Factors, JointFactors
-from consistent_id.problems.selection.held_out import (
-    HeldOut,
-    held_out,
-)
+from consistent_id.problems.selection.held_out import HeldOut, held_out
 from consistent_id.problems.selection.models import (
     RATES,
     Candidate,

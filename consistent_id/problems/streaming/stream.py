@@ -10,11 +10,7 @@ from consistent_id.errors import NotExcitedError, ProblemError, RecordingError
 from consistent_id.problems.file import PreparationTable, RecordingTable
 from consistent_id.problems.log_entries import columns_of, require_rows, rows_of
 from consistent_id.problems.problem import Problem
-from consistent_id.problems.streaming.kept_rows import (
-    KeptRows,
-    KeptWindows,
-    kept_rows,
-)
+from consistent_id.problems.streaming.kept_rows import KeptRows, KeptWindows, kept_rows
 from consistent_id.problems.streaming.obstacle import obstacle
 from consistent_id.problems.streaming.stretches import survey
 from consistent_id.problems.streaming.windows import prepared_stretches
@@ -22,10 +18,7 @@ from consistent_id.recordings.readers.log_rows import LogRows
 from consistent_id.recordings.recording import Recording, joined_in_time
 from consistent_id.regression.motion_arrays import motion_of
 from consistent_id.regression.recorded_noise import SHOWN, with_noise
-from consistent_id.regression.regression import (
-    Regression,
-    build_regression,
-)
+from consistent_id.regression.regression import Regression, build_regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.row_filter import RowFilter
 
