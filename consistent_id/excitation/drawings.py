@@ -19,9 +19,9 @@ from consistent_id.motion.collisions.bodies import (
     Sphere,
 )
 from consistent_id.motion.collisions.scene import Scene, place_of
-from consistent_id.robot.chains import Place
 from consistent_id.robot.kinematics import LinkPlaces, link_places
 from consistent_id.robot.model import RobotModel
+from consistent_id.robot.places import Place
 
 _log = logging.getLogger(__name__)
 

@@ -21,7 +21,7 @@ from consistent_id._support.arrays import (
 )
 from consistent_id.errors import ProblemError
 from consistent_id.laboratory.curves import Curve, arc_length
-from consistent_id.robot.kinematics import turns
+from consistent_id.robot.places import turns
 
 TimeLaw = Literal["quintic", "septic", "cycloidal"]
 

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._support.arrays import Array, Vector, checked
-from consistent_id.robot.chains import Place
+from consistent_id._support.arrays import Array, checked
 from consistent_id.robot.model import RobotModel
+from consistent_id.robot.places import Place, fixed_place, turns
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,34 +100,6 @@ def link_places(
     return LinkPlaces(
         robot, rotation, translation, np.einsum("nkij,kj->nki", rotation, axes)
     )
-
-
-def turns(axis: Vector, angles: Array) -> Array:
-    """Rotations about a unit vector (Rodrigues' formula), shape (samples, 3, 3)."""
-    x, y, z = axis
-    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    sine, rest = np.sin(angles), 1.0 - np.cos(angles)
-    return np.asarray(
-        np.eye(3) + sine[:, None, None] * K + rest[:, None, None] * (K @ K)
-    )
-
-
-def fixed_place(robot: RobotModel, name: str) -> Place:
-    """Return where a link of the model's file, such as a tool, is fixed.
-
-    A moving link is at the origin of itself.
-
-    Raises
-    ------
-    ModelError
-        If the model knows no such link.
-    """
-    k = robot.carrier(name)
-    fixed = robot.ground if k < 0 else robot.links[k].merged
-    if name in robot.link_names:
-        return Place(k, np.eye(3), np.zeros(3))
-    frame = next(frame for frame in fixed if frame.name == name)
-    return Place(k, frame.rotation, frame.translation)
 
 
 def frame_places(robot: RobotModel, name: str, q: ArrayLike) -> FramePlaces:

@@ -13,9 +13,8 @@ from consistent_id.motion.collisions.moveit_message import objects_of_message
 from consistent_id.motion.collisions.moveit_objects import Pose, SceneObject, beyond
 from consistent_id.motion.collisions.moveit_text import objects_of_text
 from consistent_id.motion.files.ros import plain_yaml
-from consistent_id.robot.chains import Place
-from consistent_id.robot.kinematics import fixed_place
 from consistent_id.robot.model import RobotModel
+from consistent_id.robot.places import Place, fixed_place
 
 _PLANNING = ("", "world", "map", "odom")
 """Frames that are taken for that of the robot's base."""

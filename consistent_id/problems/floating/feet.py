@@ -9,12 +9,13 @@ import numpy as np
 from consistent_id._support.arrays import Vector
 from consistent_id.motion.collisions.bodies import Sphere
 from consistent_id.motion.collisions.urdf_bodies import link_bodies
-from consistent_id.robot.kinematics import ancestors, fixed_place
+from consistent_id.robot.kinematics import ancestors
 from consistent_id.robot.loaders.mjcf_assets import read_spec
 from consistent_id.robot.loaders.robot_file import is_mjcf
 from consistent_id.robot.loaders.urdf_lint import read_bytes
 from consistent_id.robot.loaders.xml import parse
 from consistent_id.robot.model import Link, RobotModel
+from consistent_id.robot.places import fixed_place
 
 _WORDS = ("foot", "sole", "toe", "ankle", "calf", "shank", "feet")  # the best first
 _SOLE = 5  # joints of a leg from which on its foot can be laid flat on the ground

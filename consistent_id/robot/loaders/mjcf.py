@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from consistent_id._support.extras import needed
 from consistent_id._support.inputs import LARGEST_TREE, require_count
 from consistent_id.errors import ModelError
-from consistent_id.robot.chains import Place, Selection, selected, snapped, turn
+from consistent_id.robot.chains import Selection, selected
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.loaders.mjcf_assets import read_spec
 from consistent_id.robot.loaders.mjcf_checks import joint_name, refuse_unsupported
@@ -30,6 +30,7 @@ from consistent_id.robot.model import (
     RobotModel,
 )
 from consistent_id.robot.parameters import did_you_mean
+from consistent_id.robot.places import Place, snapped, turn
 
 
 def load_mjcf(
