@@ -137,12 +137,13 @@ from consistent_id.problems.fleet.payloads import CarriedBody
 from consistent_id.problems.floating.hints import BaseHints
 from consistent_id.problems.log_identification import identify_log
 from consistent_id.problems.problem import Problem, load_problem
+from consistent_id.problems.problem_estimates import identify
 from consistent_id.problems.selection.select import select_model
 from consistent_id.problems.selection.selection import ModelSelection
 from consistent_id.problems.several import load_problems
 from consistent_id.problems.streaming.stream import stream_regression
 from consistent_id.problems.streaming.stream_estimate import stream_estimate
-from consistent_id.problems.study import Study, identify, run_study
+from consistent_id.problems.study import Study, run_study
 from consistent_id.recordings.base_motion import BaseMotion
 from consistent_id.recordings.contacts import ContactFlags, Wrench
 from consistent_id.recordings.readers import (
