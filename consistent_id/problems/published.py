@@ -1,6 +1,6 @@
 """A paper's printed estimates, checked."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -147,7 +147,7 @@ def check_published(problem: Problem) -> PublishedReport:
     }
     standard = {name: mine.parameters(alpha, known) for name, alpha in vectors.items()}
     inertia = central_inertia_of(problem.model, standard["mean"])
-    base = base_parameters(problem.model)
+    base, links = base_parameters(problem.model), problem.model.layout.links
     still = np.zeros(len(problem.model.layout))
     compressed = build_regression(
         problem.model, simulate_torque(problem.model, still, motion)
@@ -159,23 +159,8 @@ def check_published(problem: Problem) -> PublishedReport:
         free_columns=_rank(R, mine, free),
         mean=mean,
         standard_deviation=deviation,
-        largest_differences=_differences(
-            {
-                "mean": (mean, table.mean),
-                "standard deviation": (deviation, table.standard_deviation),
-            }
-            | {
-                f"central inertia of {link}": (inertia[link], row)
-                for link, row in table.central_inertia.items()
-            }
-        ),
-        mean_links=dict(
-            zip(
-                problem.model.layout.links,
-                standard["mean"].reshape(-1, 10),
-                strict=True,
-            )
-        ),
+        largest_differences=_differences(table, mean, deviation, inertia),
+        mean_links=dict(zip(links, standard["mean"].reshape(-1, 10), strict=True)),
         central_inertia=inertia,
         vectors=tuple(
             _examined(problem, name, x, base, compressed)
@@ -223,8 +208,15 @@ def _rank(R: Matrix, mine: Parametrisation, columns: list[int]) -> RankReport:
 
 
 def _differences(
-    pairs: Mapping[str, tuple[Array, Sequence[float]]],
+    table: PublishedTable, mean: Vector, deviation: Vector, inertia: dict[str, Array]
 ) -> dict[str, float]:
+    """Return by how much what is printed differs at most from what was recomputed."""
+    pairs: dict[str, tuple[Array, Sequence[float]]] = {
+        "mean": (mean, table.mean),
+        "standard deviation": (deviation, table.standard_deviation),
+    }
+    for link, row in table.central_inertia.items():
+        pairs[f"central inertia of {link}"] = (inertia[link], row)
     return {
         name: float(abs(computed - np.array(printed)).max())
         for name, (computed, printed) in pairs.items()
