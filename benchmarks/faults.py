@@ -30,7 +30,7 @@ from tqdm import tqdm
 
 import consistent_id as ci
 from consistent_id.diagnosis import Finding
-from consistent_id.diagnosis.diagnose import signal_findings
+from consistent_id.diagnosis.one_log import signal_findings
 
 SEEN = (2, 4)
 """Even seeds of which some logs were looked at, and rules were mended afterwards."""

@@ -27,11 +27,7 @@ import numpy as np
 
 import consistent_id as ci
 from consistent_id.comparison.block_scatter import BLOCKS, BlockScatter, block_scatter
-from consistent_id.comparison.speed_trend import (
-    joint_speeds,
-    speed_of,
-    speed_trend,
-)
+from consistent_id.comparison.speed_trend import joint_speeds, speed_of, speed_trend
 from consistent_id.laboratory.rollout import rollout
 from consistent_id.laboratory.rollout.refine import RIDGE, refined
 from consistent_id.laboratory.rollout.ridge import chosen_ridge

@@ -123,12 +123,11 @@ from consistent_id.motion.files import (
     write_trajectory,
 )
 from consistent_id.motion.limits import MotionLimits, motion_limits
-from consistent_id.motion.motion_state import MotionState
 from consistent_id.motion.move import Move
 from consistent_id.motion.move_along import move_along
 from consistent_id.motion.polynomial_path import PolynomialPath
 from consistent_id.motion.proofs.margins import MotionMargins, motion_margins
-from consistent_id.motion.transfers import transfer
+from consistent_id.motion.transfers import MotionState, transfer
 from consistent_id.problems.draft import Draft
 from consistent_id.problems.drafting import draft_problem
 from consistent_id.problems.fleet.fleet import fleet_estimate, identify_fleet
@@ -138,12 +137,13 @@ from consistent_id.problems.fleet.payloads import CarriedBody
 from consistent_id.problems.floating.hints import BaseHints
 from consistent_id.problems.log_identification import identify_log
 from consistent_id.problems.problem import Problem, load_problem
+from consistent_id.problems.problem_estimates import identify
 from consistent_id.problems.selection.select import select_model
 from consistent_id.problems.selection.selection import ModelSelection
 from consistent_id.problems.several import load_problems
 from consistent_id.problems.streaming.stream import stream_regression
 from consistent_id.problems.streaming.stream_estimate import stream_estimate
-from consistent_id.problems.study import Study, identify, run_study
+from consistent_id.problems.study import Study, run_study
 from consistent_id.recordings.base_motion import BaseMotion
 from consistent_id.recordings.contacts import ContactFlags, Wrench
 from consistent_id.recordings.readers import (

@@ -49,7 +49,6 @@ def freeze_arrays(
 
     Parameters
     ----------
-    value : dataclass
     shapes : mapping of str to tuple
         By field.
     where : str

@@ -16,12 +16,10 @@ def needed(
 
     Parameters
     ----------
-    library : str
     extra : str
         The package's extra that installs it.
     what : str
         What needs it; the subject of the message.
-    error : type
 
     Examples
     --------

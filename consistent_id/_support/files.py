@@ -98,7 +98,6 @@ def require_replaceable(path: Path, content: bytes | None = None) -> None:
 
     Parameters
     ----------
-    path : Path
     content : bytes, optional
         What is to be written; a file that holds it already is in nobody's way.
 

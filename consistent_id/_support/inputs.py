@@ -106,7 +106,6 @@ def require_unpacked(
         Bytes that the data would need, by what the file states; a number needs 8.
     stored : int
         Bytes of the file.
-    error : type
     """
     most = max(_UNPACKED, _RATIO * stored)
     if unpacked > most and not current_run().large_files:

@@ -24,7 +24,6 @@ class Answer(NamedTuple):
     ----------
     code : int
         Exit code.
-    text : str
     record : object
         The same for ``--json``.
     write : callable, optional
@@ -61,7 +60,6 @@ def answered(options: argparse.Namespace, answer_to: AnswerTo) -> int:
 
     Parameters
     ----------
-    options : argparse.Namespace
     answer_to : callable
         From the options, ``problem`` being one file, to an `Answer`.
 

@@ -52,10 +52,7 @@ def run_check(options: argparse.Namespace) -> int:
 def _check(options: argparse.Namespace) -> Answer:
     from consistent_id._support.progress import stages
     from consistent_id.cli.checks import check_log
-    from consistent_id.diagnosis.diagnosis_table import (
-        diagnosis_record,
-        diagnosis_table,
-    )
+    from consistent_id.diagnosis.findings import diagnosis_record, diagnosis_table
     from consistent_id.estimation.verdict import BAD_RESULT, HELP
     from consistent_id.problems.log_check import check_problem
     from consistent_id.problems.problem import load_problem

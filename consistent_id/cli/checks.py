@@ -19,7 +19,6 @@ def check_log(logs: RobotLogs, log: Path, *, cutoff: float = 10.0) -> Diagnosis:
     ----------
     logs : RobotLogs
         How it is read.
-    log : Path
     cutoff : float, [Hz]
         Of the filter before differentiation.
     """

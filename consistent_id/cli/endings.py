@@ -1,20 +1,19 @@
-"""How a run of the tool begins and ends: what it may do, and what its code says."""
+"""How a run of the tool begins and ends: what it may do, how long; its exit code."""
 
 import argparse
 import os
+import signal
 import sys
-from collections.abc import Callable
-from contextlib import suppress
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from types import FrameType
 
-from consistent_id._support.interrupts import (
-    OutOfTime,
-    Terminated,
-    terminations_raised,
-)
+from consistent_id._support.interrupts import OutOfTime, Terminated, terminations_raised
 from consistent_id._support.run import Run, note_input, running
 from consistent_id.cli.answers import print_error
-from consistent_id.errors import ConsistentIdError
+from consistent_id.errors import ConsistentIdError, ProblemError
 
 _TERMINATED = 143  # as a shell says of a process that SIGTERM has ended
 _OUTPUTS = ("output", "report")  # options that name what is written
@@ -27,7 +26,6 @@ def run_to_its_end(
 
     Parameters
     ----------
-    options : argparse.Namespace
     work : callable
         From the options to an exit code.
     """
@@ -98,3 +96,31 @@ def _bug(bug: Exception) -> int:
     return _said(
         70, f"this is a bug, please report it: {what} (the traceback is in {name})"
     )
+
+
+@contextmanager
+def within(seconds: float | None) -> Iterator[None]:
+    """Raise `OutOfTime` in the work that takes longer.
+
+    Raises
+    ------
+    ProblemError
+        Where the system has no alarm clock for processes.
+    """
+    if seconds is None:
+        yield
+        return
+    here = threading.current_thread() is threading.main_thread()
+    if not (hasattr(signal, "setitimer") and here):
+        raise ProblemError("--time-limit is not available on this system")
+    before = signal.signal(signal.SIGALRM, _ring)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def _ring(signum: int, frame: FrameType | None) -> None:
+    raise OutOfTime

@@ -3,7 +3,7 @@
 import argparse
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from consistent_id.cli.answers import (
     Answer,
@@ -22,6 +22,10 @@ from consistent_id.cli.excite_options import (
 from consistent_id.cli.excite_standing import STANDING, standing_answer
 from consistent_id.cli.option import Option, positive
 from consistent_id.cli.options import PROBLEM, RESULTS, add_command
+
+if TYPE_CHECKING:
+    from consistent_id.excitation.playable import PlayableDesign
+    from consistent_id.problems.problem import Problem
 
 _MORE = """With a URDF or MJCF file in place of PROBLEM no problem file is needed; the
 folder of results gets one. What is searched for in so many seconds on an idle machine
@@ -90,9 +94,8 @@ def run_excite(options: argparse.Namespace) -> int:
 
 
 def _excite(options: argparse.Namespace) -> Answer:
-    from consistent_id._support.files import write_atomically
     from consistent_id.excitation import output
-    from consistent_id.excitation.playable import TRAINING, playable_design
+    from consistent_id.excitation.playable import playable_design
     from consistent_id.excitation.replay import require_viewer
     from consistent_id.excitation.sources import (
         earlier_recordings,
@@ -116,8 +119,6 @@ def _excite(options: argparse.Namespace) -> Answer:
         return tables_answer(plan, [asdict(table) for table in plan])
     output.require_places(folder, formats)
     draft = _draft(options, folder)
-    if draft is not None:
-        _require_place(folder, draft)
     playable = playable_design(
         problem,
         parameters=parameters,
@@ -129,20 +130,37 @@ def _excite(options: argparse.Namespace) -> Answer:
         earlier=earlier,
         progress=shows_progress(options),
     )
-    written = []
-    if draft is not None:
-        written.append(write_atomically(folder / _FILE, draft))
-    written += output.write_design(playable, folder, formats, options.thin)
-    if options.replay and TRAINING in playable.moves:
-        written.append(output.replay_design(problem, playable, folder))
+    written = _written(options, problem, playable, folder, draft)
     text = "\n\n".join(table.text() for table in output.playable_tables(playable))
     text += "\n\nwritten: " + ", ".join(str(path) for path in written)
     record = output.playable_record(playable)
     return Answer(1 if playable.refusals else 0, text, record)
 
 
+def _written(
+    options: argparse.Namespace,
+    problem: "Problem",
+    playable: "PlayableDesign",
+    folder: Path,
+    draft: str | None,
+) -> list[Path]:
+    """Write a design, the problem file of a robot that had none, and a replay."""
+    from consistent_id._support.files import write_atomically
+    from consistent_id.excitation import output
+    from consistent_id.excitation.playable import TRAINING
+
+    written = []
+    if draft is not None:
+        written.append(write_atomically(folder / _FILE, draft))
+    formats = output.checked_formats(options.format)
+    written += output.write_design(playable, folder, formats, options.thin)
+    if options.replay and TRAINING in playable.moves:
+        written.append(output.replay_design(problem, playable, folder))
+    return written
+
+
 def _draft(options: argparse.Namespace, folder: Path) -> str | None:
-    """Return the problem file of a robot that has none."""
+    """Return the problem file of a robot that has none, if there is a place for it."""
     from consistent_id.excitation.sources import changed, is_robot
     from consistent_id.problems.excitation_tables import ExcitationTable
     from consistent_id.problems.robot_draft import robot_draft
@@ -152,7 +170,9 @@ def _draft(options: argparse.Namespace, folder: Path) -> str | None:
         return None
     table = changed(ExcitationTable(), motion_changes(options))
     part = Selection(options.base, options.tip)
-    return robot_draft(options.problem, table, part).text(folder)
+    draft = robot_draft(options.problem, table, part).text(folder)
+    _require_place(folder, draft)
+    return draft
 
 
 def _require_place(folder: Path, draft: str) -> None:

@@ -151,11 +151,8 @@ def _identify_streamed(options: argparse.Namespace) -> Answer:
 
 
 def _identify_log(options: argparse.Namespace) -> Answer:
-    from consistent_id.diagnosis.diagnosis_table import (
-        diagnosis_record,
-        diagnosis_table,
-    )
-    from consistent_id.problems.draft import draft_table
+    from consistent_id.diagnosis.findings import diagnosis_record, diagnosis_table
+    from consistent_id.problems.draft_text import draft_table
     from consistent_id.problems.study import run_study
     from consistent_id.report.study_record import study_record
     from consistent_id.report.summary import headline_tables, study_tables
@@ -216,7 +213,7 @@ def _answer(
     """Add the uncertainty and write the report, if they are asked for."""
     uncertainty = study.uncertainty if options.uncertainty else None
     if uncertainty is not None:
-        from consistent_id.report.summary import uncertainty_table
+        from consistent_id.report.uncertainty_table import uncertainty_table
 
         tables = [*tables, uncertainty_table(uncertainty)]
         record = {**record, "uncertainty": uncertainty.to_dict()}

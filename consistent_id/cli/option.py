@@ -25,11 +25,8 @@ class Option:
         For the help, which adds the default.
     kind : callable, optional
         From the word that was given to the value.
-    default : object, optional
-    choices : sequence of str, optional
     dest : str, optional
         The value's name, if it is not the option's.
-    required : bool
     repeated : bool
         Whether it may be given several times; values are collected.
     const : bool, optional

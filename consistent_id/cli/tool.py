@@ -12,7 +12,7 @@ from consistent_id.cli.check import add_check
 from consistent_id.cli.compare import add_compare
 from consistent_id.cli.completion import add_completion
 from consistent_id.cli.compress import add_compress
-from consistent_id.cli.endings import run_to_its_end
+from consistent_id.cli.endings import run_to_its_end, within
 from consistent_id.cli.excite import add_excite
 from consistent_id.cli.export import add_export
 from consistent_id.cli.fleet import add_fleet
@@ -26,7 +26,6 @@ from consistent_id.cli.report import add_report
 from consistent_id.cli.reproduce import add_reproduce
 from consistent_id.cli.rollout import add_rollout
 from consistent_id.cli.select import add_select
-from consistent_id.cli.time_limit import within
 
 _COMMANDS = (
     add_init,

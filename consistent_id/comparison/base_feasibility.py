@@ -35,7 +35,6 @@ class LinkViolation:
 
     Parameters
     ----------
-    link : str
     margin : float
         Largest least eigenvalue of the link's pseudo-inertia, divided by its typical
         mass and length, over all parameters with the given base parameters; negative.

@@ -37,14 +37,12 @@ class BlockScatter:
 
     Parameters
     ----------
-    names : tuple of str
     values : array_like, shape (parameters,)
         Of weighted least squares with equalities, of all blocks.
     noise : array_like, shape (parameters,)
         Standard errors by noise as correlated as the residuals are.
     between : array_like, shape (parameters,)
         Standard deviation between blocks, beyond noise.
-    blocks : int
     """
 
     names: tuple[str, ...]
@@ -128,7 +126,6 @@ def block_scatter(
 
     Parameters
     ----------
-    model : TorqueModel
     blocks : sequence of Regression
         Of consecutive motion, with one weight for each joint; see
         `segment_regressions`.

@@ -43,9 +43,6 @@ class EstimateReport:
 
     Parameters
     ----------
-    estimate : Estimate
-    training : tuple of TorqueError
-    validation : tuple of TorqueError
     links : tuple of LinkCondition
         Physical consistency of each link of the standard parameters, as they stand.
     base_feasibility : BaseFeasibility

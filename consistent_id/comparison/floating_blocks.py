@@ -28,7 +28,6 @@ class FloatingBlocks:
 
     Parameters
     ----------
-    scatter : BlockScatter
     between : ndarray, shape (parameters,)
         Standard deviation between blocks, beyond noise; zero of what is fixed.
     unit : ndarray, shape (parameters,)
@@ -76,11 +75,8 @@ def floating_blocks(
 
     Parameters
     ----------
-    model : TorqueModel
     segments : sequence of Regression
         Of one recording, in the order of time.
-    constraints : sequence of Constraint
-    base : BaseParameters
     """
     count = min(BLOCKS, len(segments))
     parts = [

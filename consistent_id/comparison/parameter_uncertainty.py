@@ -56,7 +56,6 @@ class ParameterUncertainty:
 
     Parameters
     ----------
-    name, unit : str
     value : float
         Of the constrained estimate.
     standard_error : float

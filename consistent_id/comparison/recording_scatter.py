@@ -72,7 +72,6 @@ def recording_scatter(
     ----------
     parts : sequence of Regression
         One of each recording.
-    base : BaseParameters
     """
     columns = list(base.independent)
     values, variances = [], []

@@ -37,7 +37,6 @@ def covariance(fitted: ConstrainedFit, scores: Matrix) -> Matrix:
 
     Parameters
     ----------
-    fitted : ConstrainedFit
     scores : ndarray, shape (rows, parameters)
         Factor ``g`` of the scores' covariance ``g^T g``; see `white_scores` and
         `segment_scores`.
@@ -60,9 +59,6 @@ def white_scores(
 
     Parameters
     ----------
-    fitted : ConstrainedFit
-    regression : Regression
-    base : BaseParameters
     sigma : ndarray, shape (joints,), [N m or N]
         Standard deviation of each joint's noise.
 
@@ -90,10 +86,8 @@ def shift_scores(
 
     Parameters
     ----------
-    fitted : ConstrainedFit
     parts : sequence of Regression
         Data whose parameters are shifted by amounts of their own.
-    base : BaseParameters
     deviations : ndarray, shape (base,)
         Standard deviation of the shifts.
 

@@ -31,7 +31,6 @@ class SpeedTrend:
 
     Parameters
     ----------
-    names : tuple of str
     speeds : array_like, shape (blocks,)
         Of the blocks, over their mean; see `speed_of`.
     lines : array_like, shape (parameters, 2)
@@ -85,7 +84,6 @@ class TrendAt(NamedTuple):
 
     Parameters
     ----------
-    trend : SpeedTrend
     speed : float
         As those of the trend's blocks are counted.
     """

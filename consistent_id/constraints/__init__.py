@@ -6,13 +6,13 @@ parameters of a torque model; any number of them combine.
 
 from consistent_id.constraints.datasheet import (
     CentreOfMassBoxes,
+    FixedBodies,
     FixedCentresOfMass,
     FixedMasses,
     MassBounds,
     PhysicalConsistency,
 )
-from consistent_id.constraints.known_bodies import EqualMotors, FixedBodies
-from consistent_id.constraints.motors import Motor, RotorInertias
+from consistent_id.constraints.motors import EqualMotors, Motor, RotorInertias
 from consistent_id.constraints.parameter_constraints import (
     FixedParameters,
     LinearRelation,
@@ -21,10 +21,7 @@ from consistent_id.constraints.parameter_constraints import (
     SharedMotors,
 )
 from consistent_id.constraints.rows import Constraint, lowered
-from consistent_id.constraints.shape import (
-    CentreOfMassIn,
-    DensityOn,
-)
+from consistent_id.constraints.shape import CentreOfMassIn, DensityOn
 from consistent_id.constraints.symmetry import EqualLinks, SymmetricLink, TotalMass
 from consistent_id.robot.solids import Ellipsoid, Polytope, mesh_vertices
 

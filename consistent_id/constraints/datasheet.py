@@ -1,4 +1,4 @@
-"""Physical consistency, and what a datasheet says of links."""
+"""Physical consistency, and what a datasheet or the robot's file says of links."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -12,12 +12,17 @@ from consistent_id.constraints.rows import (
     inequalities,
     known_links,
     offset_row,
-    require_some,
+    stated,
     unit_row,
 )
 from consistent_id.errors import ProblemError
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.robot.inertia import PSEUDO_INERTIA_BASIS, pseudo_inertia
+from consistent_id.robot.inertia import (
+    INERTIAL_NAMES,
+    PSEUDO_INERTIA_BASIS,
+    pseudo_inertia,
+)
+from consistent_id.robot.parameters import did_you_mean
 from consistent_id.robot.scaling import link_scales, reference_bodies
 
 
@@ -61,6 +66,46 @@ class PhysicalConsistency:
 
 
 @dataclass(frozen=True, slots=True)
+class FixedBodies:
+    """Bodies as the robot's file has them.
+
+    Parameters
+    ----------
+    links : sequence of str
+        By default all; the data then determine the drives alone.
+    """
+
+    links: Sequence[str] = ()
+
+    def lower(self, model: TorqueModel) -> ConicSet:
+        """Return ten equalities per link.
+
+        Raises
+        ------
+        ProblemError
+            If a link's nominal parameters are unknown.
+        """
+        robot = model.robot
+        for name in self.links:
+            if name not in robot.link_names:
+                near = did_you_mean(name, robot.link_names)
+                raise ProblemError(f"known bodies: no link {name!r}; {near}")
+        wanted = [n for n in robot.link_names if not self.links or n in self.links]
+        bodies = {link.name: link.nominal for link in robot.links}
+        values: dict[str, float] = {}
+        for name in wanted:
+            body = bodies[name]
+            if body is None:
+                raise ProblemError(
+                    f"the body of {name!r} is to be as in the file of {robot.name!r}, "
+                    "which states no inertia of it; identify it (bodies, known_links)"
+                )
+            keys = (f"{name}.{entry}" for entry in INERTIAL_NAMES)
+            values |= dict(zip(keys, body.vector.tolist(), strict=True))
+        return fixed_values(values, model.layout)
+
+
+@dataclass(frozen=True, slots=True)
 class FixedMasses:
     """Masses known exactly.
 
@@ -76,9 +121,7 @@ class FixedMasses:
         """Return ``m_k = value``."""
         masses = self.masses
         if masses is None:
-            sheets = {link.name: link.datasheet.mass for link in model.robot.links}
-            masses = {name: mass for name, mass in sheets.items() if mass is not None}
-            require_some(masses, "mass", "FixedMasses")
+            masses = stated(model, "mass", "FixedMasses")
         known_links(masses, model, "fixed mass")
         return fixed_values(
             {f"{link}.m": mass for link, mass in masses.items()}, model.layout
@@ -95,11 +138,7 @@ class MassBounds:
         """Return ``lower <= m_k <= upper``."""
         bounds = self.bounds
         if bounds is None:
-            sheets = {
-                link.name: link.datasheet.mass_bounds for link in model.robot.links
-            }
-            bounds = {name: pair for name, pair in sheets.items() if pair is not None}
-            require_some(bounds, "mass_bounds", "MassBounds")
+            bounds = stated(model, "mass_bounds", "MassBounds")
         known_links(bounds, model, "mass bounds")
         rows, limits, labels = [], [], []
         for link, (low, high) in bounds.items():
@@ -130,11 +169,7 @@ class FixedCentresOfMass:
         """Return ``h_k - c m_k = 0``, three rows per link."""
         centres = self.centres
         if centres is None:
-            sheets = {link.name: link.datasheet.com for link in model.robot.links}
-            centres = {
-                name: com.tolist() for name, com in sheets.items() if com is not None
-            }
-            require_some(centres, "com", "FixedCentresOfMass")
+            centres = stated(model, "com", "FixedCentresOfMass")
         known_links(centres, model, "fixed centre of mass")
         rows, labels = [], []
         for link, com in centres.items():
@@ -164,13 +199,7 @@ class CentreOfMassBoxes:
         """Return six rows per link, linear because masses are not negative."""
         boxes = self.boxes
         if boxes is None:
-            sheets = {link.name: link.datasheet.com_box for link in model.robot.links}
-            boxes = {
-                name: (box[0].tolist(), box[1].tolist())
-                for name, box in sheets.items()
-                if box is not None
-            }
-            require_some(boxes, "com_box", "CentreOfMassBoxes")
+            boxes = stated(model, "com_box", "CentreOfMassBoxes")
         known_links(boxes, model, "centre-of-mass box")
         rows, labels = [], []
         for link, (low, high) in boxes.items():

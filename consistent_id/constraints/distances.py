@@ -150,7 +150,6 @@ def nominal_distance(
 
     Parameters
     ----------
-    model : TorqueModel
     distance : {"pullback", "euclidean", "entropic"}
     unit : ndarray, shape (parameters,)
         Typical sizes of all parameters; of drive terms they are the distance's too.

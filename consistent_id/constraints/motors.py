@@ -1,13 +1,13 @@
-"""What a datasheet says of motors and gears."""
+"""Motors and gears: what a datasheet says of them, and which are of one type."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from consistent_id.constraints.cones.sets import ConicSet
 from consistent_id.constraints.parameter_constraints import ParameterBounds
-from consistent_id.constraints.rows import fixed_values
+from consistent_id.constraints.rows import equalities, fixed_values, unit_row
 from consistent_id.errors import ProblemError
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.parameters import did_you_mean
@@ -99,3 +99,48 @@ class RotorInertias:
         return ParameterBounds(
             {name: (less * value, more * value) for name, value in values.items()}
         ).lower(model)
+
+
+@dataclass(frozen=True, slots=True)
+class EqualMotors:
+    """Joints whose motors and gears are of one type: terms of equal value.
+
+    Parameters
+    ----------
+    joints : sequence of str
+        Two or more.
+    terms : sequence of str
+        Coefficients that are equal; friction of equal drives usually is not.
+    """
+
+    joints: Sequence[str]
+    terms: Sequence[str] = ("rotor_inertia",)
+
+    def lower(self, model: TorqueModel) -> ConicSet:
+        """Return one equality for each term and joint after the first.
+
+        Raises
+        ------
+        ProblemError
+            If there are fewer than two joints, or a joint lacks a term.
+        """
+        joints = tuple(self.joints)
+        if len(set(joints)) != len(joints) or len(joints) < 2:
+            raise ProblemError(
+                f"equal motors of {joints}: expected two or more distinct joints"
+            )
+        rows, labels = [], []
+        for term in self.terms:
+            names = [f"{joint}.{term}" for joint in joints]
+            for joint, name in zip(joints, names, strict=True):
+                if (joint, term) not in model.layout.drive:
+                    having = sorted(j for j, t in model.layout.drive if t == term)
+                    raise ProblemError(
+                        f"equal motors: {joint!r} has no drive term {term}; "
+                        f"{did_you_mean(joint, having)}"
+                    )
+                if name != names[0]:
+                    first = unit_row(model.layout, names[0])
+                    rows.append(unit_row(model.layout, name) - first)
+                    labels.append(f"{name} = {names[0]}")
+        return equalities(rows, [0.0] * len(rows), labels, model)

@@ -6,11 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from consistent_id.constraints.cones.sets import ConicSet
-from consistent_id.constraints.rows import (
-    fixed_values,
-    inequalities,
-    unit_row,
-)
+from consistent_id.constraints.rows import fixed_values, inequalities, unit_row
 from consistent_id.errors import ProblemError
 from consistent_id.regression.drive.drive_terms import LAWS
 from consistent_id.regression.drive.gear_coupling import COUPLING_NAMES
@@ -77,13 +73,7 @@ class NonNegativeDrive:
 
 
 def _sloped(model: TorqueModel) -> dict[str, tuple[str, tuple[float, float]]]:
-    """Return Coulomb levels that vary with position: their slopes, joints' limits.
-
-    Raises
-    ------
-    ProblemError
-        If such a joint has no limits.
-    """
+    """Return Coulomb levels that vary with position: their slopes, joints' limits."""
     found = {}
     for joint, terms in zip(model.robot.driven, model.terms, strict=True):
         if {"coulomb", "friction_slope"} <= set(terms.names):

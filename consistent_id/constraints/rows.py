@@ -1,7 +1,7 @@
 """What every constraint is, and the rows it is made of."""
 
 from collections.abc import Mapping, Sequence
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -46,13 +46,22 @@ def known_links(named: Mapping[str, object], model: TorqueModel, what: str) -> N
             raise ProblemError(f"{what}: no link named {name!r}; {near}")
 
 
-def require_some(values: Mapping[str, object], key: str, constraint: str) -> None:
-    """Refuse a constraint without any row."""
+def stated(model: TorqueModel, key: str, constraint: str) -> dict[str, Any]:
+    """Return what the datasheets of links say by a key, of those that say it.
+
+    Raises
+    ------
+    ProblemError
+        If none does: the constraint would have no row.
+    """
+    found = {link.name: getattr(link.datasheet, key) for link in model.robot.links}
+    values = {name: value for name, value in found.items() if value is not None}
     if not values:
         raise ProblemError(
             f"{constraint}: no link's datasheet has a {key}; give values, or leave "
             "this constraint out"
         )
+    return values
 
 
 def unit_row(layout: ParameterLayout, name: str) -> Vector:

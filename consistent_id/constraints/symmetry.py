@@ -7,11 +7,7 @@ from typing import Literal
 import numpy as np
 
 from consistent_id.constraints.cones.sets import ConicSet
-from consistent_id.constraints.rows import (
-    equalities,
-    known_links,
-    unit_row,
-)
+from consistent_id.constraints.rows import equalities, known_links, unit_row
 from consistent_id.errors import ProblemError
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.inertia import INERTIAL_NAMES

@@ -25,8 +25,6 @@ class ChannelFactors:
 
     Parameters
     ----------
-    model : TorqueModel
-    base : BaseParameters
     factors : tuple of ndarray, each shape (rows, base + torque joints)
         Of each torque joint: its base columns, then all torque channels.
     samples : int
@@ -101,8 +99,6 @@ def channel_factors(
 
     Parameters
     ----------
-    model : TorqueModel
-    base : BaseParameters
     recordings : sequence of Recording
         With velocity, acceleration and torque.
     """

@@ -7,7 +7,7 @@ real robots differ from cell to cell, so that the other cells say how much is us
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -104,7 +104,7 @@ def contact(as_is: FittedLog) -> Iterator[Candidate]:
         of_residual=True,
     )
     model, base = as_is.factors.model, as_is.factors.base
-    (factors,) = channel_factors(model, base, [_kept(log, ~inside)])
+    (factors,) = channel_factors(model, base, [log.samples(np.flatnonzero(~inside))])
     yield Candidate(cause, factors, as_is.constraints)
 
 
@@ -204,15 +204,3 @@ def _chance(
     spread = max(float(usual.std(ddof=1)), _TINY) * np.sqrt(1.0 + 1.0 / n)
     t = (np.log(max(most, _TINY)) - usual.mean()) / spread
     return float(len(_LENGTHS) * len(cells) * stdtr(n - 1, -t))
-
-
-def _kept(log: Recording, rows: BoolArray) -> Recording:
-    """Return the samples of a mask."""
-    return replace(
-        log,
-        time=log.time[rows],
-        position=log.position[rows],
-        velocity=np.asarray(log.velocity)[rows],
-        acceleration=np.asarray(log.acceleration)[rows],
-        torque=np.asarray(log.torque)[rows],
-    )

@@ -151,7 +151,6 @@ def corrections(robot: RobotModel, torque_joints: Sequence[str]) -> list[Correct
 
     Parameters
     ----------
-    robot : RobotModel
     torque_joints : sequence of str
         Joints whose torque is known; torque faults are looked for in these.
     """

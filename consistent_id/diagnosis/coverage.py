@@ -57,7 +57,6 @@ def in_motion(model: TorqueModel, prepared: Recording) -> TorqueModel:
 
     Parameters
     ----------
-    model : TorqueModel
     prepared : Recording
         With velocity, filtered.
     """
@@ -74,7 +73,6 @@ def saturation_findings(
 
     Parameters
     ----------
-    recording : Recording
     limits : mapping of str to float, optional, [N m or N]
         Of joints whose torque was made of commands and clipped where the drive clips
         it: staying there, it is the drive's.
@@ -159,10 +157,8 @@ def rank_findings(
 
     Parameters
     ----------
-    model : TorqueModel
     recording : Recording
         With velocity, acceleration and torque.
-    base : BaseParameters
     steps : ndarray, shape (joints,), or float, [rad or m]
         In which encoders read, which no longer shows in a filtered position.
     """

@@ -35,7 +35,6 @@ def cuts_at(factors: ChannelFactors, fit: BestFit) -> list[Cut]:
 
     Parameters
     ----------
-    factors : ChannelFactors
     fit : BestFit
         Of the factors, under constraints.
     """
@@ -54,7 +53,6 @@ def least_within(R: Matrix, cuts: Sequence[Cut]) -> float:
     R : ndarray, shape (base + 1, base + 1)
         Triangular; see `ChannelFactors.joined`.  Where it leaves base parameters open,
         half-spaces are taken to ask for nothing.
-    cuts : sequence of Cut
     """
     from scipy.linalg import solve_triangular
 

@@ -59,11 +59,8 @@ class FittedLog:
 
     Parameters
     ----------
-    constraints : sequence of Constraint
     recording : Recording
         Prepared, of the robot's joints.
-    factors : ChannelFactors
-    fit : BestFit
     """
 
     constraints: Sequence[Constraint]
@@ -103,10 +100,8 @@ class Candidate:
 
     Parameters
     ----------
-    cause : Cause
     factors : ChannelFactors
         Of the corrected log, or of a model that has what the log's robot has.
-    constraints : sequence of Constraint
     """
 
     cause: Cause
@@ -222,8 +217,6 @@ def explanations(
 
     Parameters
     ----------
-    as_is : FittedLog
-    candidates : sequence of Candidate
     noise : float
         White noise of the torque, relative to it.
 

@@ -1,10 +1,22 @@
-"""What the data detective says: findings, with evidence and advice."""
+"""What the data detective says: findings, with evidence and advice, and their table."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
+from consistent_id._support.tables import Table
 from consistent_id.recordings.finding import Finding, Severity
 
 __all__ = ["Diagnosis", "Finding", "Severity"]
+
+_LOOKED_FOR = (
+    "clocks, units, signs, exchanged channels, gains, zeros, lags, dead, noisy and "
+    "saturated channels, what the torque is, gravity, masses, contact, rests, joints "
+    "that did not move, and validation rows that are training rows"
+)
+_OF_SIGNALS = (
+    "clocks, jumps, dead, noisy and saturated channels, limits of travel, and "
+    "validation rows that are training rows"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,3 +55,42 @@ class Diagnosis:
     def of(self, kind: str) -> tuple[Finding, ...]:
         """Return the findings of one kind."""
         return tuple(f for f in self.findings if f.kind == kind)
+
+
+def diagnosis_table(found: Diagnosis) -> Table:
+    """Return the findings, the gravest first, with what to do about each."""
+    where = f" in {', '.join(found.recordings)}" if found.recordings else ""
+    several = len(found.recordings) > 1
+    sentences = tuple(_sentence(f, several=several) for f in found.findings)
+    what = "What was found" if found.suspicious else "Nothing suspicious was found"
+    return Table(
+        f"{what}{where}",
+        ("severity", "kind", "where", "recording"),
+        tuple((f.severity, f.kind, f.where, f.recording) for f in found.findings),
+        sentences if found.suspicious else (*sentences, _looked_for(found)),
+    )
+
+
+def _looked_for(found: Diagnosis) -> str:
+    if not found.by_themselves:
+        return f"looked for: {_LOOKED_FOR}"
+    return (
+        f"looked for: {_OF_SIGNALS}; not for signs, gains, exchanged channels and "
+        "lags, which torque and motion together show on a fixed base alone"
+    )
+
+
+def _sentence(finding: Finding, *, several: bool) -> str:
+    """Return a finding in a sentence, and what to do about it unless it is a note."""
+    where = f"{finding.recording}, " if several and finding.recording else ""
+    text = f"{finding.kind} ({where}{finding.where}): {finding.statement}"
+    return text if finding.severity == "note" else f"{text}. To do: {finding.advice}"
+
+
+def diagnosis_record(found: Diagnosis) -> dict[str, Any]:
+    """Return the findings as plain numbers and text."""
+    return {
+        "format": "consistent_id diagnosis 1",
+        "recordings": list(found.recordings),
+        "findings": [asdict(f) for f in found.findings],
+    }

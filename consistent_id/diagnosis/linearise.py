@@ -78,12 +78,10 @@ def linearised(
 
     Parameters
     ----------
-    model : TorqueModel
     x : ndarray, shape (parameters,)
         About which to linearise: a constrained estimate.
     recording : Recording
         With velocity, acceleration and torque.
-    base : BaseParameters
     """
     recording = recording.of(model.robot.joint_names)
     rate, states = recording.rate, _states(recording)

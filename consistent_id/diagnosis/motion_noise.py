@@ -38,12 +38,10 @@ def motion_noise_findings(
 
     Parameters
     ----------
-    model : TorqueModel
     log : Recording
         As recorded, with torque; without a uniform clock nothing is said.
     prepare : callable
         Returns it with velocity and acceleration.
-    base : BaseParameters
     prepared : Recording, optional
         What `prepare` makes of `log`, if that is known.
     """

@@ -57,8 +57,6 @@ def leaning_findings(
 
     Parameters
     ----------
-    model : TorqueModel
-    prepared : Recording
     upright : TorqueParts
         Of the model as it is.
     """

@@ -6,12 +6,7 @@ import numpy as np
 
 from consistent_id.diagnosis.findings import Finding
 from consistent_id.diagnosis.linearise import Linearised
-from consistent_id.diagnosis.small_shifts import (
-    SURE,
-    Moved,
-    estimate_lag,
-    small_shifts,
-)
+from consistent_id.diagnosis.small_shifts import SURE, Moved, estimate_lag, small_shifts
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.model import Joint
 

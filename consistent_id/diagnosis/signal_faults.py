@@ -7,8 +7,7 @@ import numpy as np
 from consistent_id._support.arrays import BoolArray, Matrix, Vector
 from consistent_id.diagnosis.findings import Finding
 from consistent_id.recordings.recording import Recording
-from consistent_id.recordings.signals.resolution import quantum
-from consistent_id.recordings.signals.sample_hold import held_samples
+from consistent_id.recordings.signals.resolution import held_samples, quantum
 
 _FROZEN = 0.1  # share of the log in one run of one value that is no chance
 _MOVING = 0.01  # rad or m, above which a joint's other channel says that it moves,

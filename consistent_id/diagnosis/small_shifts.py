@@ -120,7 +120,6 @@ def moved_channels(
 
     Parameters
     ----------
-    model : TorqueModel
     linearised_at : callable
         From sizes of all shifts to the rows of all recordings, so corrected.
     """

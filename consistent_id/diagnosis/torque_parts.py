@@ -32,7 +32,6 @@ class TorqueParts:
 
     Parameters
     ----------
-    joints : tuple of str
     gravity, inertial, whole : ndarray, shape (joints,)
         Slopes on the gravity torque, on the inertial torque (Coriolis included), and on
         their sum.

@@ -31,12 +31,10 @@ class Proof:
 
     Parameters
     ----------
-    certified : bool
     statement : str
         What is proven, or how near it came.
     allowed : str
         What gaps are allowed, for a reader of a failed proof.
-    figures : dict of str to float
     """
 
     certified: bool

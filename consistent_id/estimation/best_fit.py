@@ -27,14 +27,7 @@ _USABLE = 1e-5  # violation beyond which a point is no answer at all
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BestFit:
-    """The best fit under constraints.
-
-    Parameters
-    ----------
-    scaled : ScaledFit
-    solution : ConeSolution
-    optimality : Optimality
-    """
+    """The best fit under constraints."""
 
     scaled: ScaledFit
     solution: ConeSolution

@@ -31,7 +31,6 @@ class BodyVariables:
 
     Parameters
     ----------
-    links : int
     margin : float
         Of `PhysicalConsistency`.
     known : ndarray, shape (parameters,)

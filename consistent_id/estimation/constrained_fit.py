@@ -42,8 +42,6 @@ class ConstrainedFit:
 
     Parameters
     ----------
-    best : BestFit
-    distance : NominalDistance
     final : PenalisedFit
         The final point.
     slack : float

@@ -26,8 +26,6 @@ def body_variables(
 
     Parameters
     ----------
-    model : TorqueModel
-    constraints : sequence of Constraint
     unit : ndarray, shape (parameters,)
         Typical sizes: those of `link_scales`, and of drive parameters.
 

@@ -4,7 +4,7 @@ Each fold is a run of consecutive segments that is left out of the fit and predi
 The error over all folds, as a function of the weight, is the regularisation path.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -152,42 +152,73 @@ def cross_validated(
     base = base_parameters(model) if base is None else base
     scaled = scaled_fit(model, merged(segments), base, constraints)
     to_nominal = nominal_distance(model, distance, scaled.unit)
-    factors = [base_factor(segment, base) for segment in segments]
-    counts = np.array([sum(segment.counts) for segment in segments])
-    parts = np.array_split(np.arange(len(segments)), folds)
-
+    folded = _Folds.of(scaled, segments, folds, base)
+    along = partial(_along, distance=to_nominal)
     chosen = Executor.chosen(executor)
-    rests = [_without(scaled, factors, part) for part in parts]
-    tests = [scaled.with_factor(_joined([factors[i] for i in part])) for part in parts]
-
-    def tried(weights: Vector, start: Vector | None = None) -> _Tried:
-        """Fit all data and all but each fold, and predict the folds."""
-        with worker_threads(_WORKERS) as pool:
-            along = partial(_along, distance=to_nominal, weights=weights, start=start)
-            fits = pool.map if chosen is None else chosen.map
-            rough = ((rest, _FOLD_GAP) for rest in rests)
-            whole, *found = fits(along, [(scaled, GAP_TOLERANCE), *rough])
-        columns = [
-            _errors(tested, fits, counts[part].sum())
-            for tested, fits, part in zip(tests, found, parts, strict=True)
-        ]
-        return _Tried(weights, np.column_stack(columns), whole)
-
-    found = tried(np.sort(first)[::-1])
+    found = folded.tried(np.sort(first)[::-1], along, chosen)
     if weights is None:
         beside = _beside(found.weights[found.best], grid)
-        found = found.merged(tried(beside, found.whole[found.best].solution.u))
+        start = found.whole[found.best].solution.u
+        found = found.merged(folded.tried(beside, partial(along, start=start), chosen))
     whole = found.whole
     total = np.array([f.excess + scaled.residual**2 for f in whole])
     return RegularisationPath(
         distance=distance,
         weights=found.weights,
         errors=found.errors,
-        misfits=np.sqrt(total / counts.sum()) * scaled.size,
+        misfits=np.sqrt(total / folded.samples.sum()) * scaled.size,
         distances=np.sqrt([f.squared_distance for f in whole]),
         parameters=np.array([f.solution.u * scaled.unit for f in whole]),
         certified=tuple(f.optimality.verdict == "certified" for f in whole),
     )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Folds:
+    """A fit to all data; fits without each fold, of each fold alone, its samples."""
+
+    whole: ScaledFit
+    rests: list[ScaledFit]
+    tests: list[ScaledFit]
+    samples: IntArray
+
+    @staticmethod
+    def of(
+        whole: ScaledFit,
+        segments: Sequence[Regression],
+        folds: int,
+        base: BaseParameters,
+    ) -> "_Folds":
+        """Return folds of consecutive segments."""
+        factors = [base_factor(segment, base) for segment in segments]
+        counts = np.array([sum(segment.counts) for segment in segments])
+        parts = np.array_split(np.arange(len(segments)), folds)
+        return _Folds(
+            whole,
+            [_without(whole, factors, part) for part in parts],
+            [whole.with_factor(_joined([factors[i] for i in p])) for p in parts],
+            np.array([counts[part].sum() for part in parts]),
+        )
+
+    def tried(
+        self,
+        weights: Vector,
+        along: Callable[..., list[PenalisedFit]],
+        executor: Executor | None,
+    ) -> "_Tried":
+        """Fit all data and all but each fold, and predict the folds."""
+        rough = ((rest, _FOLD_GAP) for rest in self.rests)
+        with worker_threads(_WORKERS) as pool:
+            fits = pool.map if executor is None else executor.map
+            tasks = [(self.whole, GAP_TOLERANCE), *rough]
+            whole, *found = fits(partial(along, weights=weights), tasks)
+        columns = [
+            _errors(tested, fits, samples)
+            for tested, fits, samples in zip(
+                self.tests, found, self.samples, strict=True
+            )
+        ]
+        return _Tried(weights, np.column_stack(columns), whole)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

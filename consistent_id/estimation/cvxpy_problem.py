@@ -27,10 +27,7 @@ from consistent_id.constraints.cones.certificate import (
 from consistent_id.constraints.cones.cvxpy_cones import ConicOptimum, conic_optimum
 from consistent_id.constraints.cones.least_norm import ConeSolution
 from consistent_id.constraints.cones.matrices import stacked
-from consistent_id.constraints.cones.programmes import (
-    Multipliers,
-    set_multipliers,
-)
+from consistent_id.constraints.cones.programmes import Multipliers, set_multipliers
 from consistent_id.constraints.cones.sets import ConicSet
 from consistent_id.constraints.distances import EntropicDistance, NominalDistance
 from consistent_id.constraints.priors import Prior

@@ -58,9 +58,6 @@ def determinations(
 
     Parameters
     ----------
-    model : TorqueModel
-    regression : Regression
-    base : BaseParameters
     noise : ResidualNoise
         Of the regression.
     x : ndarray, shape (parameters,)

@@ -3,7 +3,7 @@
 import json
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self, cast, get_args
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from consistent_id._support.files import write_atomically
 from consistent_id._support.tables import Table
 from consistent_id.constraints.cones.certificate import OptimumVerdict
 from consistent_id.errors import ProblemError
-from consistent_id.estimation.estimate_file import FORMAT, read_estimate
+from consistent_id.estimation.estimate_file import estimate_record, known_of_file
 from consistent_id.estimation.fit import Fit
 from consistent_id.estimation.verdict import Verdict
 from consistent_id.recordings.recording import Recording
@@ -259,52 +259,7 @@ class Estimate:
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything but the model as plain numbers and text."""
-        errors = self.standard_errors
-        layout = self.model.layout
-        return {
-            "format": FORMAT,
-            "robot": self.model.robot.name,
-            "method": self.method,
-            **self.verdict.to_dict(),
-            "certificate": {
-                "verdict": self.certificate.verdict,
-                "reason": self.certificate.reason,
-                "figures": self.certificate.figures,
-            },
-            "parameters": {
-                name: {"value": float(value), "unit": unit, "origin": origin}
-                for name, value, unit, origin in zip(
-                    layout.names,
-                    self.parameters,
-                    layout.units,
-                    self.origins,
-                    strict=True,
-                )
-            },
-            "base_parameters": [
-                {
-                    "name": name,
-                    "value": float(value),
-                    "standard_error": None if errors is None else _finite(errors[i]),
-                    "grouping": grouping,
-                }
-                for i, (name, value, grouping) in enumerate(
-                    zip(
-                        self.base.names,
-                        self.base_values,
-                        self.base.groupings,
-                        strict=True,
-                    )
-                )
-            ],
-            "undetermined": list(self.undetermined),
-            "sigma": dict(
-                zip(self.model.torque_joints, self.sigma.tolist(), strict=True)
-            ),
-            "notes": list(self.notes),
-            "seconds": self.seconds,
-            "fit": None if self.fit is None else self.fit.to_dict(),
-        }
+        return estimate_record(self)
 
     def save(self, path: str | Path) -> Path:
         """Write `to_dict` as JSON; the file is whole or not there."""
@@ -321,39 +276,4 @@ class Estimate:
         ProblemError
             If the file is not an estimate of this model.
         """
-        record = read_estimate(Path(path))
-        certificate = record.certificate
-        known = certificate.verdict in get_args(OptimumVerdict)
-        if record.format != FORMAT or not known:
-            raise ProblemError(f"{path}: not an estimate in the form {FORMAT!r}")
-        if tuple(record.parameters) != model.layout.names or set(record.sigma) != set(
-            model.torque_joints
-        ):
-            raise ProblemError(
-                f"{path}: its parameters are not those of robot "
-                f"{model.robot.name!r} with these drive terms"
-            )
-        return cls(
-            method=record.method,
-            model=model,
-            base=base,
-            parameters=np.array([entry.value for entry in record.parameters.values()]),
-            base_covariance=None,
-            origins=tuple(entry.origin for entry in record.parameters.values()),
-            undetermined=tuple(record.undetermined),
-            sigma=np.array([record.sigma[j] for j in model.torque_joints]),
-            certificate=Certificate(
-                cast(OptimumVerdict, certificate.verdict),
-                certificate.reason,
-                cast(dict[str, float], certificate.figures),
-            ),
-            notes=tuple(record.notes),
-            seconds=record.seconds,
-            fit=record.fit_value(),
-            accepted=tuple(record.accepted),
-            judged=record.verdict_value(),
-        )
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
+        return cls(model=model, base=base, **known_of_file(Path(path), model))

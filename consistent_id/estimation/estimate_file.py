@@ -1,15 +1,22 @@
-"""The JSON file of an estimate, read back through a schema."""
+"""The JSON file of an estimate: what is written, read back through a schema."""
 
 import json
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast, get_args
 
 import msgspec
+import numpy as np
 
 from consistent_id._support.inputs import LARGEST_MODEL, read_input
+from consistent_id.constraints.cones.certificate import OptimumVerdict
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.fit import Fit
 from consistent_id.estimation.verdict import Verdict, Word
+from consistent_id.regression.regressor import TorqueModel
+
+if TYPE_CHECKING:
+    from consistent_id.estimation.estimate import Estimate
 
 FORMAT = "consistent_id estimate 1"
 
@@ -94,6 +101,90 @@ class EstimateRecord(msgspec.Struct):
         return Verdict.from_dict(msgspec.to_builtins(self))
 
 
+def estimate_record(estimate: "Estimate") -> dict[str, Any]:
+    """Return everything of an estimate but the model as plain numbers and text."""
+    layout, base = estimate.model.layout, estimate.base
+    errors = estimate.standard_errors
+    errors = np.full(len(base), np.nan) if errors is None else errors
+    return {
+        "format": FORMAT,
+        "robot": estimate.model.robot.name,
+        "method": estimate.method,
+        **estimate.verdict.to_dict(),
+        "certificate": asdict(estimate.certificate),
+        "parameters": {
+            name: {"value": float(value), "unit": unit, "origin": origin}
+            for name, value, unit, origin in zip(
+                layout.names,
+                estimate.parameters,
+                layout.units,
+                estimate.origins,
+                strict=True,
+            )
+        },
+        "base_parameters": [
+            {
+                "name": name,
+                "value": float(value),
+                "standard_error": _finite(error),
+                "grouping": grouping,
+            }
+            for name, value, error, grouping in zip(
+                base.names, estimate.base_values, errors, base.groupings, strict=True
+            )
+        ],
+        "undetermined": list(estimate.undetermined),
+        "sigma": dict(
+            zip(estimate.model.torque_joints, estimate.sigma.tolist(), strict=True)
+        ),
+        "notes": list(estimate.notes),
+        "seconds": estimate.seconds,
+        "fit": None if estimate.fit is None else estimate.fit.to_dict(),
+    }
+
+
+def known_of_file(path: Path, model: TorqueModel) -> dict[str, Any]:
+    """Return the fields of an estimate of a model, as a file states them.
+
+    Raises
+    ------
+    ProblemError
+        If the file is not an estimate of this model.
+    """
+    from consistent_id.estimation.estimate import Certificate
+
+    record = read_estimate(path)
+    certificate = record.certificate
+    known = certificate.verdict in get_args(OptimumVerdict)
+    if record.format != FORMAT or not known:
+        raise ProblemError(f"{path}: not an estimate in the form {FORMAT!r}")
+    if tuple(record.parameters) != model.layout.names or set(record.sigma) != set(
+        model.torque_joints
+    ):
+        raise ProblemError(
+            f"{path}: its parameters are not those of robot "
+            f"{model.robot.name!r} with these drive terms"
+        )
+    return {
+        "method": record.method,
+        "parameters": np.array([entry.value for entry in record.parameters.values()]),
+        "base_covariance": None,
+        "origins": tuple(entry.origin for entry in record.parameters.values()),
+        "undetermined": tuple(record.undetermined),
+        "sigma": np.array([record.sigma[j] for j in model.torque_joints]),
+        "certificate": Certificate(
+            cast(OptimumVerdict, certificate.verdict),
+            certificate.reason,
+            cast(dict[str, float], certificate.figures),
+        ),
+        "notes": tuple(record.notes),
+        "seconds": record.seconds,
+        "fit": record.fit_value(),
+        "accepted": tuple(record.accepted),
+        "judged": record.verdict_value(),
+    }
+
+
 def read_estimate(path: Path) -> EstimateRecord:
     """Return what a file states.
 
@@ -113,3 +204,7 @@ def read_estimate(path: Path) -> EstimateRecord:
         raise ProblemError(
             f"{path}: not an estimate: {cause} ($ is the file)"
         ) from None
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

@@ -65,7 +65,6 @@ def evidence_of(estimate: Estimate, *, seed: int = 0) -> Evidence:
 
     Parameters
     ----------
-    estimate : Estimate
     seed : int
         Of the poses at which the mass matrix is examined.
     """

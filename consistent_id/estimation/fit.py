@@ -134,11 +134,9 @@ def fit_of(
 
     Parameters
     ----------
-    model : TorqueModel
     regression : Regression
         Its `sigma` weigh `Fit.excess` alone.
     x : ndarray, shape (parameters,)
-    base : BaseParameters
     known : ndarray, shape (rows, parameters), optional
         Rows of the equalities that hold by assumption.
     """

@@ -39,9 +39,6 @@ def guessed_share(
 
     Parameters
     ----------
-    model : TorqueModel
-    regression : Regression
-    base : BaseParameters
     x : ndarray, shape (parameters,)
     known : ndarray, shape (rows, parameters)
         Rows of the equalities that hold by assumption.

@@ -38,7 +38,6 @@ class InnerFit:
 
     Parameters
     ----------
-    best : BestFit
     share : float
         Of its nominal body that every link contains, at the least.
     move : float
@@ -74,16 +73,12 @@ def inner_fit(
 
     Parameters
     ----------
-    model : TorqueModel
-    regression : Regression
     constraints : sequence of Constraint
         Of `best`; without `PhysicalConsistency` nothing is changed.
-    best : BestFit
     share : float
         Wanted; as much of it is taken as moves the best fit by no more than `MOVE`.
     noise : ResidualNoise
         Of the regression.
-    base : BaseParameters
     """
     if not any(isinstance(c, PhysicalConsistency) for c in constraints):
         return InnerFit(best)

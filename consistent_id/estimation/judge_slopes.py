@@ -1,6 +1,7 @@
 """The rule on slopes: whether torque is the nominal robot's, joint by joint."""
 
 from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,14 +22,55 @@ EXPECTED_MUCH = 0.3  # share that cannot be missing for want of excitation
 JOINT_MATTERS = 0.05  # torque over that of the strongest joint
 
 
-def of_slopes(evidence: Evidence) -> Iterator[Reason]:
-    """Compare the channel with the torque of the nominal bodies, joint by joint.
+class _Found(NamedTuple):
+    """Joints by what is wrong with their slopes; a joint is in one of the lists."""
 
-    What friction holds at rest may turn a slope by as much as `_held_slopes` says.
-    """
+    reversed_: list[int]
+    missing: list[int]
+    off: list[int]
+    far: list[int]  # of those that are off
+    alike: bool  # all that mean something are off, as by one gain
+
+
+def of_slopes(evidence: Evidence) -> Iterator[Reason]:
+    """Compare the channel with the torque of the nominal bodies, joint by joint."""
     fit = evidence.fit
     if fit is None:
         return
+    found = _found(fit)
+    if found.reversed_:
+        yield Reason(
+            "torque sign",
+            "do not use",
+            f"torque runs against the nominal bodies': {_slopes(fit, found.reversed_)}",
+            "check the sign of torque and position, and the axes of the model",
+        )
+    if found.missing:
+        yield Reason(
+            "torque channel",
+            "use with care",
+            "the torque of the nominal bodies is hardly in the channel: "
+            f"{_slopes(fit, found.missing)}",
+            "is it compensated for gravity, another quantity, or of another joint?",
+        )
+    if found.off:
+        # Two witnesses of a gain: masses, and what the drives can give.
+        shown = found.alike and bool((fit.efforts[found.far] > EFFORT_CARE).any())
+        yield Reason(
+            "gain or unit" if found.alike else "nominal model",
+            "do not use" if shown else "use with care",
+            "measured over nominal torque: " + _slopes(fit, found.off),
+            "check the unit and gain of torque, and the model's masses"
+            if found.alike
+            else "check these joints' gains, drive terms (rotor inertia) and bodies",
+        )
+
+
+def _found(fit: Fit) -> _Found:
+    """Return the joints whose slopes are wrong.
+
+    What friction holds at rest may turn a slope by as much as `_held_slopes` says.
+    """
     held = _held_slopes(fit)
     least, most = fit.slopes - held, fit.slopes + held
     strong = fit.shares >= JOINT_MATTERS
@@ -36,46 +78,14 @@ def of_slopes(evidence: Evidence) -> Iterator[Reason]:
     # With a gain of 100, the nominal torque is a hundredth, but explains it all.
     scaled = strong & (abs(fit.slopes) * fit.expected >= EXPECTED_MUCH)
     means = (matters | scaled) & (fit.explained >= EXPLAINED)
-    reversed_ = [j for j in where(means) if most[j] < 0.0]
-    missing = [
-        j
-        for j in where(matters & (fit.expected >= EXPECTED_MUCH))
-        if most[j] < SLOPE_MISSING and j not in reversed_
-    ]
     low, high = SLOPE_CARE
-    off = [
-        j
-        for j in where(means)
-        if (most[j] < low or least[j] > high) and j not in (*reversed_, *missing)
-    ]
-    if reversed_:
-        yield Reason(
-            "torque sign",
-            "do not use",
-            f"torque runs against the nominal bodies': {_slopes(fit, reversed_)}",
-            "check the sign of torque and position, and the axes of the model",
-        )
-    if missing:
-        yield Reason(
-            "torque channel",
-            "use with care",
-            "the torque of the nominal bodies is hardly in the channel: "
-            f"{_slopes(fit, missing)}",
-            "is it compensated for gravity, another quantity, or of another joint?",
-        )
-    if off:
-        alike = len(off) == np.count_nonzero(means) and _alike(fit, off)
-        # Two witnesses of a gain: masses, and what the drives can give.
-        beyond = [j for j in off if least[j] > SLOPE_FAR]
-        shown = alike and bool((fit.efforts[beyond] > EFFORT_CARE).any())
-        yield Reason(
-            "gain or unit" if alike else "nominal model",
-            "do not use" if shown else "use with care",
-            "measured over nominal torque: " + _slopes(fit, off),
-            "check the unit and gain of torque, and the model's masses"
-            if alike
-            else "check these joints' gains, drive terms (rotor inertia) and bodies",
-        )
+    reversed_ = means & (most < 0.0)
+    missing = matters & (fit.expected >= EXPECTED_MUCH) & (most < SLOPE_MISSING)
+    missing &= ~reversed_
+    off = means & ((most < low) | (least > high)) & ~reversed_ & ~missing
+    alike = bool(off.any()) and bool((off == means).all()) and _alike(fit.slopes[off])
+    far = where(off & (least > SLOPE_FAR))
+    return _Found(where(reversed_), where(missing), where(off), far, alike)
 
 
 def _held_slopes(fit: Fit) -> Vector:
@@ -90,13 +100,12 @@ def _held_slopes(fit: Fit) -> Vector:
     return np.where(rests, share * fit.holding / nominal, 0.0)
 
 
-def _alike(fit: Fit, joints: Sequence[int]) -> bool:
+def _alike(slopes: Vector) -> bool:
     """Return whether slopes are off as by one gain.
 
     They are if all are far off to the same side, or if those of several joints differ
     by less than the gate allows.
     """
-    slopes = fit.slopes[list(joints)]
     far = slopes.min() > SLOPE_FAR or slopes.max() < 1.0 / SLOPE_FAR
     near = slopes.max() / slopes.min() < SLOPE_CARE[1] / SLOPE_CARE[0]
     return bool(far or (near and len(slopes) > 1))

@@ -37,7 +37,6 @@ class AttainedFit:
 
     Parameters
     ----------
-    best : BestFit
     constraints : tuple of Constraint
         Those given, and the bound if there is one.
     note : str

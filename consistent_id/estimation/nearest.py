@@ -35,7 +35,6 @@ class Nearest:
 
     Parameters
     ----------
-    fit : PenalisedFit
     distance_gap : float
         Bound on the relative excess of its squared distance (or of 0.01, where it is
         less) over the least within the slack; infinite if its misfit exceeds that.
@@ -70,8 +69,6 @@ def nearest_within(
 
     Parameters
     ----------
-    best : BestFit
-    distance : NominalDistance
     slack : float
         Relative misfit that may be given up.
     first : float, optional

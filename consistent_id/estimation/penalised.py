@@ -51,13 +51,10 @@ class PenalisedFit:
 
     Parameters
     ----------
-    solution : ConeSolution
     optimality : Optimality
         Of half the penalised square.
     excess : float
         Squared misfit beyond the residual's.
-    squared_distance : float
-    weight : float
     """
 
     solution: ConeSolution
@@ -86,9 +83,6 @@ def penalised_fit(
 
     Parameters
     ----------
-    fit : ScaledFit
-    distance : NominalDistance
-    weight : float
     start : ndarray, optional
         Where Newton's method starts, a robot of bodies; by default the nominal one.
     reach : float

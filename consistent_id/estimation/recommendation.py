@@ -41,10 +41,8 @@ class Candidate:
 
     Parameters
     ----------
-    method : str
     weighted : bool
         Whether joints are weighted by their noise.
-    prior : PointToSet or Penalty
     """
 
     method: str
@@ -58,7 +56,6 @@ class Recommendation:
 
     Parameters
     ----------
-    method : str
     candidates : tuple of str
         From the simplest on.
     errors : array_like, shape (candidates, folds)
@@ -112,13 +109,10 @@ def recommend(
 
     Parameters
     ----------
-    model : TorqueModel
     segments : sequence of Regression
         The training data, in the order of time.
     candidates : sequence of Candidate
         From the simplest on.
-    constraints : sequence of Constraint
-    base : BaseParameters
 
     Raises
     ------

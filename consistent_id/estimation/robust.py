@@ -20,11 +20,7 @@ from consistent_id.regression.correlation import correlation_lengths
 from consistent_id.regression.linear import solve_linear
 from consistent_id.regression.motion_arrays import Motion, motion_of
 from consistent_id.regression.noise import base_solution, joint_noise
-from consistent_id.regression.regression import (
-    Regression,
-    build_regression,
-    reweighted,
-)
+from consistent_id.regression.regression import Regression, build_regression, reweighted
 from consistent_id.regression.regressor import TorqueModel
 
 HUBER_K = 1.345

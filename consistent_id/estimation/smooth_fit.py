@@ -64,7 +64,6 @@ def smooth_fit(
     A : ndarray, shape (rows, parameters)
     z : ndarray, shape (rows,)
         In units of a misfit that matters.
-    variables : BodyVariables
     start : ndarray, shape (parameters,)
     """
     origin = variables.variables(start)

@@ -50,7 +50,6 @@ def holding(model: TorqueModel, x: Vector, moving: Vector) -> Vector:
 
     Parameters
     ----------
-    model : TorqueModel
     x : ndarray, shape (parameters,)
     moving : ndarray, shape (torque joints,)
         From `moving_shares`.
@@ -75,7 +74,6 @@ def beyond_friction(
 
     Parameters
     ----------
-    model : TorqueModel
     recording : Recording
         Of the robot's joints, with velocity.
     error : ndarray, shape (samples, torque joints), [N m or N]

@@ -22,7 +22,6 @@ class TorqueError:
 
     Parameters
     ----------
-    recording : str
     rms : ndarray, shape (torque joints,), [N m or N]
         Root of the mean squared error.
     relative : ndarray, shape (torque joints,)

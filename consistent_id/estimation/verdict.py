@@ -4,7 +4,7 @@ A certificate says that an optimum is one.  A verdict weighs everything that is 
 the estimate; see `judge`.
 """
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from textwrap import shorten
 from typing import Any, Literal, Self
 
@@ -140,15 +140,7 @@ class Verdict:
             "method": self.method,
             "verdict": self.word,
             "held_out_error": self.held_out,
-            "reasons": [
-                {
-                    "kind": r.kind,
-                    "word": r.word,
-                    "statement": r.statement,
-                    "advice": r.advice,
-                }
-                for r in self.reasons
-            ],
+            "reasons": [asdict(reason) for reason in self.reasons],
             "accepted": list(self.accepted),
         }
 

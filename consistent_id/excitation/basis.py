@@ -110,7 +110,6 @@ class FourierBasis:
 
         Parameters
         ----------
-        order : int
         columns : ndarray, shape (samples, size - 1)
             Of this order.
         slopes : ndarray, shape (samples, joints)

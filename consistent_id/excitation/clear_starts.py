@@ -37,12 +37,8 @@ def clear_start(
     Parameters
     ----------
     path : ndarray, shape (size, joints)
-    basis : FourierBasis
-    limits : LimitRows
-    guards : sequence of Guard
     time : ndarray, shape (samples,), [s]
         When the guards measure.
-    rng : Generator
     """
 
     def clear(candidate: Matrix) -> bool:

@@ -61,9 +61,6 @@ def best_step(
     Parameters
     ----------
     start : ndarray, shape (variables,)
-    local : Local
-    rows : LinearRows
-    reach : float
     """
     import clarabel
     from scipy import sparse

@@ -36,7 +36,6 @@ class ClearanceGuard:
 
     Parameters
     ----------
-    scene : Scene
     spare : mapping of int to float, [m]
         Distance beyond what is wanted, and beyond the usual 2 mm, that a pair keeps at
         samples, by its place in the scene.

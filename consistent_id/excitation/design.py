@@ -166,13 +166,7 @@ def _useful(
     parameters: ArrayLike | None,
     aim: Aim,
 ) -> RelativeAccuracy | None:
-    """Return predicted errors beside the parameters.
-
-    Raises
-    ------
-    NotExcitedError
-        If noise is stated, and above most of what the motion shows.
-    """
+    """Return predicted errors beside the parameters."""
     reference = None
     if parameters is not None:
         reference = np.atleast_2d(np.asarray(parameters, dtype=float)).mean(axis=0)

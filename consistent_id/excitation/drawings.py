@@ -19,9 +19,9 @@ from consistent_id.motion.collisions.bodies import (
     Sphere,
 )
 from consistent_id.motion.collisions.scene import Scene, place_of
-from consistent_id.robot.chains import Place
 from consistent_id.robot.kinematics import LinkPlaces, link_places
 from consistent_id.robot.model import RobotModel
+from consistent_id.robot.places import Place
 
 _log = logging.getLogger(__name__)
 
@@ -64,8 +64,6 @@ def drawn_robot(
 
     Parameters
     ----------
-    server : viser.ViserServer
-    robot : RobotModel
     urdf : Path, optional
         Without one, or without shapes that can be read, sticks are drawn.
     package_dirs : iterable of str or Path
@@ -155,8 +153,6 @@ def drawn_bodies(server: Any, scene: Scene, shown: Callable[[Body], bool]) -> Sh
 
     Parameters
     ----------
-    server : viser.ViserServer
-    scene : Scene
     shown : callable
         Returns whether a body of the robot is visible at first.
     """

@@ -17,7 +17,6 @@ def design_figure(design: ExcitationDesign, before: Vector | None = None) -> Any
 
     Parameters
     ----------
-    design : ExcitationDesign
     before : array_like, shape (base parameters,), optional
         Singular values of the base regressor to compare with; by default of the best
         random path that the search began with.

@@ -27,7 +27,6 @@ def forms_to_try(
 
     Parameters
     ----------
-    limits : MotionLimits
     duration : float, [s]
     rest, smooth : bool
         See `PathForm`.

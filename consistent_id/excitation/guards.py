@@ -85,7 +85,6 @@ class TorqueGuard:
 
     Parameters
     ----------
-    model : TorqueModel
     parameters : ndarray, shape (members, parameters)
     effort : ndarray, shape (torque joints,), [N m or N]
     reach : float
@@ -188,9 +187,6 @@ def guard_rows(
 
     Parameters
     ----------
-    guard : Guard
-    places : list of Place
-    basis : FourierBasis
     time : ndarray, shape (samples,), [s]
         The grid that places refer to.
     variables : ndarray, shape (size, joints)

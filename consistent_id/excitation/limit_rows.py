@@ -31,7 +31,6 @@ class LimitRows:
 
     Parameters
     ----------
-    basis : FourierBasis
     matrix : scipy.sparse.csr_array, shape (rows, variables)
         At few points, on the flattened variables: ``-1 <= A x <= 1``.
     time : ndarray, shape (samples,), [s]
@@ -75,7 +74,6 @@ def limit_rows(basis: FourierBasis, period: float | None) -> LimitRows:
 
     Parameters
     ----------
-    basis : FourierBasis
     period : float, optional, [s]
         After which its paths repeat; None if they do not.
     """

@@ -24,7 +24,7 @@ from consistent_id.excitation.request import design_request
 from consistent_id.excitation.request_tables import request_tables
 from consistent_id.excitation.verification import demands
 from consistent_id.motion.files import follow, write_trajectory
-from consistent_id.motion.files.cycles import CYCLES, cycle_of
+from consistent_id.motion.files.controller_tables import CYCLES, cycle_of
 from consistent_id.motion.files.trajectory_file import FORMAT_OF_ENDING
 from consistent_id.problems.problem import Problem
 from consistent_id.report.figures import save_figure

@@ -25,7 +25,6 @@ class Programme:
     ----------
     objective : callable
         ``variables -> (value, gradient)``, flattened.
-    limits : LimitRows
     rows : callable, optional
         ``variables -> (values, Jacobian)``, shapes (count,) and (count, variables);
         each value is to be 0 or less.
@@ -51,9 +50,7 @@ def minimise(
 
     Parameters
     ----------
-    programme : Programme
     start : ndarray, shape (variables,)
-    iterations : int
     watch : callable
         Sees every iterate; says whether to stop.
     reach : float
@@ -66,11 +63,7 @@ def minimise(
     """
     import casadi as ca
 
-    from consistent_id.excitation.callbacks import (
-        Differentiable,
-        Observer,
-        QuasiNewton,
-    )
+    from consistent_id.excitation.callbacks import Differentiable, Observer, QuasiNewton
 
     x = ca.MX.sym("x", len(start))
     objective = Differentiable("objective", len(start), 1, programme.objective)

@@ -37,8 +37,6 @@ class ProvenMove:
 
     Parameters
     ----------
-    move : Move
-    proof : Proof
     note : str
         How run-in and run-out lead around what is in their way; empty if nothing is.
     """
@@ -54,7 +52,6 @@ class _Way:
 
     Parameters
     ----------
-    note : str
     later : float, [s]
         After the start of the path at which it begins.
     made : callable
@@ -83,11 +80,8 @@ def proven_move(
 
     Parameters
     ----------
-    path : FourierTrajectory
     proof : Proof
         Of this path.
-    demands : Demands
-    pose : dict from joint to position, optional
     periods : int, optional
         How often the path is repeated.
     smooth : bool
@@ -238,13 +232,7 @@ def _seems_clear(move: Move, demands: Demands) -> bool:
 def _whole(
     move: Move, path: FourierTrajectory, proof: Proof, demands: Demands, way: _Way
 ) -> Proof:
-    """Return the proof of a move along a path that is proven already.
-
-    Raises
-    ------
-    InfeasibleError
-        If run-in or run-out does not keep what is demanded.
-    """
+    """Return the proof of a move along a path that is proven already."""
     proofs: dict[str, list[Proof]] = {}
     brief = demands.of_short_motion
     for name, pieces in (("run-in", move.run_in), ("run-out", move.run_out)):

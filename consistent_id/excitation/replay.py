@@ -41,9 +41,6 @@ def write_replay(
 
     Parameters
     ----------
-    move : Move
-    robot : RobotModel
-    file : str or Path
     urdf : Path, optional
         The robot's file; its visual shapes are drawn by Pinocchio's
         ``ViserVisualizer``.  Without shapes, links are sticks.

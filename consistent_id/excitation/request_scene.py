@@ -21,7 +21,6 @@ from consistent_id.motion.collisions.planning_scene import planning_scene_bodies
 from consistent_id.motion.collisions.scene import Scene
 from consistent_id.motion.collisions.scene_building import build_scene
 from consistent_id.motion.collisions.scene_file import scene_from_urdf
-from consistent_id.motion.collisions.urdf_bodies import rpy
 from consistent_id.motion.collisions.workspaces import Workspace, within_workspaces
 from consistent_id.problems.excitation_tables import (
     BodyTable,
@@ -33,6 +32,7 @@ from consistent_id.problems.excitation_tables import (
     WorkspaceTable,
 )
 from consistent_id.problems.problem import Problem
+from consistent_id.robot.loaders.urdf_inertial import rotation_of
 
 _WHERE = "[excitation.scene]"
 _SHAPES = ("sphere", "box", "capsule", "cylinder")
@@ -122,7 +122,10 @@ def _body(table: BodyTable, number: int) -> Body:
     if len(given) != 1:
         seen = " and ".join(given) or "none"
         raise ProblemError(f"{where} needs one of {', '.join(_SHAPES)}; it has {seen}")
-    rotation, translation = rpy(np.radians(table.rpy_deg)), np.array(table.position)
+    rotation, translation = (
+        rotation_of(np.radians(table.rpy_deg).tolist()),
+        np.array(table.position),
+    )
     shape: Shape
     match shapes[given[0]]:
         case SphereTable() as ball:

@@ -100,8 +100,6 @@ def search(
 
     Parameters
     ----------
-    problem : SearchProblem
-    start : Candidate
     work : float
         That may be done, see `Meter`; the same work gives the same result.
     ended : callable

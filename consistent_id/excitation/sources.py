@@ -12,8 +12,9 @@ from consistent_id._support.arrays import Matrix
 from consistent_id._support.run import require_trusted
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.estimate import Estimate
+from consistent_id.problems.constraint_tables import ConstraintsTable
 from consistent_id.problems.excitation_tables import ExcitationTable, SceneTable
-from consistent_id.problems.file import ConstraintsTable, read_problem_table
+from consistent_id.problems.file import read_problem_table
 from consistent_id.problems.folder import problem_files
 from consistent_id.problems.paths import names_outside
 from consistent_id.problems.problem import Problem, load_problem, problem_of
@@ -86,7 +87,6 @@ def estimated_parameters(problem: Problem, files: Sequence[Path]) -> Matrix | No
 
     Parameters
     ----------
-    problem : Problem
     files : sequence of Path
         Written by `Estimate.save` or ``identify``.
 
@@ -113,7 +113,6 @@ def earlier_recordings(
 
     Parameters
     ----------
-    problem : Problem
     files : sequence of Path
         Written by `save_regression` or ``compress``.
 

@@ -150,13 +150,7 @@ def _scored(
 
 
 def _bound(aim: Aim, reached: float) -> float:
-    """Return the logarithm that the condition number may not exceed.
-
-    Raises
-    ------
-    InfeasibleError
-        If it is above what the aim allows.
-    """
+    """Return the logarithm that the condition number may not exceed."""
     if aim.condition_at_most is None:
         return reached + float(np.log(aim.growth))
     bound = float(np.log(aim.condition_at_most))

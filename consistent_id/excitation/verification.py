@@ -42,7 +42,6 @@ class Demands:
 
     Parameters
     ----------
-    limits : MotionLimits
     model : TorqueModel
         That predicts torque.
     parameters : ndarray, shape (members, parameters), optional
@@ -164,7 +163,6 @@ def demands(
 
     Parameters
     ----------
-    model : TorqueModel
     limits : MotionLimits
         Of the robot's joints, in any order; the demands have them in the robot's.
     parameters : array_like, shape (parameters,) or (members, parameters), optional

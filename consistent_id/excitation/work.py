@@ -42,13 +42,7 @@ class Costs:
 
 @dataclass(slots=True)
 class Meter:
-    """Work that is done, of as much as there may be.
-
-    Parameters
-    ----------
-    allowed : float
-    spent : float
-    """
+    """Work that is done, of as much as there may be."""
 
     allowed: float = float("inf")
     spent: float = 0.0

@@ -16,8 +16,6 @@ class JointDrive:
 
     Parameters
     ----------
-    joint : str
-    terms : DriveTerms
     values : dict of str to float
         By name, such as ``"viscous"``; what the joint's terms lack is not there.
     middle : float, [rad or m]
@@ -106,7 +104,6 @@ def not_expressed(
 
     Parameters
     ----------
-    estimate : Estimate
     where : str
         The format's name.
     expressed : collection of str

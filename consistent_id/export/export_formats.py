@@ -22,7 +22,6 @@ class ExportFormat:
 
     Parameters
     ----------
-    name : str
     content : str
         What is written, for people.
     module, function : str
@@ -83,7 +82,6 @@ def exported(
 
     Parameters
     ----------
-    estimate : Estimate
     form : str
         Name of an entry of `EXPORT_FORMATS`.
     source : Path, optional
@@ -96,7 +94,6 @@ def exported(
         Of PD-controlled joints.
     delay : float, [s]
         Of their commands.
-    allow_refused : bool
 
     Raises
     ------

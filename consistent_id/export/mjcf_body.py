@@ -74,21 +74,6 @@ def require_mujoco() -> Any:
     return needed("mujoco", "mjcf", "writing MJCF", ModelError)
 
 
-def rotation_of(quaternion: Array) -> Matrix:
-    """Return the rotation matrix of a quaternion in MuJoCo's order, w first."""
-    turn = np.zeros(9)
-    require_mujoco().mju_quat2Mat(turn, quaternion)
-    return turn.reshape(3, 3)
-
-
-def compiled_body(model: Any, b: int) -> InertialParameters:
-    """Return the parameters of a compiled model's body in its own frame."""
-    axes = rotation_of(model.body_iquat[b])
-    inertia = axes @ np.diag(model.body_inertia[b]) @ axes.T
-    mass = float(model.body_mass[b])
-    return InertialParameters.from_central(mass, model.body_ipos[b], inertia)
-
-
 def set_body(body: Any, what: InertialParameters, *, moves: bool = True) -> list[str]:
     """Give a body an explicit inertial; say so if it had to be thickened."""
     found = principal_body(what, moves)

@@ -8,7 +8,7 @@ import numpy as np
 from consistent_id._support.arrays import Array
 from consistent_id._support.files import relative_path
 from consistent_id.errors import ModelError
-from consistent_id.export.mjcf_body import compiled_body, require_mujoco
+from consistent_id.export.mjcf_body import require_mujoco
 from consistent_id.export.mjcf_paths import asset_files, path_edits
 from consistent_id.export.mjcf_source import read_spec
 from consistent_id.export.mjcf_splice import (
@@ -20,10 +20,9 @@ from consistent_id.export.mjcf_splice import (
 )
 from consistent_id.export.mjcf_text import exact_xml
 from consistent_id.export.provenance import comment_edit
+from consistent_id.robot.loaders.mjcf import compiled_body
 from consistent_id.robot.loaders.mjcf_assets import stand_in
 from consistent_id.robot.loaders.splice import Document, joined
-from consistent_id.robot.loaders.urdf_lint import read_bytes
-from consistent_id.robot.loaders.xml import XmlFault
 
 _CLOSE = 1e-9  # of the largest; what is read back, beside what was to be written
 _READ_BACK = (
@@ -53,7 +52,6 @@ def put_in_place(
     ----------
     spec : mujoco.MjSpec
         What the file is to say.
-    source : Path
     comment : str
         For its first line.
     folder : Path, optional
@@ -63,7 +61,7 @@ def put_in_place(
     """
     home = source.parent
     folder = home if folder is None else folder
-    document = _document(source)
+    document = Document.read(source)
     files = tuple(dict.fromkeys(asset_files(document, home))) if copies else ()
     outside = [name for _, name in files if ".." in name.parts or name.is_absolute()]
     if outside:
@@ -95,15 +93,6 @@ def put_in_place(
     content = document.spliced(joined(edits))
     _require_same(content, after, source)
     return InPlace(content, files, ())
-
-
-def _document(source: Path) -> Document:
-    try:
-        return Document.of(read_bytes(source))
-    except XmlFault as fault:
-        raise ModelError(f"{source}, {fault}") from None
-    except ModelError as fault:
-        raise ModelError(f"{source}: {fault}") from None
 
 
 def _rewritten(

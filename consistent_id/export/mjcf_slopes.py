@@ -14,8 +14,8 @@ import numpy as np
 from consistent_id._support.arrays import Vector
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.export.drive_values import JointDrive, joint_drives
-from consistent_id.export.mjcf_body import rotation_of
 from consistent_id.export.mjcf_gears import set_number
+from consistent_id.robot.loaders.mjcf import quaternion_matrix
 from consistent_id.robot.model import Joint
 
 RADIUS = 0.05
@@ -117,6 +117,6 @@ def _ends(model: Any, j: int, rest: float) -> tuple[Vector, Vector]:
     u /= np.linalg.norm(u)
     angle = rest - float(model.qpos0[model.jnt_qposadr[j]]) + np.pi
     turned = np.cos(angle) * u + np.sin(angle) * np.cross(axis, u)
-    R = rotation_of(model.body_quat[body])
+    R = quaternion_matrix(model.body_quat[body])
     own = anchor + RADIUS * u
     return own, model.body_pos[body] + R @ (anchor + RADIUS * turned)

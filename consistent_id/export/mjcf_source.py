@@ -8,10 +8,11 @@ import numpy as np
 from consistent_id.errors import ModelError
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.export.inertia_split import Part, split_inertia
-from consistent_id.export.mjcf_body import compiled_body, require_mujoco, set_body
+from consistent_id.export.mjcf_body import require_mujoco, set_body
 from consistent_id.export.mjcf_tree import SpecTree
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.loaders import mjcf_assets
+from consistent_id.robot.loaders.mjcf import compiled_body
 from consistent_id.robot.model import FixedFrame, RobotModel
 
 

@@ -5,7 +5,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from consistent_id.export.mjcf_body import compiled_body, require_mujoco
+from consistent_id.export.mjcf_body import require_mujoco
+from consistent_id.robot.loaders.mjcf import compiled_body
 from consistent_id.robot.loaders.splice import Document, Edit
 from consistent_id.robot.loaders.urdf_inertial import number
 from consistent_id.robot.loaders.xml import Element
@@ -55,8 +56,6 @@ def number_edits(
 
     Parameters
     ----------
-    document : Document
-    places : Places
     before, after : mujoco.MjModel
         Of the file as it is, and as it is to be.
     degree : bool

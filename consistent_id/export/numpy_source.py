@@ -1,6 +1,7 @@
 """The identified robot's dynamics as one Python file that needs NumPy alone."""
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,9 +15,73 @@ from consistent_id.export.provenance import (
     require_fixed_base,
     require_usable,
 )
-from consistent_id.export.source_text import SourceText
 from consistent_id.regression.drive_entries import drive_entries
 from consistent_id.robot.model import RobotModel
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SourceText:
+    """An expression in Python and NumPy.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> v = SourceText("v")
+    >>> (2.0 * np.tanh(v / 0.1) - abs(v) ** 2).text
+    '((2.0 * np.tanh((v / 0.1))) - (abs(v) ** 2.0))'
+    """
+
+    text: str
+
+    @classmethod
+    def of(cls, value: Any) -> "SourceText":
+        """Return a number as the text that makes it again."""
+        return value if isinstance(value, cls) else cls(repr(float(value)))
+
+    def __array_ufunc__(
+        self, ufunc: Any, method: str, *inputs: Any, **options: Any
+    ) -> Any:
+        """Write a call of one of NumPy's functions."""
+        if method != "__call__" or options:
+            return NotImplemented
+        arguments = ", ".join(self.of(x).text for x in inputs)
+        return SourceText(f"np.{ufunc.__name__}({arguments})")
+
+    def _with(self, sign: str, other: Any) -> "SourceText":
+        return SourceText(f"({self.text} {sign} {self.of(other).text})")
+
+    def __add__(self, other: Any) -> "SourceText":
+        return self._with("+", other)
+
+    def __sub__(self, other: Any) -> "SourceText":
+        return self._with("-", other)
+
+    def __mul__(self, other: Any) -> "SourceText":
+        return self._with("*", other)
+
+    def __truediv__(self, other: Any) -> "SourceText":
+        return self._with("/", other)
+
+    def __pow__(self, other: Any) -> "SourceText":
+        return self._with("**", other)
+
+    def __radd__(self, other: Any) -> "SourceText":
+        return self.of(other) + self
+
+    def __rsub__(self, other: Any) -> "SourceText":
+        return self.of(other) - self
+
+    def __rmul__(self, other: Any) -> "SourceText":
+        return self.of(other) * self
+
+    def __rtruediv__(self, other: Any) -> "SourceText":
+        return self.of(other) / self
+
+    def __neg__(self) -> "SourceText":
+        return SourceText(f"(-{self.text})")
+
+    def __abs__(self) -> "SourceText":
+        return SourceText(f"abs({self.text})")
 
 
 def to_numpy(estimate: Estimate, *, allow_refused: bool = False) -> Export:

@@ -19,11 +19,7 @@ from consistent_id.export.exported_file import Export, SideFile
 from consistent_id.export.inertia_split import Part, split_inertia
 from consistent_id.export.json_record import drive_record, json_text
 from consistent_id.export.new_urdf import urdf_text
-from consistent_id.export.provenance import (
-    comment_edit,
-    provenance,
-    require_usable,
-)
+from consistent_id.export.provenance import comment_edit, provenance, require_usable
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.loaders.splice import Document, Edit, joined
 from consistent_id.robot.loaders.urdf_inertial import (
@@ -32,8 +28,8 @@ from consistent_id.robot.loaders.urdf_inertial import (
     set_body,
     set_numbers,
 )
-from consistent_id.robot.loaders.urdf_lint import read_bytes, urdf_findings
-from consistent_id.robot.loaders.xml import Element, XmlFault
+from consistent_id.robot.loaders.urdf_lint import urdf_findings
+from consistent_id.robot.loaders.xml import Element
 from consistent_id.robot.model import STANDARD_GRAVITY, JointLimits, RobotModel
 from consistent_id.robot.parameters import did_you_mean
 
@@ -130,12 +126,7 @@ class _File:
 
     @classmethod
     def read(cls, path: Path) -> "_File":
-        try:
-            document = Document.of(read_bytes(path))
-        except XmlFault as fault:
-            raise ModelError(f"{path}, {fault}") from None
-        except ModelError as fault:
-            raise ModelError(f"{path}: {fault}") from None
+        document = Document.read(path)
         for finding in urdf_findings(document.root, lambda joint: False):
             if finding.severity == "error":
                 raise ModelError(f"{path}, {finding}")

@@ -48,9 +48,6 @@ def controlled(
 
     Parameters
     ----------
-    robot : SimulatedRobot
-    controller : Controller
-    encoders : Encoders
     wanted : Recording
         Uniformly sampled, at the controller's rate.
     substeps : int

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Array, Matrix, Vector, checked, freeze_arrays
 from consistent_id.errors import ProblemError
+from consistent_id.recordings.trajectory import sinusoids
 
 _X, _Y = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
 _PIECES = 400  # of a curve whose length is measured, each with a rule of eight points
@@ -58,14 +59,7 @@ class HarmonicCurve:
     def evaluate(self, u: ArrayLike, derivatives: int = 2) -> Array:
         """Return position and derivatives by `u`, (derivatives + 1, samples, 3)."""
         u = checked(u, (None,), "u")
-        angles = np.outer(u, self.rates)
-        sines, cosines = np.sin(angles), np.cos(angles)
-        values = np.empty((derivatives + 1, len(u), 3))
-        a, b = self.sine, self.cosine
-        for order in range(derivatives + 1):
-            values[order] = sines @ a + cosines @ b
-            # d/du (a sin wu + b cos wu) = -w b sin wu + w a cos wu
-            a, b = -self.rates[:, None] * b, self.rates[:, None] * a
+        values = sinusoids(u, self.rates, self.sine, self.cosine, derivatives)
         values[0] += self.offset + np.outer(u, self.slope)
         if derivatives:
             values[1] += self.slope
@@ -100,7 +94,6 @@ def circle(
     centre : array_like, shape (3,), [m]
     along, across : array_like, shape (3,)
         Directions that span the plane; `across` is made perpendicular to `along`.
-    turns : float
 
     Examples
     --------

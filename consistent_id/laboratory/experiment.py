@@ -20,11 +20,6 @@ class Laboratory:
 
     Parameters
     ----------
-    robot : SimulatedRobot
-    controller : Controller
-    encoders : Encoders
-    load_cell : LoadCell
-    cameras : Cameras
     substeps : int
         Integration steps between two ticks of the controller.
     """
@@ -100,7 +95,6 @@ def perform(
 
     Parameters
     ----------
-    laboratory : Laboratory
     motion : Recording
         To be followed: position, velocity and acceleration, uniformly sampled at the
         rate at which the controller runs and the encoders are read.

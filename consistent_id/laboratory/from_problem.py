@@ -102,7 +102,6 @@ def laboratory_of(problem: Problem, inertial: ArrayLike) -> Laboratory:
 
     Parameters
     ----------
-    problem : Problem
     inertial : array_like, shape (10 links,)
     """
     table = laboratory_table(problem)

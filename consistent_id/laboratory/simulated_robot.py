@@ -119,7 +119,6 @@ def with_friction(
 
     Parameters
     ----------
-    robot : RobotModel
     inertial : array_like, shape (10 links,)
     viscous : array_like, shape () or (joints,), [N m s/rad or N s/m]
     coulomb : array_like, shape () or (joints,), [N m or N]

@@ -39,7 +39,6 @@ def synchronised(
 
     Parameters
     ----------
-    log : ExperimentLog
     cutoff : float, [Hz]
         Of a low-pass without phase, below the slower clock's Nyquist frequency.
     trim : float, [s]

@@ -21,6 +21,7 @@ from consistent_id._support.arrays import (
 )
 from consistent_id.errors import ProblemError
 from consistent_id.laboratory.curves import Curve, arc_length
+from consistent_id.robot.places import turns
 
 TimeLaw = Literal["quintic", "septic", "cycloidal"]
 
@@ -43,7 +44,6 @@ def time_law(law: TimeLaw, s: ArrayLike, derivatives: int = 2) -> Array:
         is zero at the ends, too; ``s - sin(2 pi s) / (2 pi)``.
     s : array_like, shape (samples,)
         Before 0 and after 1 it stands still.
-    derivatives : int
 
     Returns
     -------
@@ -115,11 +115,7 @@ class Orientation:
 
     def at(self, u: Vector) -> Array:
         """Return rotations at `u`, shape (samples, 3, 3)."""
-        x, y, z = self.axis
-        K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-        angle = (self.angle * u)[:, None, None]
-        turned = np.eye(3) + np.sin(angle) * K + (1.0 - np.cos(angle)) * K @ K
-        return np.asarray(turned @ self.start)
+        return np.asarray(turns(self.axis, self.angle * u) @ self.start)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -12,9 +12,14 @@ from numpy.typing import ArrayLike
 from consistent_id._support.arrays import Array, Vector, checked
 from consistent_id.motion import bernstein
 from consistent_id.motion.limits import MotionLimits
-from consistent_id.motion.motion_state import MotionState
 from consistent_id.motion.polynomial_path import PolynomialPath
-from consistent_id.motion.transfers import MATCHED, allowed_by, limits_of, shortest
+from consistent_id.motion.transfers import (
+    MATCHED,
+    MotionState,
+    allowed_by,
+    limits_of,
+    shortest,
+)
 
 _ROUNDING = 1e-10  # share of a limit that is left when a pose is chosen
 
@@ -29,8 +34,6 @@ def approach(
 
     Parameters
     ----------
-    end : MotionState
-    limits : MotionLimits
     near : array_like, shape (joints,), optional, [rad or m]
         Of the poses at rest from which it can be done in this time, the nearest to this
         one is taken; by default the middle one.

@@ -39,7 +39,6 @@ def derivative(control: Array, duration: Vector, order: int = 1) -> Array:
     ----------
     control : ndarray, shape (degree + 1, durations, joints)
     duration : ndarray, shape (durations,), [s]
-    order : int
     """
     for _ in range(order):
         n = len(control) - 1

@@ -11,10 +11,9 @@ from consistent_id._support.arrays import Vector, checked
 from consistent_id.errors import ProblemError
 from consistent_id.motion.approaches import approach, departure
 from consistent_id.motion.limits import MotionLimits
-from consistent_id.motion.motion_state import MotionState
 from consistent_id.motion.move import Move, end_of
 from consistent_id.motion.polynomial_path import PolynomialPath
-from consistent_id.motion.transfers import MATCHED, limits_of, transfer
+from consistent_id.motion.transfers import MATCHED, MotionState, limits_of, transfer
 from consistent_id.recordings.trajectory import FourierTrajectory
 from consistent_id.robot.parameters import did_you_mean
 

@@ -5,14 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._support.arrays import (
-    Array,
-    Matrix,
-    Vector,
-    checked,
-    freeze,
-    frozen,
-)
+from consistent_id._support.arrays import Array, Matrix, Vector, checked, freeze, frozen
 from consistent_id.errors import ProblemError
 from consistent_id.motion import bernstein
 from consistent_id.recordings.paths import freeze_path

@@ -5,16 +5,26 @@ duration is long enough is proven by Bernstein coefficients.
 """
 
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
+from typing import Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from consistent_id._support.arrays import Array, IntArray, Matrix, Vector
+from consistent_id._support.arrays import (
+    Array,
+    IntArray,
+    Matrix,
+    Vector,
+    freeze,
+    freeze_arrays,
+    frozen,
+)
 from consistent_id.errors import ProblemError
 from consistent_id.motion import bernstein
 from consistent_id.motion.limits import MotionLimits
-from consistent_id.motion.motion_state import MotionState
 from consistent_id.motion.polynomial_path import PolynomialPath
+from consistent_id.recordings.paths import JointPath
 from consistent_id.robot.parameters import did_you_mean
 
 MATCHED = 3  # position, velocity and acceleration are met at both ends
@@ -27,6 +37,41 @@ _INSIDE = 1e-9  # share of a limit that is left, so that rounding cannot exceed 
 
 # Durations (t,) -> Bernstein coefficients (degree + 1, t, joints).
 Family = Callable[[Vector], Array]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MotionState:
+    """Where joints are and how they move, at one time.
+
+    Parameters
+    ----------
+    joints : tuple of str
+    values : array_like, shape (4, joints)
+        Position [rad or m], velocity, acceleration and jerk.
+
+    Examples
+    --------
+    >>> MotionState.at_rest(("elbow",), [0.3]).values[:, 0].tolist()
+    [0.3, 0.0, 0.0, 0.0]
+    """
+
+    joints: tuple[str, ...]
+    values: Matrix
+
+    def __post_init__(self) -> None:
+        freeze(self, joints=tuple(self.joints))
+        freeze_arrays(self, {"values": (4, len(self.joints))}, "state")
+
+    @classmethod
+    def at_rest(cls, joints: tuple[str, ...], position: ArrayLike) -> Self:
+        """Return a pose, shape (joints,), [rad or m], that is not left."""
+        pose = frozen(position, (len(joints),), "pose")
+        return cls(joints, np.vstack([pose, np.zeros((3, len(pose)))]))
+
+    @classmethod
+    def of(cls, path: JointPath, time: float) -> Self:
+        """Return the state that a path has at a time [s]."""
+        return cls(path.joints, path.evaluate([time], derivatives=3)[:, 0])
 
 
 def transfer(
@@ -99,7 +144,6 @@ def shortest(
         From durations to Bernstein coefficients.
     states : tuple of MotionState
         That the family meets at its ends.
-    limits : MotionLimits
     """
     if any(state.joints != limits.joints for state in states):
         raise ProblemError("states are of different joints; expected the same")

@@ -34,7 +34,6 @@ def via_poses(
         Least and greatest position of each joint.
     free : function
         From poses, shape (poses, joints), to whether each is free.
-    rng : Generator
 
     Returns
     -------

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import fields
 from typing import Annotated, Any, Literal
 
+import msgspec
 import numpy as np
 from msgspec import Meta
 
@@ -74,42 +75,23 @@ def beside_columns(
     """Return the columns that tables name."""
     return BesideColumns(
         None if base is None else _base_columns(base),
-        tuple(
-            ContactColumns(
-                table.frame,
-                table.closed,
-                table.threshold,
-                table.guard,
-                np.array(table.point),
-                table.surface,
-                table.radius,
-            )
-            for table in contacts
-        ),
-        tuple(
-            WrenchColumns(
-                table.frame,
-                table.values,
-                table.on_robot,
-                np.array(table.point),
-                table.axes,
-            )
-            for table in wrenches
-        ),
+        tuple(ContactColumns(**_values(table)) for table in contacts),
+        tuple(WrenchColumns(**_values(table)) for table in wrenches),
     )
 
 
 def _base_columns(table: BaseTable) -> BaseColumns:
     turned = table.imu_orientation
-    return BaseColumns(
-        table.angular_velocity,
-        table.acceleration,
-        table.position,
-        table.orientation,
-        table.order,
-        np.array(table.imu_position),
-        None if turned is None else tuple(turned),
-    )
+    values = _values(table) | {
+        "imu_orientation": None if turned is None else tuple(turned)
+    }
+    return BaseColumns(**values)
+
+
+def _values(table: Table) -> dict[str, Any]:
+    """Return the fields, points as arrays."""
+    named = msgspec.structs.asdict(table)
+    return {k: np.array(v) if isinstance(v, tuple) else v for k, v in named.items()}
 
 
 def beside_tables(columns: BesideColumns) -> dict[str, Any]:

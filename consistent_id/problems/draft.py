@@ -8,29 +8,27 @@ from typing import Literal
 import msgspec
 
 from consistent_id._support.files import relative_path
-from consistent_id._support.tables import Table
 from consistent_id.problems.base_tables import beside_tables
+from consistent_id.problems.constraint_tables import ConstraintsTable
+from consistent_id.problems.draft_text import comments_of
 from consistent_id.problems.file import (
     ColumnsTable,
-    ConstraintsTable,
     DataTable,
     DriveTable,
     JointTable,
-    ModelTable,
     PreparationTable,
     ProblemTable,
     RecordingTable,
 )
 from consistent_id.problems.floating.standing_draft import StandingDraft
 from consistent_id.problems.log_entries import gains_table
-from consistent_id.problems.model import DEFAULT_DRIVE
+from consistent_id.problems.model import DEFAULT_DRIVE, model_table
 from consistent_id.problems.problem import Problem, problem_of
 from consistent_id.problems.selection.selection import ModelSelection
-from consistent_id.problems.toml_text import toml_text
+from consistent_id.problems.toml_text import problem_name, toml_text
 from consistent_id.recordings.readers.columns import Columns
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import PDGains
-from consistent_id.robot.loaders.robot_file import is_mjcf
 
 Role = Literal["training", "validation"]
 
@@ -41,7 +39,6 @@ class DraftRecording:
 
     Parameters
     ----------
-    log : Path
     role : {"training", "validation"}
     rows : tuple of int
         First and last, from 1.
@@ -144,8 +141,7 @@ class Draft:
     @property
     def name(self) -> str:
         """The problem's name: the first log's, in letters that a name may have."""
-        kept = "".join(c if c.isascii() and c.isalnum() else "-" for c in self.log.stem)
-        return kept.strip("-") or "problem"
+        return problem_name(self.log)
 
     def table(self, folder: Path) -> ProblemTable:
         """Return the content of the problem file, for a file in a folder."""
@@ -154,65 +150,63 @@ class Draft:
 
     def _plain(self, folder: Path) -> ProblemTable:
         """Return the content without a model that was selected."""
-        mjcf = is_mjcf(self.model)
-        model = relative_path(self.model, folder).replace("$", "$$")
-        columns = msgspec.structs.asdict(ColumnsTable())
-        columns = {key: getattr(self.columns, key) for key in columns}
-        columns["array_joints"] = list(self.columns.array_joints)
-        gain = list(self.torque_gain) or [1.0]
-        standing = self.standing
         return ProblemTable(
             name=self.name,
-            model=ModelTable(
-                urdf=None if mjcf else model,
-                mjcf=model if mjcf else None,
-                base=self.base,
-                tip=self.tip,
-                locked=dict(self.held),
+            model=model_table(
+                self.model, folder, base=self.base, tip=self.tip, locked=self.held
             ),
             drive=self.drive,
             joints=dict(self.joint_drives),
             constraints=self._constraints,
-            data=DataTable(
-                recordings=[
-                    RecordingTable(
-                        file=relative_path(entry.log, folder),
-                        role=entry.role,
-                        rows=list(entry.rows),
-                    )
-                    for entry in self.recordings
-                ],
-                columns=ColumnsTable(**columns),
-                units={
-                    channel: unit if isinstance(unit, str) else list(unit)
-                    for channel, unit in self.columns.units.items()
-                },
-                torque_gain=gain if len(gain) > 1 else gain[0],
-                torque_joints=list(self.columns.torque_joints),
-                **beside_tables(self.columns.beside),
-                gains=None
-                if self.gains is None
-                else gains_table(self.gains, self.delay),
-                preparation=PreparationTable(
-                    max_gap=self.max_gap,
-                    resample=self.resample,
-                    motion_cutoff=self.cutoff,
-                    torque_cutoff=self.cutoff,
-                    most_slip=standing.most_slip if standing else None,
-                    least_joint_speed=standing.least_joint_speed if standing else None,
-                ),
-            ),
+            data=self._data(folder),
+        )
+
+    def _data(self, folder: Path) -> DataTable:
+        columns = msgspec.structs.asdict(ColumnsTable())
+        columns = {key: getattr(self.columns, key) for key in columns}
+        columns["array_joints"] = list(self.columns.array_joints)
+        gain = list(self.torque_gain) or [1.0]
+        return DataTable(
+            recordings=[
+                RecordingTable(
+                    file=relative_path(entry.log, folder),
+                    role=entry.role,
+                    rows=list(entry.rows),
+                )
+                for entry in self.recordings
+            ],
+            columns=ColumnsTable(**columns),
+            units={
+                channel: unit if isinstance(unit, str) else list(unit)
+                for channel, unit in self.columns.units.items()
+            },
+            torque_gain=gain if len(gain) > 1 else gain[0],
+            torque_joints=list(self.columns.torque_joints),
+            **beside_tables(self.columns.beside),
+            gains=None if self.gains is None else gains_table(self.gains, self.delay),
+            preparation=self._preparation,
+        )
+
+    @property
+    def _preparation(self) -> PreparationTable:
+        standing = self.standing
+        return PreparationTable(
+            max_gap=self.max_gap,
+            resample=self.resample,
+            motion_cutoff=self.cutoff,
+            torque_cutoff=self.cutoff,
+            most_slip=standing.most_slip if standing else None,
+            least_joint_speed=standing.least_joint_speed if standing else None,
         )
 
     @property
     def _constraints(self) -> ConstraintsTable:
-        if self.standing is None:
-            return ConstraintsTable(bodies=self.bodies, masses=self.masses)
+        standing = self.standing
         return ConstraintsTable(
             bodies=self.bodies,
             masses=self.masses,
-            known_links=list(self.standing.known_links),
-            fixed=dict(self.standing.rotors),
+            known_links=list(standing.known_links) if standing else [],
+            fixed=dict(standing.rotors) if standing else {},
         )
 
     def problem(self, folder: Path | None = None) -> Problem:
@@ -231,120 +225,14 @@ class Draft:
             Kinds of findings that its user overlooked; a comment says so.
         """
         head = (
-            f"# Drafted from {self.model.name} and {self._names}. A comment that\n"
+            f"# Drafted from {self.model.name} and {self.log_names}. A comment that\n"
             "# begins with GUESS marks what neither of them states: check it.\n\n"
         )
         if accepted:
             head += f"# Accepted in spite of the verdict: {', '.join(accepted)}.\n\n"
-        return head + toml_text(self.table(folder), self._comments)
+        return head + toml_text(self.table(folder), comments_of(self))
 
     @property
-    def _names(self) -> str:
+    def log_names(self) -> str:
+        """Names of the logs' files."""
         return ", ".join(dict.fromkeys(entry.log.name for entry in self.recordings))
-
-    @property
-    def _locked(self) -> tuple[str, str]:
-        """Say which joints are held, and where if not at zero."""
-        if not any(self.held.values()):
-            return "locked at zero", ", ".join(self.held)
-        return "locked", ", ".join(f"{k} at {v:g}" for k, v in self.held.items())
-
-    @property
-    def _is_split(self) -> bool:
-        """Whether one log is for both, training and validation."""
-        return len({entry.log for entry in self.recordings}) < len(self.recordings)
-
-    @property
-    def _comments(self) -> dict[str, str]:
-        held = f"{self._locked[0].capitalize()}: {self._locked[1]}.\n"
-        rest = "units are rad, m, N m and N, as no name contradicts this"
-        masses = {
-            "datasheet": '"free" if they are made up',
-            "free": "known ones make estimates better",
-        }
-        stated = "bodies" if self.bodies == "model" else "masses"
-        known = f"GUESS: the {stated} of {self.model.name} are those of the robot."
-        comments = {
-            "model": f"{held if self.held else ''}Joints: {', '.join(self.joints)}.",
-            "drive": "GUESS: viscous friction, Coulomb friction, a constant offset.\n"
-            "rotor_inertia = true adds the rotors of geared motors.",
-            "drive.velocity_scale": "GUESS [rad/s or m/s]: width of the sign change",
-            "constraints": known if self.masses == "datasheet" else "",
-            "constraints.masses": "" if self.bodies == "model" else masses[self.masses],
-            "data": "The first 70 % of the motion are for training, the rest for "
-            "validation."
-            if self._is_split
-            else "",
-            "data.columns": "\n".join(
-                f"GUESS: {note}."
-                for note in (
-                    *self.notes,
-                    f"other {rest}" if self.columns.units else rest,
-                )
-            ),
-            "data.columns.time": "",
-            "data.columns.position": "",
-            "data.preparation": f"The log has {self.rate:.6g} samples a second.\n"
-            f"GUESS: {self.cutoff_reason}.",
-            "data.gains": "GUESS: the delay [s] with which the torque fits best, one\n"
-            "sample at the most; consistent-id rollout --choose finds a better one.",
-            "data.gains.delay": "",
-            "data.preparation.max_gap": "s; longest step between samples",
-            "data.preparation.resample": "Hz; the time stamps jitter",
-            "data.preparation.motion_cutoff": "Hz",
-            "data.preparation.torque_cutoff": "Hz",
-        }
-        if self.standing is not None:
-            comments |= self.standing.comments
-        if self.selection is None:
-            return comments
-        masses_kept = self.selection.choice.masses == self.masses
-        chosen = self.selection.comments()
-        if not masses_kept:
-            del comments["constraints.masses"]
-        del comments["drive.velocity_scale"]
-        rate = f"The log has {self.rate:.6g} samples a second."
-        chosen["data.preparation"] = f"{rate}\n{chosen['data.preparation']}"
-        return comments | chosen
-
-
-def draft_table(draft: Draft) -> Table:
-    """Return what was taken from the files, and what was guessed."""
-    columns = draft.columns
-    channels = ("time", "position", "velocity", "torque", "position_command")
-    named = ((c, getattr(columns, c)) for c in channels)
-    units = ", ".join(f"{channel}: {u}" for channel, u in columns.units.items())
-    rows = [
-        ("joints", ", ".join(draft.joints)),
-        ("columns", ", ".join(f"{c}: {name}" for c, name in named if name is not None)),
-        ("rate", f"{draft.rate:.6g} Hz" + ("; resampled" if draft.resample else "")),
-        ("units", units or "s, rad, m, N m, N"),
-        *(
-            (f"rows of {entry.log.name}", f"{a} to {b} for {entry.role}")
-            for entry in draft.recordings
-            for a, b in (entry.rows,)
-        ),
-        ("cut-off", f"{draft.cutoff:g} Hz: {draft.cutoff_reason}"),
-        _taken(draft),
-        ("friction", "viscous, Coulomb (tanh), offset"),
-    ]
-    if draft.selection is not None:
-        # The table of the selection has them.
-        del rows[-3 if draft.bodies == "identified" else -1 :]
-    if draft.held:
-        rows.insert(1, draft._locked)
-    return Table(
-        f"How {draft.model.name} and {draft._names} were read",
-        ("what", "which"),
-        tuple(rows),
-        (*draft.notes, "consistent-id init writes this down, to be corrected"),
-    )
-
-
-def _taken(draft: Draft) -> tuple[str, str]:
-    """Say what is taken from the model."""
-    if draft.bodies == "model":
-        return "bodies", "the model's"
-    if draft.standing is not None:
-        return "bodies", "the model's, but for that of the base, which is free"
-    return "masses", "the model's" if draft.masses == "datasheet" else "free"

@@ -37,7 +37,6 @@ class Split:
 
     Parameters
     ----------
-    entries : tuple of DraftRecording
     training : tuple of Recording
         The parts for training.
     """

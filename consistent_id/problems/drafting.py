@@ -9,20 +9,17 @@ import msgspec
 
 from consistent_id.errors import ConsistentIdError, ProblemError
 from consistent_id.problems.draft import Draft, DraftRecording
-from consistent_id.problems.draft_cutoff import (
-    DraftCutoff,
-    draft_cutoff,
-    usual_cutoff,
-)
+from consistent_id.problems.draft_cutoff import DraftCutoff, draft_cutoff, usual_cutoff
 from consistent_id.problems.draft_rows import (
     Clock,
+    Split,
     clock_of,
     moving_rows,
     split_logs,
 )
 from consistent_id.problems.floating.hints import BaseHints
 from consistent_id.problems.floating.standing_draft import standing_draft
-from consistent_id.problems.given_logs import GivenLog, given_logs
+from consistent_id.problems.given_logs import GivenLog, GivenLogs, given_logs
 from consistent_id.problems.late_velocity import on_time
 from consistent_id.problems.log_entries import with_torque
 from consistent_id.problems.model import DEFAULT_DRIVE
@@ -147,32 +144,30 @@ def draft_problem(
         gains=gains,
         base=base,
     )
-    logs, read = _read_in_time(logs, given.training, columns)
-    raws = {file: with_torque(raw, gains) for file, raw in read.items()}
-    clock = clock_of(list(raws.values()))
+    reading = _reading(logs, given, columns)
+    logs, raws = reading.logs, list(reading.raws.values())
     if friction_velocity is None and gains is not None:
         friction_velocity = DRY
     stated = _stated(logs, drive, friction_velocity)
-    standing = standing_draft(logs, list(raws.values()), model, stated.common)
+    standing = standing_draft(logs, raws, model, stated.common)
     select, searched = select and standing is None, select or standing is not None
-    split = split_logs(raws, clock, whole=bool(given.validation))
-    chosen = _plain_cutoff(logs, stated, split.training, clock, cutoff, searched)
+    chosen = _plain_cutoff(reading, stated, cutoff, searched)
     draft = Draft(
         model=model,
-        recordings=tuple(sorted(split.entries, key=lambda entry: entry.role)),
+        recordings=tuple(sorted(reading.split.entries, key=lambda entry: entry.role)),
         joints=logs.robot.joint_names,
         held=logs.locked,
         base=None if selection is None else selection.base,
         tip=None if selection is None else selection.tip,
         columns=logs.columns,
         torque_gain=tuple(torque_gain),
-        rate=own_rate(raws[given.training[0]]),
-        resample=clock.resample,
-        max_gap=clock.max_gap,
+        rate=own_rate(raws[0]),
+        resample=reading.clock.resample,
+        max_gap=reading.clock.max_gap,
         cutoff=chosen.frequency,
         cutoff_reason=chosen.reason,
         masses=_masses(logs, masses),
-        raw=read,
+        raw=reading.recordings,
         notes=logs.notes,
         drive=stated.common,
         joint_drives=stated.joints,
@@ -185,27 +180,32 @@ def draft_problem(
     if select:
         fixed = {*keep, *_fixed(masses, cutoff, drive, friction_velocity)}
         draft = _with_model(draft, fixed, band, progress)
-    return _with_validation(draft, given.validation, logs, clock)
+    return _with_validation(draft, given.validation, reading)
 
 
-class _ReadLogs(NamedTuple):
-    """Logs as recorded, by file, and how others are read alike."""
+class _Reading(NamedTuple):
+    """Training logs by file, as recorded and with torque; what moves of them."""
 
     logs: RobotLogs
     recordings: dict[Path, Recording]
+    raws: dict[Path, Recording]
+    clock: Clock
+    split: Split
 
 
-def _read_in_time(
-    logs: RobotLogs, files: Sequence[Path], columns: Mapping[str, str] | None
-) -> _ReadLogs:
+def _reading(
+    logs: RobotLogs, given: GivenLogs, columns: Mapping[str, str] | None
+) -> _Reading:
     """Read logs, without velocities that come late unless their columns are given."""
-    read = {file: logs.read(file) for file in files}
-    if "velocity" in (columns or {}):
-        return _ReadLogs(logs, read)
-    logs = on_time(logs, read.values())
-    if logs.columns.velocity is None:
-        read = {file: replace(raw, velocity=None) for file, raw in read.items()}
-    return _ReadLogs(logs, read)
+    read = {file: logs.read(file) for file in given.training}
+    if "velocity" not in (columns or {}):
+        logs = on_time(logs, read.values())
+        if logs.columns.velocity is None:
+            read = {file: replace(raw, velocity=None) for file, raw in read.items()}
+    raws = {file: with_torque(raw, logs.gains) for file, raw in read.items()}
+    clock = clock_of(list(raws.values()))
+    split = split_logs(raws, clock, whole=bool(given.validation))
+    return _Reading(logs, read, raws, clock, split)
 
 
 def _masses(
@@ -236,32 +236,28 @@ def _fixed(
 
 
 def _plain_cutoff(
-    logs: RobotLogs,
-    drive: StatedDrive,
-    training: Sequence[Recording],
-    clock: Clock,
-    given: float | None,
-    select: bool,
+    reading: _Reading, drive: StatedDrive, given: float | None, select: bool
 ) -> DraftCutoff:
     """Return the cut-off of a draft whose model has not been selected."""
     if given is not None:
         return DraftCutoff(given, f"{given:g} Hz, as was asked for")
     if select:
-        return DraftCutoff(usual_cutoff(training), "the plain default")
+        return DraftCutoff(usual_cutoff(reading.split.training), "the plain default")
+    logs = reading.logs
     measured = tuple(logs.columns.torque_joints)
     terms = drive.terms(logs.robot.joint_names)
     model = TorqueModel(logs.robot, terms, torque_joints=measured)
-    return draft_cutoff(model, training, clock)
+    return draft_cutoff(model, reading.split.training, reading.clock)
 
 
 def _with_validation(
-    draft: Draft, held_out: Sequence[Path], logs: RobotLogs, clock: Clock
+    draft: Draft, held_out: Sequence[Path], reading: _Reading
 ) -> Draft:
     """Return a draft with logs for validation, read when its model is fixed."""
-    raws, entries = dict(draft.raw), list(draft.recordings)
+    logs, raws, entries = reading.logs, dict(draft.raw), list(draft.recordings)
     for file in held_out:
         raws[file] = logs.read(file)
-        rows = moving_rows(with_torque(raws[file], logs.gains), clock)
+        rows = moving_rows(with_torque(raws[file], logs.gains), reading.clock)
         entries.append(DraftRecording(file, "validation", rows))
     return replace(draft, raw=raws, recordings=tuple(entries))
 

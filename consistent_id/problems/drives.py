@@ -31,7 +31,6 @@ class FoundDrives:
     ----------
     gains : PDGains, optional
         What they really are: as stated, times the scale.
-    calibration : DriveCalibration
     delay : CommandDelay, optional
         The scan of the delay, if it is to be found.
     fit : CalibrationFit, optional
@@ -63,9 +62,6 @@ def found_drives(
 
     Parameters
     ----------
-    data : DataTable, optional
-    model : TorqueModel
-    constraints : sequence of Constraint
     prepared : callable
         From a calibration to the training recordings, prepared.
     groups : sequence of sequence of str

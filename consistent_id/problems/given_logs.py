@@ -28,7 +28,6 @@ class GivenLogs:
 
     Parameters
     ----------
-    training, validation : tuple of Path
     tables : mapping of Path to ColumnTable
         Those in memory.
     """
@@ -79,13 +78,7 @@ def _table(log: GivenLog) -> ColumnTable:
 
 
 def _columns_of(log: Recording) -> dict[str, Vector]:
-    """Return a recording's arrays by names of columns.
-
-    Raises
-    ------
-    RecordingError
-        If it has what a table of joints does not.
-    """
+    """Return a recording's arrays by names of columns."""
     beside = [name for name in _BESIDE if _is_there(getattr(log, name))]
     if beside:
         raise RecordingError(

@@ -207,7 +207,6 @@ def changed_tables(
 
     Parameters
     ----------
-    old, new : ProblemTable
     paths : sequence of str
         Of the tables that may.
     """

@@ -23,7 +23,6 @@ def on_time(logs: RobotLogs, training: Iterable[Recording]) -> RobotLogs:
 
     Parameters
     ----------
-    logs : RobotLogs
     training : iterable of Recording
         As they were read; one late velocity suffices.
     """

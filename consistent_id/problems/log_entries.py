@@ -1,19 +1,20 @@
-"""What a problem file says of its logs: rows that count, gains that make torque."""
+"""What a problem file says of its logs: columns, rows that count, gains of drives."""
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Literal
 
+import msgspec
 import numpy as np
 
 from consistent_id.errors import ProblemError
+from consistent_id.problems.base_tables import beside_columns
 from consistent_id.problems.file import DataTable, GainsTable, RecordingTable
+from consistent_id.recordings.log_formats import log_format
+from consistent_id.recordings.readers import JOINT_STATE, Columns
 from consistent_id.recordings.recording import Recording
-from consistent_id.recordings.signals import (
-    DriveCalibration,
-    PDGains,
-    calibrated,
-)
+from consistent_id.recordings.signals import DriveCalibration, PDGains, calibrated
 
 
 def span_of(raw: Recording, entry: RecordingTable) -> tuple[float, float]:
@@ -52,8 +53,6 @@ def require_rows(name: str, entry: RecordingTable, left: int) -> None:
 
     Parameters
     ----------
-    name : str
-    entry : RecordingTable
     left : int
         Rows of the log that are not omitted.
 
@@ -132,12 +131,23 @@ def with_torque(
 
     Parameters
     ----------
-    raw : Recording
     gains : PDGains, optional
         As they are stated.
-    calibration : DriveCalibration, optional
     """
     if gains is None:
         return raw
     known = DriveCalibration() if calibration is None else calibration
     return replace(calibrated(raw, gains, known), velocity=None)
+
+
+def columns_of(data: DataTable, file: Path) -> Columns:
+    """Return how a recording names its columns; by default as its format does."""
+    usual = JOINT_STATE if log_format(file).holds == "joint states" else Columns()
+    named = {} if data.columns is None else msgspec.structs.asdict(data.columns)
+    return replace(
+        usual,
+        **named,
+        torque_joints=data.torque_joints,
+        units=data.units,
+        beside=beside_columns(data.base, data.contacts, data.wrenches),
+    )

@@ -1,22 +1,25 @@
 """The robot and its torque model, as a problem file describes them."""
 
+from collections.abc import Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 
 import msgspec
 import numpy as np
 
+from consistent_id._support.files import relative_path
 from consistent_id.errors import ProblemError
+from consistent_id.problems.constraint_tables import ConstraintsTable
 from consistent_id.problems.file import (
-    ConstraintsTable,
     CouplingTable,
     DHTable,
     DriveTable,
     JointTable,
     LinkTable,
+    ModelTable,
     ProblemTable,
 )
-from consistent_id.problems.named_files import expanded, require_there
+from consistent_id.problems.paths import expanded, require_there
 from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.drive.gear_coupling import GearCoupling
 from consistent_id.regression.loads import unloaded_joints
@@ -30,6 +33,7 @@ from consistent_id.robot.loaders import (
     load_mjcf,
     load_urdf,
 )
+from consistent_id.robot.loaders.robot_file import is_mjcf
 from consistent_id.robot.model import (
     STANDARD_GRAVITY,
     Datasheet,
@@ -62,6 +66,25 @@ def torque_model(table: ProblemTable, file: Path) -> TorqueModel:
             near = did_you_mean(name, robot.joint_names)
             raise ProblemError(f"{file}: [joints.{name}]: no such joint; {near}")
     return drive_of(table, robot)
+
+
+def model_table(
+    model: Path,
+    folder: Path,
+    *,
+    base: str | None = None,
+    tip: str | None = None,
+    locked: Mapping[str, float] | None = None,
+) -> ModelTable:
+    """Return the table that names a robot's file, for a problem file in a folder."""
+    mjcf, path = is_mjcf(model), relative_path(model, folder).replace("$", "$$")
+    return ModelTable(
+        urdf=None if mjcf else path,
+        mjcf=path if mjcf else None,
+        base=base,
+        tip=tip,
+        locked=dict(locked or {}),
+    )
 
 
 def described(robot: RobotModel, table: ProblemTable) -> RobotModel:
@@ -183,11 +206,4 @@ def datasheet_of(table: LinkTable, known: Datasheet = Datasheet()) -> Datasheet:
 
 def coupling_of(table: CouplingTable) -> GearCoupling:
     """Return the coupling that a table states."""
-    return GearCoupling(
-        table.first,
-        table.second,
-        table.viscous,
-        table.coulomb,
-        table.velocity_scale,
-        table.rotor_inertia,
-    )
+    return GearCoupling(**msgspec.structs.asdict(table))

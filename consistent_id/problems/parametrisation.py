@@ -31,7 +31,6 @@ class Combination:
 
     Parameters
     ----------
-    name, meaning, unit : str
     terms : mapping of str to float
         Coefficients of the model's parameters, by name.
     effect : {"inertia", "gravity"}
@@ -51,8 +50,6 @@ class Parametrisation:
 
     Parameters
     ----------
-    model : TorqueModel
-    combinations : tuple of Combination
     zero : tuple of str
         Parameters that the parametrisation takes for zero.
 

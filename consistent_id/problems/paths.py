@@ -1,8 +1,9 @@
-"""Which files a problem file may name when nobody has said that it is trusted.
+"""Files that a problem file names: where they are, and which ones it may name.
 
 A problem file comes with data from others.  What it names is read, and parts of it end
-up in reports; so it may name what lies below its own folder or below the folder of the
-data, and no other environment variable than that folder's.
+up in reports; so, unless somebody has said that it is trusted, it may name what lies
+below its own folder or below the folder of the data, and no other environment variable
+than that folder's.
 """
 
 import os
@@ -13,6 +14,7 @@ from pathlib import Path
 import msgspec
 
 from consistent_id._support.files import relative_path
+from consistent_id.errors import ProblemError
 from consistent_id.problems.file import ProblemTable
 
 DATA_FOLDER = "CONSISTENT_ID_DATASETS"
@@ -24,7 +26,6 @@ def names_outside(table: ProblemTable, file: Path) -> Iterator[str]:
 
     Parameters
     ----------
-    table : ProblemTable
     file : Path
         From whose folder relative names count.
     """
@@ -54,7 +55,6 @@ def moved(table: ProblemTable, old: Path, new: Path) -> ProblemTable:
 
     Parameters
     ----------
-    table : ProblemTable
     old, new : Path
         Folders of the file, before and after.
     """
@@ -108,3 +108,37 @@ def _is_below(place: Path, roots: list[Path]) -> bool:
     except (OSError, ValueError, RuntimeError):  # a loop of links, or no path at all
         return False
     return any(real.is_relative_to(root) for root in roots)
+
+
+def expanded(path: str, table: ProblemTable) -> str:
+    """Replace ``${NAME}`` by environment variables; a missing one is an error."""
+    try:
+        return string.Template(path).substitute(os.environ)
+    except KeyError as missing:
+        name = missing.args[0]
+        raise ProblemError(
+            f"problem {table.name!r}: {path} needs the environment variable {name}, "
+            f"which is not set. Set it to the folder of the data{_origin(table)}"
+        ) from None
+    except ValueError as cause:
+        raise ProblemError(f"problem {table.name!r}: {path}: {cause}") from None
+
+
+def require_there(file: Path, table: ProblemTable) -> Path:
+    """Return a file, without ways up; where it is not there, say where it is from.
+
+    Raises
+    ------
+    ProblemError
+        If there is no such file, and the problem file names a source.
+    """
+    if table.source and not file.exists():
+        raise ProblemError(f"problem {table.name!r}: no file {file}" + _origin(table))
+    return file.resolve() if ".." in file.parts else file
+
+
+def _origin(table: ProblemTable) -> str:
+    if not table.source:
+        return ""
+    licence = f" (licence: {table.licence})" if table.licence else ""
+    return f". The problem's source: {table.source}{licence}"

@@ -12,7 +12,6 @@ from consistent_id.constraints.priors import Prior
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.command_delay import CommandDelay
 from consistent_id.problems.constraints import constraints_of, prior_of
-from consistent_id.problems.data_columns import columns_of
 from consistent_id.problems.drives import FoundDrives, found_drives
 from consistent_id.problems.file import (
     DataTable,
@@ -22,11 +21,15 @@ from consistent_id.problems.file import (
     read_problem_table,
 )
 from consistent_id.problems.folder import problem_files
-from consistent_id.problems.log_entries import gains_of_drives, span_of, with_torque
+from consistent_id.problems.log_entries import (
+    columns_of,
+    gains_of_drives,
+    span_of,
+    with_torque,
+)
 from consistent_id.problems.model import assumed, behind_sensor, torque_model
 from consistent_id.problems.motions import sampled_motion
-from consistent_id.problems.named_files import expanded, require_there
-from consistent_id.problems.paths import names_outside
+from consistent_id.problems.paths import expanded, names_outside, require_there
 from consistent_id.problems.preparation import Log, check_data, joined
 from consistent_id.problems.robot_preparation import EstimatedRests, with_robot
 from consistent_id.recordings.readers import read_recording, read_track

@@ -1,8 +1,7 @@
-"""A paper's printed estimates, checked, and its least squares, done again."""
+"""A paper's printed estimates, checked."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from time import perf_counter
 
 import numpy as np
 
@@ -19,9 +18,6 @@ from consistent_id.constraints.priors import PointToSet
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.constrained import constrained_least_squares
 from consistent_id.estimation.estimate import Estimate
-from consistent_id.estimation.fit import fit_of
-from consistent_id.estimation.least_squares import stationarity_certificate
-from consistent_id.estimation.method import Method
 from consistent_id.problems.file import PublishedTable
 from consistent_id.problems.parametrisation import Combination, Parametrisation
 from consistent_id.problems.problem import Problem
@@ -30,11 +26,8 @@ from consistent_id.regression.base import (
     BaseParameters,
     base_parameters,
     linear_combination,
-    parameter_origins,
 )
-from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.linear import solve_linear
-from consistent_id.regression.noise import residual_sigma
 from consistent_id.regression.regression import Regression, build_regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.simulation import simulate_torque
@@ -49,8 +42,6 @@ class RankReport:
 
     Parameters
     ----------
-    columns : tuple of str
-    rank : int
     singular_values : ndarray
         Of the regressor with unit columns, relative to the largest.
     null_directions : tuple of str
@@ -69,7 +60,6 @@ class PublishedVector:
 
     Parameters
     ----------
-    name : str
     feasibility : BaseFeasibility
         With the datasheet's masses and centres of mass.
     nearest : Estimate
@@ -90,8 +80,6 @@ class PublishedReport:
 
     Parameters
     ----------
-    parametrisation : Parametrisation
-    motion : Recording
     all_columns, free_columns : RankReport
         With all combinations, and without those fixed from the datasheet.
     mean, standard_deviation : ndarray
@@ -159,7 +147,7 @@ def check_published(problem: Problem) -> PublishedReport:
     }
     standard = {name: mine.parameters(alpha, known) for name, alpha in vectors.items()}
     inertia = central_inertia_of(problem.model, standard["mean"])
-    base = base_parameters(problem.model)
+    base, links = base_parameters(problem.model), problem.model.layout.links
     still = np.zeros(len(problem.model.layout))
     compressed = build_regression(
         problem.model, simulate_torque(problem.model, still, motion)
@@ -171,23 +159,8 @@ def check_published(problem: Problem) -> PublishedReport:
         free_columns=_rank(R, mine, free),
         mean=mean,
         standard_deviation=deviation,
-        largest_differences=_differences(
-            {
-                "mean": (mean, table.mean),
-                "standard deviation": (deviation, table.standard_deviation),
-            }
-            | {
-                f"central inertia of {link}": (inertia[link], row)
-                for link, row in table.central_inertia.items()
-            }
-        ),
-        mean_links=dict(
-            zip(
-                problem.model.layout.links,
-                standard["mean"].reshape(-1, 10),
-                strict=True,
-            )
-        ),
+        largest_differences=_differences(table, mean, deviation, inertia),
+        mean_links=dict(zip(links, standard["mean"].reshape(-1, 10), strict=True)),
         central_inertia=inertia,
         vectors=tuple(
             _examined(problem, name, x, base, compressed)
@@ -235,8 +208,15 @@ def _rank(R: Matrix, mine: Parametrisation, columns: list[int]) -> RankReport:
 
 
 def _differences(
-    pairs: Mapping[str, tuple[Array, Sequence[float]]],
+    table: PublishedTable, mean: Vector, deviation: Vector, inertia: dict[str, Array]
 ) -> dict[str, float]:
+    """Return by how much what is printed differs at most from what was recomputed."""
+    pairs: dict[str, tuple[Array, Sequence[float]]] = {
+        "mean": (mean, table.mean),
+        "standard deviation": (deviation, table.standard_deviation),
+    }
+    for link, row in table.central_inertia.items():
+        pairs[f"central inertia of {link}"] = (inertia[link], row)
     return {
         name: float(abs(computed - np.array(printed)).max())
         for name, (computed, printed) in pairs.items()
@@ -288,77 +268,3 @@ def _examined(
     )
     change = regression.residual_rms(nearest.parameters)
     return PublishedVector(name, feasibility, nearest, change)
-
-
-def published_least_squares(
-    problem: Problem,
-    recording: Recording,
-    *,
-    base: BaseParameters | None = None,
-    drive: DriveTerms | None = None,
-) -> Estimate:
-    """Identify as the paper did: its parameters, some fixed from the datasheet.
-
-    The smallest of all vectors that fit best, where the paper's ``Y^T Y`` is singular;
-    the estimate names the combinations that are not identifiable.
-
-    Parameters
-    ----------
-    problem : Problem
-    recording : Recording
-    base : BaseParameters, optional
-        Of the problem's model, or of the one with `drive`.
-    drive : DriveTerms, optional
-        Friction and drive terms of each joint that the paper left out.
-    """
-    started = perf_counter()
-    mine, table = parametrisation_of(problem), published_table(problem)
-    if drive is not None:
-        mine = _with_drive(mine, drive)
-    model = mine.model
-    known = lowered((FixedMasses(), FixedCentresOfMass()), model)
-    fixed = mine.places(table.fixed)
-    free = [i for i in range(len(mine)) if i not in fixed]
-    alpha = mine.matrix @ mine.parameters(np.zeros(len(mine)), known)
-    R = mine.factor(recording)
-    target = R[:, -1] - R[:, fixed] @ alpha[fixed]
-    solution = solve_linear(R[:, free], target)
-    alpha[free] = solution.x
-    x = mine.parameters(alpha, known)
-    base = base_parameters(model) if base is None else base
-    regression = build_regression(model, recording)
-    names = tuple(mine.names[i] for i in free)
-    return Estimate(
-        method=Method.AS_PUBLISHED
-        if drive is None
-        else Method.AS_PUBLISHED_WITH_FRICTION,
-        model=model,
-        base=base,
-        parameters=x,
-        base_covariance=None,
-        origins=parameter_origins(
-            solution.row_space @ mine.matrix[free], known.A_eq, elsewhere="convention"
-        ),
-        undetermined=tuple(
-            linear_combination(direction, names) for direction in solution.null_space.T
-        ),
-        sigma=residual_sigma(regression, x, solution.rank),
-        certificate=stationarity_certificate(R[:, free], target, solution),
-        notes=(
-            f"the data determine {solution.rank} of {len(free)} free parameters; this "
-            "is the smallest of all vectors that fit best",
-        ),
-        seconds=perf_counter() - started,
-        fit=fit_of(model, regression, x, base),
-    )
-
-
-def _with_drive(mine: Parametrisation, drive: DriveTerms) -> Parametrisation:
-    """Return a parametrisation with each drive parameter as one more combination."""
-    model = TorqueModel(mine.model.robot, drive)
-    layout, start = model.layout, model.layout.inertial_size
-    added = tuple(
-        Combination(name, name, unit, {name: 1.0})
-        for name, unit in zip(layout.names[start:], layout.units[start:], strict=True)
-    )
-    return Parametrisation(model, (*mine.combinations, *added), mine.zero)

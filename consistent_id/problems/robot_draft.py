@@ -3,24 +3,22 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from consistent_id._support.files import relative_path
 from consistent_id.errors import ProblemError
+from consistent_id.problems.constraint_tables import ConstraintsTable
+from consistent_id.problems.draft_text import DRIVE_COMMENTS
 from consistent_id.problems.excitation_tables import ExcitationTable
-from consistent_id.problems.file import ConstraintsTable, ModelTable, ProblemTable
-from consistent_id.problems.model import DEFAULT_DRIVE
+from consistent_id.problems.file import ProblemTable
+from consistent_id.problems.model import DEFAULT_DRIVE, model_table
 from consistent_id.problems.problem import Problem, problem_of
-from consistent_id.problems.toml_text import toml_text
+from consistent_id.problems.toml_text import problem_name, toml_text
 from consistent_id.robot.chains import Selection
 from consistent_id.robot.loaders import load_robot
-from consistent_id.robot.loaders.robot_file import is_mjcf
 
 ROBOT_ENDINGS = (".urdf", ".xml", ".mjcf")
 """Of files that hold a robot."""
 
 _COMMENTS = {
-    "drive": "GUESS: viscous friction, Coulomb friction, a constant offset.\n"
-    "rotor_inertia = true adds the rotors of geared motors.",
-    "drive.velocity_scale": "GUESS [rad/s or m/s]: width of the sign change",
+    **DRIVE_COMMENTS,
     "constraints.masses": '"datasheet" if the masses of the file are the robot\'s',
     "excitation": "What to move: consistent-id excite. Without harmonics, several\n"
     "numbers of them are tried.",
@@ -40,7 +38,6 @@ class RobotDraft:
     ----------
     model : Path
         URDF or MJCF.
-    excitation : ExcitationTable
     selection : Selection
         The part of the robot that moves.
     """
@@ -52,22 +49,14 @@ class RobotDraft:
     @property
     def name(self) -> str:
         """The problem's name: the robot's file, in letters that a name may have."""
-        stem = self.model.stem
-        kept = "".join(c if c.isascii() and c.isalnum() else "-" for c in stem)
-        return kept.strip("-") or "problem"
+        return problem_name(self.model)
 
     def table(self, folder: Path) -> ProblemTable:
         """Return the content of the problem file, for a file in a folder."""
-        mjcf = is_mjcf(self.model)
-        model = relative_path(self.model, folder).replace("$", "$$")
+        part = self.selection
         return ProblemTable(
             name=self.name,
-            model=ModelTable(
-                urdf=None if mjcf else model,
-                mjcf=model if mjcf else None,
-                base=self.selection.base,
-                tip=self.selection.tip,
-            ),
+            model=model_table(self.model, folder, base=part.base, tip=part.tip),
             drive=DEFAULT_DRIVE,
             constraints=ConstraintsTable(masses="free"),
             excitation=self.excitation,
@@ -101,8 +90,6 @@ def robot_draft(
     ----------
     model : str or Path
         URDF or MJCF.
-    excitation : ExcitationTable, optional
-    selection : Selection, optional
 
     Raises
     ------

@@ -34,7 +34,6 @@ class RobotLogs:
     ----------
     robot : RobotModel
         With the joints that the logs have.
-    columns : Columns
     locked : dict of str to float
         Joints that do not move, and where they are held [rad or m].
     gain : float or list of float
@@ -180,13 +179,7 @@ def _require_fixed(robot: RobotModel) -> None:
 def _require_base(
     model: Path, log: Path, robot: RobotModel, selection: Selection
 ) -> None:
-    """Ask about a robot on legs whose base is taken for fixed, though its log moves it.
-
-    Raises
-    ------
-    ProblemError
-        With both answers.
-    """
+    """Refuse a robot on legs whose base is taken for fixed, though its log moves it."""
     if selection.base is not None or not base_question(robot):
         return
     moved = [str(found) for found in base_in_log(log)]

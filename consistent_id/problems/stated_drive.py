@@ -15,13 +15,7 @@ _SWITCHES = tuple(name for name, value in DEFAULTS.items() if value in (False, "
 
 @dataclass(frozen=True, slots=True)
 class StatedDrive:
-    """Drive terms of all joints, and what some joints have else.
-
-    Parameters
-    ----------
-    common : DriveTable
-    joints : mapping of str to JointTable
-    """
+    """Drive terms of all joints, and what some joints have else."""
 
     common: DriveTable
     joints: Mapping[str, JointTable]

@@ -9,41 +9,29 @@ from consistent_id.comparison.comparison import Comparison, EstimateReport, comp
 from consistent_id.comparison.constraint_prices import ShadowPrice, shadow_prices
 from consistent_id.comparison.fit_costs import ConstraintCost, constraint_costs
 from consistent_id.comparison.parameter_uncertainty import Uncertainty, uncertainty
-from consistent_id.constraints import PhysicalConsistency
-from consistent_id.constraints.priors import Prior
 from consistent_id.diagnosis import Diagnosis
 from consistent_id.estimation.constrained import constrained_least_squares
-from consistent_id.estimation.cross_validation import (
-    RegularisationPath,
-    cross_validated,
-)
+from consistent_id.estimation.cross_validation import RegularisationPath
 from consistent_id.estimation.estimate import Estimate
-from consistent_id.estimation.least_squares import (
-    least_squares,
-)
 from consistent_id.estimation.method import Method
-from consistent_id.estimation.recommendation import (
-    Candidate,
-    Recommendation,
-    recommend,
-)
-from consistent_id.estimation.robust import huber
+from consistent_id.estimation.recommendation import Candidate, Recommendation, recommend
 from consistent_id.estimation.verdict import Verdict
-from consistent_id.problems.delivery import refitted
 from consistent_id.problems.experiment_data import recordings_of
 from consistent_id.problems.log_check import check_problem
 from consistent_id.problems.problem import Problem
-from consistent_id.problems.published import (
-    PublishedReport,
-    check_published,
-    published_least_squares,
+from consistent_id.problems.problem_estimates import (
+    identify,
+    penalty_of,
+    refitted,
+    regularisation_path,
 )
+from consistent_id.problems.published import PublishedReport, check_published
+from consistent_id.problems.published_fit import published_least_squares
 from consistent_id.recordings.finding import Finding
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.data_rank import Excitation, excitation_of
-from consistent_id.regression.noise import joint_noise
-from consistent_id.regression.regression import Regression, build_regression
+from consistent_id.regression.regression import Regression
 from consistent_id.regression.rows.contact_free import base_of_recordings
 from consistent_id.regression.segments import (
     merged,
@@ -155,7 +143,9 @@ class Study:
             (
                 Candidate(Method.CONSTRAINED, False, problem.prior),
                 Candidate(Method.WEIGHTED_CONSTRAINED, True, problem.prior),
-                Candidate(Method.CROSS_VALIDATED, False, _penalty(problem, self.path)),
+                Candidate(
+                    Method.CROSS_VALIDATED, False, penalty_of(problem, self.path)
+                ),
             ),
             constraints=problem.constraints,
             base=self.base,
@@ -315,81 +305,3 @@ def run_study(
             begin(stage)
             getattr(study, part)
     return study
-
-
-def identify(
-    problem: Problem,
-    training: Sequence[Recording] | None = None,
-    *,
-    base: BaseParameters | None = None,
-    path: RegularisationPath | None = None,
-    regression: Regression | None = None,
-) -> tuple[Estimate, ...]:
-    """Estimate a problem's parameters by every method there is.
-
-    Least squares and the constrained estimate come with equal weights for all joints,
-    and both again weighted by each joint's noise, so that each constrained estimate has
-    a twin without constraints.  Besides come robust least squares;
-    ``"box-constrained QP"``: the quadratic programme with every constraint but physical
-    consistency, which shows what masses, bounds and signs contribute by themselves; and
-    ``"cross-validated"``: the constrained estimate with a `Penalty` whose weight is
-    chosen from the training data.
-
-    Parameters
-    ----------
-    problem : Problem
-    training : sequence of Recording, optional
-        By default the problem's own.
-    base : BaseParameters, optional
-    path : RegularisationPath, optional
-        By default `regularisation_path` of the problem.
-    regression : Regression, optional
-        Of the training recordings.
-    """
-    model, constraints, prior = problem.model, problem.constraints, problem.prior
-    training = problem.training if training is None else training
-    base = base_of_recordings(model, training) if base is None else base
-    if regression is None:
-        regression = build_regression(model, training)
-    if path is None:
-        segments = segment_regressions(model, training)
-        path = regularisation_path(problem, segments, base=base)
-    penalty = _penalty(problem, path)
-    weighted = regression.weighted(joint_noise(model, regression, base=base))
-    linear = [c for c in constraints if not isinstance(c, PhysicalConsistency)]
-    return (
-        least_squares(model, regression, base=base),
-        least_squares(model, weighted, base=base, method=Method.WEIGHTED_LEAST_SQUARES),
-        huber(model, training, base=base, regression=regression),
-        *(
-            constrained_least_squares(
-                model, data, constraints=kept, prior=chosen, base=base, method=method
-            )
-            for method, data, kept, chosen in (
-                (Method.BOX_CONSTRAINED, regression, linear, prior),
-                (Method.CONSTRAINED, regression, constraints, prior),
-                (Method.WEIGHTED_CONSTRAINED, weighted, constraints, prior),
-                (Method.CROSS_VALIDATED, regression, constraints, penalty),
-            )
-        ),
-    )
-
-
-def _penalty(problem: Problem, path: RegularisationPath) -> Prior:
-    return replace(path.penalty, inside=problem.prior.inside)
-
-
-def regularisation_path(
-    problem: Problem,
-    segments: Sequence[Regression],
-    *,
-    base: BaseParameters | None = None,
-) -> RegularisationPath:
-    """Cross-validate the weight of the problem's distance on its training data."""
-    return cross_validated(
-        problem.model,
-        segments,
-        constraints=problem.constraints,
-        distance=problem.prior.distance,
-        base=base,
-    )

@@ -3,6 +3,7 @@
 import json
 import math
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from textwrap import wrap
 from typing import Any
 
@@ -18,7 +19,6 @@ def toml_text(table: Table, comments: Mapping[str, str]) -> str:
 
     Parameters
     ----------
-    table : Table
     comments : mapping of str to str
         By the path of a key, such as ``"drive.viscous"``: beside a value, or above a
         table.  A key with its default value is left out if it has none; ``""`` is
@@ -63,6 +63,12 @@ def _comment_lines(text: str) -> Iterator[str]:
 
 def _has_tables(value: Mapping[str, Any]) -> bool:
     return any(isinstance(member, Table) for member in value.values())
+
+
+def problem_name(file: Path) -> str:
+    """Return the name of a problem after a file, in letters that a name may have."""
+    kept = "".join(c if c.isascii() and c.isalnum() else "-" for c in file.stem)
+    return kept.strip("-") or "problem"
 
 
 def bare_key(name: str) -> str:

@@ -69,7 +69,6 @@ def base_names(
 
     Parameters
     ----------
-    names : sequence of str
     widths : mapping of str to int
         Columns of the names that are arrays of several.
     known : sequence of str
@@ -160,7 +159,6 @@ def matched_frame(column: str, feet: Mapping[str, Sequence[str]]) -> str | None:
 
     Parameters
     ----------
-    column : str
     feet : mapping of str to sequence of str
         Other names of each, such as those of the links that end in it.
 

@@ -45,7 +45,6 @@ class ColumnGuess:
 
     Parameters
     ----------
-    columns : Columns
     joints : tuple of str
         The robot's joints that the log has positions of.
     notes : tuple of str
@@ -84,7 +83,6 @@ def guess_columns(
 
     Parameters
     ----------
-    log : Path
     joints : sequence of str
         The robot's.
     known : mapping of str to str, optional
@@ -140,11 +138,7 @@ def guess_columns(
     for channel in ("position", "velocity", effort):
         if channel in known:
             continue
-        patterns = _patterns(channel, names, moved, held)
-        if channel == "torque" and not patterns and currents:
-            patterns = _patterns("current", names, moved, held)
-        if channel in ("velocity", "position_command"):
-            patterns = [p for p in patterns if p.joints == moved]
+        patterns = _candidates(channel, names, moved, held, currents)
         if not patterns:
             if channel == "velocity":
                 continue
@@ -262,6 +256,22 @@ def _patterns(
         fitting,
         key=lambda p: (-len(p.joints), "{joint}" not in p.text, len(p.text)),
     )
+
+
+def _candidates(
+    channel: str,
+    names: Sequence[str],
+    moved: tuple[str, ...],
+    held: Sequence[str],
+    currents: bool,
+) -> list[_Pattern]:
+    """Return what may be a channel of the joints that move, the most fitting first."""
+    patterns = _patterns(channel, names, moved, held)
+    if channel == "torque" and not patterns and currents:
+        return _patterns("current", names, moved, held)
+    if channel in ("velocity", "position_command"):
+        return [pattern for pattern in patterns if pattern.joints == moved]
+    return patterns
 
 
 def _expanded(pattern: _Pattern) -> list[str]:

@@ -13,7 +13,6 @@ class NumberedColumns:
     ----------
     before, after : str
         What stands on either side of the number.
-    first, last : int
     """
 
     before: str

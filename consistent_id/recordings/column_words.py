@@ -11,48 +11,18 @@ from consistent_id.recordings.readers.units import unit_of_a_name
 
 CHANNELS = ("position", "velocity", "torque")
 
-# A name is of a channel if it has all words of one of these.
-_WORDS: dict[str, tuple[frozenset[str], ...]] = {
-    "position": tuple(
-        frozenset(words.split())
-        for words in (
-            "q",
-            "pos",
-            "position",
-            "positions",
-            "angle",
-            "angles",
-            "qpos",  # MuJoCo
-            "observation state",  # LeRobot
-            "axis act",  # KUKA
-            "feedback joints",  # ABB EGM
-        )
-    ),
-    "velocity": tuple(
-        frozenset(words.split())
-        for words in (
-            "dq",
-            "qd",
-            "qdot",
-            "vel",
-            "velocity",
-            "velocities",
-            "qvel",  # MuJoCo
-        )
-    ),
-    "torque": tuple(
-        frozenset(words.split())
-        for words in (
-            "tau",
-            "trq",
-            "torque",
-            "torques",
-            "effort",
-            "efforts",
-            "qfrc actuator",  # MuJoCo
-            "actuator force",
-        )
-    ),
+# A name is of a channel if it has all words of one of these phrases; "qpos", "qvel" and
+# "qfrc actuator" are of MuJoCo, "observation state" of LeRobot, "axis act" of KUKA,
+# "feedback joints" of ABB.
+_WORDS = {
+    channel: tuple(frozenset(phrase.split()) for phrase in phrases.split(", "))
+    for channel, phrases in {
+        "position": "q, pos, position, positions, angle, angles, qpos, "
+        "observation state, axis act, feedback joints",
+        "velocity": "dq, qd, qdot, vel, velocity, velocities, qvel",
+        "torque": "tau, trq, torque, torques, effort, efforts, qfrc actuator, "
+        "actuator force",
+    }.items()
 }
 _CURRENT = {"current", "currents", "cur", "amp", "amps", "ampere", "amperes", "i", "iq"}
 _COMMANDED = {"target", "desired", "des", "cmd", "command", "commanded", "ref"}
@@ -89,7 +59,6 @@ def channel_of(pattern: str, names: Iterable[str] = ()) -> str:
 
     Parameters
     ----------
-    pattern : str
     names : iterable of str
         All columns of the log.
 

@@ -1,6 +1,6 @@
 """Where a robot touches its surroundings, and the wrenches that were measured there."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -57,7 +57,7 @@ class Wrench:
 
     def samples(self, keep: slice | IntArray) -> "Wrench":
         """Return a run of samples."""
-        return Wrench(self.frame, self.values[keep], self.point, self.axes)
+        return replace(self, values=self.values[keep])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,14 +106,7 @@ class ContactFlags:
 
     def samples(self, keep: slice | IntArray) -> "ContactFlags":
         """Return a run of samples."""
-        return ContactFlags(
-            self.frame,
-            self.closed[keep],
-            self.point,
-            self.surface,
-            self.certain[keep],
-            self.radius,
-        )
+        return replace(self, closed=self.closed[keep], certain=self.certain[keep])
 
     @classmethod
     def from_wrench(

@@ -23,7 +23,6 @@ class LogFormat:
 
     Parameters
     ----------
-    name : str
     suffixes : tuple of str
         With the dot, in lower case.
     module : str

@@ -63,10 +63,8 @@ def sampled(path: JointPath, rate: float, name: str = "trajectory") -> Recording
 
     Parameters
     ----------
-    path : JointPath
     rate : float, [Hz]
         Lowered to the next that divides the duration into equal steps.
-    name : str
     """
     if not 0.0 < number(rate, "rate") < np.inf:
         raise ProblemError(f"rate is {rate} Hz, expected more than 0")

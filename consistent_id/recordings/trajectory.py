@@ -119,14 +119,7 @@ class FourierTrajectory:
         ndarray, shape (derivatives + 1, samples, joints)
         """
         s = checked(time, (None,), "time") - self.start
-        angles = np.outer(s, self.rates)
-        sines, cosines = np.sin(angles), np.cos(angles)
-        values = np.empty((derivatives + 1, len(s), len(self.joints)))
-        a, b = self.sine, self.cosine
-        for order in range(derivatives + 1):
-            values[order] = sines @ a + cosines @ b
-            # d/ds (a sin ws + b cos ws) = -w b sin ws + w a cos ws
-            a, b = -self.rates[:, None] * b, self.rates[:, None] * a
+        values = sinusoids(s, self.rates, self.sine, self.cosine, derivatives)
         values[0] += self.offset
         return values
 
@@ -195,6 +188,24 @@ class FourierTrajectory:
             "duration_s": self.duration,
             "start_s": self.start,
         }
+
+
+def sinusoids(
+    s: Vector, rates: Vector, sine: Matrix, cosine: Matrix, derivatives: int
+) -> Array:
+    """Return ``sum_k sine_k sin(w_k s) + cosine_k cos(w_k s)``, and its derivatives.
+
+    Of shape (derivatives + 1, samples, columns).
+    """
+    angles = np.outer(s, rates)
+    sines, cosines = np.sin(angles), np.cos(angles)
+    values = np.empty((derivatives + 1, len(s), sine.shape[1]))
+    a, b = sine, cosine
+    for order in range(derivatives + 1):
+        values[order] = sines @ a + cosines @ b
+        # d/ds (a sin ws + b cos ws) = -w b sin ws + w a cos ws
+        a, b = -rates[:, None] * b, rates[:, None] * a
+    return values
 
 
 def harmonics_of(base: ArrayLike, harmonics: int) -> Vector:

@@ -63,13 +63,11 @@ def column_noise(
 
     Parameters
     ----------
-    model : TorqueModel
     recording : Recording
         Prepared, with torque.
     covariance : ndarray, shape (joints, 3, 3)
         Of position, velocity and acceleration: `noise_gain` times the variance of the
         readings, in the robot's order.
-    base : BaseParameters
     seed : int
         Of the noise that is drawn.
     """

@@ -42,7 +42,6 @@ class ShapeRegression:
 
     Parameters
     ----------
-    model : TorqueModel
     rows : tuple
         Factors of each torque joint.
     dq, q, ddq : ndarray, shape (joints, samples)

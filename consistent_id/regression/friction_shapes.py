@@ -28,8 +28,6 @@ class Shape:
         Joint, or label of a coupling.
     kind : str
         Such as ``"velocity_scale"``.
-    value : float
-    unit : str
     bounds : tuple of (float, float)
         Where `fit_shapes` searches.
     """

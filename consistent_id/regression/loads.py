@@ -9,11 +9,7 @@ import numpy as np
 from consistent_id._support.arrays import Array, Vector, frozen
 from consistent_id.errors import ProblemError
 from consistent_id.recordings.base_motion import BaseMotion
-from consistent_id.regression.joint_geometry import (
-    floats,
-    joint_geometry,
-    link_motions,
-)
+from consistent_id.regression.joint_geometry import floats, joint_geometry, link_motions
 from consistent_id.regression.model_rows import rows_of
 from consistent_id.regression.newton_euler import regressor_entries
 from consistent_id.robot.model import RobotModel
@@ -53,7 +49,6 @@ def unloaded_joints(
 
     Parameters
     ----------
-    robot : RobotModel
     reference : ndarray, shape (10 links,), optional
         Inertial parameters; by default the nominal ones.  None are unloaded where
         these are unknown.

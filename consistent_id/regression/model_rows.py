@@ -4,11 +4,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from consistent_id.errors import ProblemError
-from consistent_id.regression.row_names import (
-    BASE_ROWS,
-    CONTACT_FREE,
-    row_names,
-)
+from consistent_id.regression.row_names import BASE_ROWS, CONTACT_FREE, row_names
 from consistent_id.robot.model import RobotModel
 from consistent_id.robot.parameters import did_you_mean
 

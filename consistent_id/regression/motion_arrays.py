@@ -96,7 +96,6 @@ class Motion(NamedTuple):
 
         Parameters
         ----------
-        model : TorqueModel
         kept : sequence of ndarray
             Of each torque joint the columns wanted.
         size : int

@@ -27,9 +27,8 @@ from consistent_id.errors import NotExcitedError, ProblemError
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.clocks import uniform_rate
 from consistent_id.regression.correlated_noise import CorrelatedNoise, joined_noise
-from consistent_id.regression.joint_fit import joint_fit
 from consistent_id.regression.motion_arrays import Motion, motion_of
-from consistent_id.regression.recorded_noise import recorded_noise
+from consistent_id.regression.recorded_noise import with_noise
 from consistent_id.regression.regressor import CHUNK, TorqueModel
 from consistent_id.regression.row_filter import RowFilter
 from consistent_id.regression.row_structure import row_structure
@@ -38,8 +37,6 @@ from consistent_id.regression.triangles import triangle as triangle
 from consistent_id.robot.parameters import ParameterLayout
 
 _WORKERS = 2
-SHOWN = 2**14
-"""Rows of a recording whose residuals show how noise is correlated."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -221,7 +218,7 @@ def build_regression(
     regression = _compressed(model, motions, kept, row_filter)
     if not noise:
         return regression
-    return _with_noise(model, regression, motions, kept, row_filter)
+    return with_noise(model, regression, motions, kept, row_filter)
 
 
 @single_threaded
@@ -238,8 +235,6 @@ def reweighted(
 
     Parameters
     ----------
-    model : TorqueModel
-    motions : sequence of Motion
     row_weights : sequence of ndarray, each shape (samples, torque joints)
         Positive.  Rows that do not count in a motion do not count here either.
     noise : bool
@@ -253,7 +248,7 @@ def reweighted(
     regression = _compressed(model, weighted, kept, plain)
     if not noise:
         return regression
-    return _with_noise(model, regression, weighted, kept, plain)
+    return with_noise(model, regression, weighted, kept, plain)
 
 
 def compressed_pieces(
@@ -275,7 +270,7 @@ def compressed_pieces(
     motions = [motion_of(model, recording, None) for recording in whole]
     kept = [range(len(recording)) for recording in whole]
     together = found[0].joined(found[1:])
-    noise = _with_noise(model, together, motions, kept, plain).noise
+    noise = with_noise(model, together, motions, kept, plain).noise
     if noise is None:
         return tuple(found)
     total = sum(together.counts)
@@ -326,38 +321,6 @@ def _compressed(
         counts=tuple(counts.tolist()),
         fingerprint=model.fingerprint,
         peaks=np.max([_peaks(motion) for motion in motions], axis=0),
-    )
-
-
-def _with_noise(
-    model: TorqueModel,
-    regression: Regression,
-    motions: Sequence[Motion],
-    kept: Sequence[range],
-    row_filter: RowFilter,
-) -> Regression:
-    """Find correlated noise in the residuals of least squares."""
-    fit = joint_fit(regression.factors, regression.counts)
-    parts = [
-        recorded_noise(
-            model, fit, *_middle(motion, rows, row_filter), row_filter
-        ).share(len(rows) / min(len(rows), SHOWN))
-        for motion, rows in zip(motions, kept, strict=True)
-    ]
-    return replace(regression, noise=joined_noise(parts))
-
-
-def _middle(
-    motion: Motion, centres: range, row_filter: RowFilter
-) -> tuple[Motion, range]:
-    """Return so much of a motion's middle as shows how noise is correlated."""
-    surplus = len(centres) - SHOWN
-    if surplus <= 0:
-        return motion, centres
-    rows = centres[surplus // 2 : surplus // 2 + SHOWN]
-    start, stop = rows[0] - row_filter.reach, rows[-1] + row_filter.reach + 1
-    return motion.samples(start, stop), range(
-        row_filter.reach, stop - start - row_filter.reach, rows.step
     )
 
 

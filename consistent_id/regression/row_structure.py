@@ -22,7 +22,6 @@ def row_structure(
 
     Parameters
     ----------
-    model : TorqueModel
     mixed : bool
         Whether rows hold parts of all others, see `ContactMixing`.
     """

@@ -1,15 +1,29 @@
-"""What is drawn of a robot: joints, and each link's ellipsoid, in the base frame."""
+"""A drawing of the robot: joints, and each link's inertia ellipsoid, in the base frame.
+
+Elements carry what the page's script needs to turn them: points ``data-p``, [m], and of
+an ellipsoid the upper half of ``Q``, ``data-q``, [m^2].
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from consistent_id._support.arrays import Vector
+from consistent_id._support.arrays import Array, Vector
 from consistent_id.comparison.comparison import EstimateReport
-from consistent_id.report.projection import InertiaEllipsoid, equimomental
+from consistent_id.report.markup import Html, joined, tag
+from consistent_id.report.projection import (
+    InertiaEllipsoid,
+    equimomental,
+    outline,
+    view,
+)
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.kinematics import link_places
+
+_SIZE = 360  # pixels
+_MARGIN = 1.05
+_THINNEST = 1.5  # pixels of a semi-axis, else nothing is seen
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -18,7 +32,6 @@ class DrawnLink:
 
     Parameters
     ----------
-    name : str
     joint, parent : ndarray, shape (3,), [m]
     possible : bool
         Whether the link is physically consistent.
@@ -46,7 +59,6 @@ def drawn_links(report: EstimateReport, q: Vector) -> tuple[DrawnLink, ...]:
 
     Parameters
     ----------
-    report : EstimateReport
     q : ndarray, shape (joints,), [rad or m]
     """
     robot = report.estimate.model.robot
@@ -75,3 +87,95 @@ def window_around(links: Sequence[DrawnLink]) -> Window:
     middle = (low + high) / 2
     reach = max(float(np.linalg.norm(c - middle)) for c in corners)
     return Window(middle, reach or 1.0)
+
+
+def robot_view(links: Sequence[DrawnLink], window: Window, title: str) -> Html:
+    """Return a drawing of links, numbered from one.
+
+    Consistent links are ellipses, other links are crosses.
+    """
+    scale = _SIZE / 2 / (_MARGIN * window.reach)
+    middle, half = window.middle, _SIZE / 2
+    parts = [
+        *(_bone(np.array([a.parent, a.joint]) - middle, scale) for a in links),
+        *(_joint(a.joint - middle, scale) for a in links),
+        *(_body(a.name, a.body, middle, scale) for a in links if a.body is not None),
+        # Numbers and crosses last: nothing hides them.
+        *(_mark(k, a, middle, scale) for k, a in enumerate(links, start=1)),
+    ]
+    return tag(
+        "svg",
+        joined(parts),
+        viewBox=f"{-half:g} {-half:g} {_SIZE} {_SIZE}",
+        class_="robot",
+        data_scale=f"{scale:.5g}",
+        role="img",
+        aria_label=title,
+    )
+
+
+def _seen(point: Vector, scale: float) -> tuple[float, float]:
+    x, y = view() @ point * scale
+    return float(x), -float(y)  # SVG counts downwards
+
+
+def _numbers(values: Array) -> str:
+    return " ".join(f"{v:.4g}" for v in np.ravel(values))
+
+
+def _bone(ends: Array, scale: float) -> Html:
+    (x1, y1), (x2, y2) = (_seen(end, scale) for end in ends)
+    return tag(
+        "line",
+        x1=f"{x1:.1f}",
+        y1=f"{y1:.1f}",
+        x2=f"{x2:.1f}",
+        y2=f"{y2:.1f}",
+        data_p=_numbers(ends),
+        class_="bone",
+    )
+
+
+def _joint(point: Vector, scale: float) -> Html:
+    x, y = _seen(point, scale)
+    place = {"cx": f"{x:.1f}", "cy": f"{y:.1f}", "r": 3}
+    return tag("circle", **place, data_p=_numbers(point), class_="joint")
+
+
+def _body(name: str, body: InertiaEllipsoid, middle: Vector, scale: float) -> Html:
+    centred = InertiaEllipsoid(body.centre - middle, body.Q)
+    e = outline(centred, view())
+    x, y = e.x * scale, -e.y * scale
+    return tag(
+        "ellipse",
+        tag("title", name),
+        cx=f"{x:.1f}",
+        cy=f"{y:.1f}",
+        rx=f"{max(e.rx * scale, _THINNEST):.1f}",
+        ry=f"{max(e.ry * scale, _THINNEST):.1f}",
+        transform=f"rotate({-e.angle:.1f} {x:.1f} {y:.1f})",
+        data_p=_numbers(centred.centre),
+        data_q=_numbers(body.Q[np.triu_indices(3)]),
+        class_="body",
+    )
+
+
+def _mark(number: int, link: DrawnLink, middle: Vector, scale: float) -> Html:
+    """Return a link's number at its centre; for an inconsistent link a cross."""
+    point = link.joint if link.body is None else link.body.centre
+    x, y = _seen(point - middle, scale)
+    if link.possible:
+        parts = [tag("text", number)]
+    else:
+        parts = [
+            tag("title", f"{link.name}: not physically consistent"),
+            tag("path", d="M-7 -7L7 7M-7 7L7 -7"),
+            tag("text", number, x=11, y=4),
+        ]
+    return tag(
+        "g",
+        *parts,
+        transform=f"translate({x:.1f} {y:.1f})",
+        data_p=_numbers(point - middle),
+        class_="place" if link.possible else "place cross",
+    )

@@ -2,8 +2,7 @@
 
 from collections.abc import Sequence
 
-from consistent_id.diagnosis.diagnosis_table import diagnosis_table
-from consistent_id.diagnosis.findings import Diagnosis, Finding
+from consistent_id.diagnosis.findings import Diagnosis, Finding, diagnosis_table
 from consistent_id.recordings.recording import Recording
 from consistent_id.report.markup import (
     Html,

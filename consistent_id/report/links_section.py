@@ -9,12 +9,12 @@ from consistent_id.report.drawn_robot import (
     DrawnLink,
     Window,
     drawn_links,
+    robot_view,
     window_around,
 )
 from consistent_id.report.markup import Html, grid, joined, paragraphs, tag
 from consistent_id.report.projection import AZIMUTH, spread_pose
 from consistent_id.report.report_content import ReportContent, Section
-from consistent_id.report.robot_view import robot_view
 from consistent_id.robot.inertia import InertialParameters
 
 

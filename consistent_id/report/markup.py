@@ -36,7 +36,6 @@ def tag(name: str, /, *children: object, **attributes: object) -> Html:
 
     Parameters
     ----------
-    name : str
     *children : object
         Markup, or anything with a text, which is escaped.
     **attributes : object

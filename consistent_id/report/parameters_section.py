@@ -21,7 +21,11 @@ from consistent_id.report.markup import (
     tag,
 )
 from consistent_id.report.report_content import ReportContent, Section
-from consistent_id.report.summary import between_text, error_text, uncertainty_table
+from consistent_id.report.uncertainty_table import (
+    between_text,
+    error_text,
+    uncertainty_table,
+)
 
 _MEANING = {
     "data": "the data determine it",

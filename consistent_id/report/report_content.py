@@ -28,19 +28,8 @@ class ReportContent:
 
     Parameters
     ----------
-    title : str
-    comparison : Comparison
-    advice : Advice
-    training, validation : tuple of Recording
-    problem : Problem, optional
-    excitation : Excitation, optional
-    diagnosis : Diagnosis, optional
     uncertainty : Uncertainty, optional
         Of the constrained estimate.
-    costs : tuple of ConstraintCost
-    prices : tuple of ShadowPrice
-    path : RegularisationPath, optional
-    published : PublishedReport, optional
     delivered : Estimate, optional
         The recommended estimate, fitted again to all data.
     further : tuple of Section
@@ -141,8 +130,6 @@ class Section:
     ----------
     name : str
         Anchor in the page.
-    title : str
-    body : Html
     """
 
     name: str

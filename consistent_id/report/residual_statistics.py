@@ -47,7 +47,6 @@ class ResidualStatistics:
     drift, drift_error : float, [N m/min or N/min]
         Slope of a straight line over time and its standard error, which counts
         independent samples only.
-    by_position, by_velocity : Binned
     """
 
     rms: float

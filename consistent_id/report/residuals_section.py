@@ -6,15 +6,7 @@ from consistent_id._support.arrays import Vector
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.motion_arrays import motion_of
 from consistent_id.report.markup import Html, folded, grid, joined, paragraphs, tag
-from consistent_id.report.plot import (
-    Frame,
-    band,
-    dots,
-    line,
-    plot,
-    spanning,
-    stems,
-)
+from consistent_id.report.plot import Frame, band, dots, line, plot, spanning, stems
 from consistent_id.report.report_content import (
     ReportContent,
     Section,

@@ -6,19 +6,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from consistent_id._support.arrays import Array, Matrix, Vector
+from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.errors import ModelError
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.mimic import followers_at
 from consistent_id.robot.model import Datasheet, FixedFrame, Joint, Link, RobotModel
 from consistent_id.robot.parameters import did_you_mean
+from consistent_id.robot.places import Place, snapped, turn
 
 _log = logging.getLogger(__name__)
 
 FLOATING = "floating"
 """The base of a robot whose root link moves freely, where no link has this name."""
-
-_SNAP = 1e-10  # entries of a rotation nearer than this to -1, 0 or 1 are taken as such
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,23 +41,6 @@ class Selection:
     def with_locked(self, positions: Mapping[str, float]) -> "Selection":
         """Return the selection with more joints that do not move."""
         return replace(self, locked={**positions, **(self.locked or {})})
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Place:
-    """A frame in that of a moving link, or of the ground, which is -1."""
-
-    link: int
-    rotation: Matrix
-    translation: Vector
-
-    def beyond(self, rotation: Matrix, translation: Vector) -> "Place":
-        """Return a frame's place that is given in this one."""
-        return Place(
-            self.link,
-            self.rotation @ rotation,
-            self.rotation @ translation + self.translation,
-        )
 
 
 def selected(robot: RobotModel, selection: Selection) -> RobotModel:
@@ -214,19 +196,6 @@ def chain(
     still = {robot.joints[k].name: 0.0 for k in below}
     robot = held(robot, still | _without_leader(robot, names))
     return _only(robot, [name for name in names if name in _every(robot)])
-
-
-def snapped(values: Array) -> Array:
-    """Restore exact zeros and ones, which speed up the regressor, after 1.5707963."""
-    nearest = np.round(values)
-    return np.where(abs(values - nearest) < _SNAP, nearest, values)
-
-
-def turn(axis: Vector, angle: float) -> Matrix:
-    """Return the rotation about a unit vector (Rodrigues' formula)."""
-    x, y, z = axis
-    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.asarray(np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -44,7 +44,6 @@ def frame_motion(
 
     Parameters
     ----------
-    robot : RobotModel
     q : array_like, shape (samples, joints), [rad or m]
     dq : array_like, shape (samples, joints), optional, [rad/s or m/s]
         By default zero, and with it the bias.

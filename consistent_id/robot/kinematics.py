@@ -7,10 +7,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Array, checked
-from consistent_id.errors import ModelError
-from consistent_id.robot.chains import Place
-from consistent_id.robot.model import Joint, RobotModel
-from consistent_id.robot.parameters import did_you_mean
+from consistent_id.robot.model import RobotModel
+from consistent_id.robot.places import Place, fixed_place, turns
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,7 +69,6 @@ def link_places(
 
     Parameters
     ----------
-    robot : RobotModel
     q : array_like, shape (samples, joints), [rad or m]
     links : collection of int, optional
         Those that are wanted, with all before them, in ascending order; by default all.
@@ -93,7 +90,7 @@ def link_places(
         if joint.kind == "prismatic":
             moved = moved + q[:, k, None] * (joint.rotation @ joint.axis)
         else:
-            turned = turned @ _turns(joint, q[:, k])
+            turned = turned @ turns(joint.axis, q[:, k])
         if joint.parent >= 0:
             parent = rotation[:, joint.parent]
             moved = (parent @ moved[..., None])[..., 0] + translation[:, joint.parent]
@@ -103,36 +100,6 @@ def link_places(
     return LinkPlaces(
         robot, rotation, translation, np.einsum("nkij,kj->nki", rotation, axes)
     )
-
-
-def _turns(joint: Joint, angles: Array) -> Array:
-    """Rotations about a joint's axis (Rodrigues' formula), shape (samples, 3, 3)."""
-    x, y, z = joint.axis
-    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    sine, rest = np.sin(angles), 1.0 - np.cos(angles)
-    return np.asarray(
-        np.eye(3) + sine[:, None, None] * K + rest[:, None, None] * (K @ K)
-    )
-
-
-def fixed_place(robot: RobotModel, name: str) -> Place:
-    """Return where a link of the model's file, such as a tool, is fixed.
-
-    A moving link is at the origin of itself.
-
-    Raises
-    ------
-    ModelError
-        If the model knows no such link.
-    """
-    known = {f.name: Place(-1, f.rotation, f.translation) for f in robot.ground}
-    for k, link in enumerate(robot.links):
-        known |= {f.name: Place(k, f.rotation, f.translation) for f in link.merged}
-        known[link.name] = Place(k, np.eye(3), np.zeros(3))
-    if name not in known:
-        near = did_you_mean(name, known)
-        raise ModelError(f"robot {robot.name!r}: no link named {name!r}; {near}")
-    return known[name]
 
 
 def frame_places(robot: RobotModel, name: str, q: ArrayLike) -> FramePlaces:

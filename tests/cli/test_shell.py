@@ -16,7 +16,7 @@ from consistent_id import load_problem, uncertainty
 from consistent_id.cli import main
 from consistent_id.cli.answers import warnings_unless
 from consistent_id.cli.colour import coloured, wants_colour
-from consistent_id.cli.time_limit import OutOfTime, within
+from consistent_id.cli.endings import OutOfTime, within
 from consistent_id.cli.tool import tool_parser
 
 COMMANDS = [

@@ -5,11 +5,7 @@ import pytest
 from robots import random_robot
 
 from consistent_id import DriveTerms, JointLimits, ProblemError, TorqueModel
-from consistent_id.constraints import (
-    EqualMotors,
-    FixedBodies,
-    NonNegativeDrive,
-)
+from consistent_id.constraints import EqualMotors, FixedBodies, NonNegativeDrive
 
 SLOPED = DriveTerms(
     viscous=True, coulomb="tanh", velocity_scale=0.1, friction_slope=True

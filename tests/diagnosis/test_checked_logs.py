@@ -64,7 +64,7 @@ def _arm_in(folder):
 @pytest.mark.slow
 def test_a_problem_whose_validation_repeats_its_training_is_found(tmp_path):
     from consistent_id import load_problem
-    from consistent_id.diagnosis.diagnosis_table import diagnosis_table
+    from consistent_id.diagnosis.findings import diagnosis_table
     from consistent_id.problems.log_check import check_problem
 
     log = _arm_in(tmp_path)

@@ -9,13 +9,7 @@ from estimates import random_estimate
 from mujoco_torques import SPRUNG, inverse_dynamics
 from robots import random_states
 
-from consistent_id import (
-    DriveTerms,
-    GearCoupling,
-    ProblemError,
-    load_mjcf,
-    to_mjcf,
-)
+from consistent_id import DriveTerms, GearCoupling, ProblemError, load_mjcf, to_mjcf
 
 mujoco = pytest.importorskip("mujoco")
 

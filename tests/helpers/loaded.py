@@ -5,12 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 
-from consistent_id import (
-    DriveTerms,
-    InertialParameters,
-    TorqueModel,
-    simulate_torque,
-)
+from consistent_id import DriveTerms, InertialParameters, TorqueModel, simulate_torque
 from consistent_id.recordings.sinusoids import Sinusoid, SinusoidalMotion
 from consistent_id.robot.loaders.urdf import from_pinocchio
 

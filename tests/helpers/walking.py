@@ -3,12 +3,7 @@
 import numpy as np
 from quadrupeds import FEET, FOOT
 
-from consistent_id import (
-    BaseMotion,
-    TorqueModel,
-    contact_jacobian,
-    rotations,
-)
+from consistent_id import BaseMotion, TorqueModel, contact_jacobian, rotations
 
 RATE = 200.0
 STEP = 2.0  # s, in half of which each foot in turn is in the air

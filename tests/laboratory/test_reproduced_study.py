@@ -23,11 +23,8 @@ from consistent_id.laboratory.reproduction.paper_study import (
     place_of,
 )
 from consistent_id.laboratory.reproduction.tempo import Tempo, allowed_friction, slowed
-from consistent_id.problems.published import (
-    check_published,
-    parametrisation_of,
-    published_least_squares,
-)
+from consistent_id.problems.published import check_published, parametrisation_of
+from consistent_id.problems.published_fit import published_least_squares
 
 PROBLEM = load_problem("problems/rx60")
 ALPHA5, ALPHA12 = 4, 11

@@ -6,21 +6,12 @@ import numpy as np
 import pytest
 from logged import URDF, write_arm
 
-from consistent_id import (
-    ProblemError,
-    RecordingError,
-    load_problem,
-)
+from consistent_id import ProblemError, RecordingError, load_problem
 from consistent_id.problems import preparation as preparation_module
 from consistent_id.problems import problem as problem_module
+from consistent_id.problems.constraint_tables import ConstraintsTable, RelationTable
 from consistent_id.problems.drafting import draft_problem
-from consistent_id.problems.file import (
-    ConstraintsTable,
-    ModelTable,
-    ProblemTable,
-    RelationTable,
-    problem_table,
-)
+from consistent_id.problems.file import ModelTable, ProblemTable, problem_table
 from consistent_id.problems.toml_text import toml_text
 from consistent_id.recordings.column_guess import guess_columns
 from consistent_id.recordings.readers.recording_file import column_names

@@ -16,12 +16,7 @@ from consistent_id.problems.fleet.fleet_model import (
     own_sets,
     shared_constraints,
 )
-from consistent_id.problems.fleet.payloads import (
-    FREE,
-    load_fit,
-    placed,
-    without_load,
-)
+from consistent_id.problems.fleet.payloads import FREE, load_fit, placed, without_load
 from consistent_id.problems.fleet.robot_share import robot_share
 from consistent_id.problems.fleet.settling import StoredRobot, held_rows, settle
 from consistent_id.problems.fleet.share_files import write_share

@@ -7,7 +7,8 @@ import pytest
 from consistent_id import load_problem
 from consistent_id.estimation.method import Method
 from consistent_id.problems import study as study_module
-from consistent_id.problems.study import Study, identify, run_study
+from consistent_id.problems.problem_estimates import identify
+from consistent_id.problems.study import Study, run_study
 
 PARTS = (
     "base_of_recordings",

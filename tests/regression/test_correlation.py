@@ -7,12 +7,7 @@ import pytest
 from experiments import experiment
 from scipy import signal
 
-from consistent_id import (
-    Recording,
-    build_regression,
-    least_squares,
-    simulate_torque,
-)
+from consistent_id import Recording, build_regression, least_squares, simulate_torque
 from consistent_id.regression.correlated_noise import spectral_noise
 from consistent_id.regression.correlation import correlation_lengths
 from consistent_id.regression.segments import merged, segment_regressions

@@ -6,11 +6,8 @@ import pytest
 from robots import URDF, random_robot
 
 from consistent_id import ModelError, load_urdf
-from consistent_id.robot.kinematics import (
-    fixed_place,
-    frame_places,
-    link_places,
-)
+from consistent_id.robot.kinematics import frame_places, link_places
+from consistent_id.robot.places import fixed_place
 
 
 @pytest.mark.parametrize("tree", [False, True])

@@ -7,11 +7,7 @@ import sys
 import pytest
 
 from consistent_id._support import files
-from consistent_id._support.files import (
-    require_replaceable,
-    together,
-    write_atomically,
-)
+from consistent_id._support.files import require_replaceable, together, write_atomically
 from consistent_id._support.run import Run, note_input, running
 from consistent_id.errors import ProblemError
 

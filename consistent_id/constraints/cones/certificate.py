@@ -16,7 +16,7 @@ reaches `RADIUS` times as far as ``u`` is from it.
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache, partial
 from typing import Literal, NamedTuple
 
@@ -102,8 +102,6 @@ def certify(
 
     Parameters
     ----------
-    problem : LeastNorm
-    solution : ConeSolution
     centre : ndarray
         Centre of the ball in which the proof holds.
     reference : float
@@ -185,43 +183,9 @@ def solve_certified(
     SolverError
         If no way gives a point.
     """
-    within = ball_about(centre, reach)
-    solve = partial(solve_least_norm, problem)
-    found: list[tuple[ConeSolution, Optimality]] = []
+    so_far = _SoFar()
     failures: list[str] = []
-
-    def best() -> tuple[ConeSolution, Optimality]:
-        return min(found, key=_quality)
-
-    def about_the_best() -> Iterator[Callable[[], ConeSolution]]:
-        tried: set[tuple[int, float]] = set()
-        for tolerance in 2 * _FINE:
-            if not found:
-                return
-            start = best()[0]
-            # The same programme has the same solution: only a better start is new.
-            if (id(start), tolerance) not in tried:
-                tried.add((id(start), tolerance))
-                yield partial(solve, tolerance=tolerance, within=within, origin=start.u)
-
-    def is_flat() -> bool:
-        solved = [o.gap for _, o in found if o.violation <= FEASIBILITY_TOLERANCE]
-        return len(solved) > 1 and min(solved) > _FLAT
-
-    def ways() -> Iterator[Callable[[], ConeSolution]]:
-        if gap > GAP_TOLERANCE:
-            yield partial(solve, tolerance=COARSE)
-        yield partial(solve, tolerance=TOLERANCES[0])
-        yield partial(solve, tolerance=_FINE[0], magnified=True)
-        if not is_flat():
-            yield from (partial(solve, tolerance=t) for t in TOLERANCES[1:])
-        for ball in (within, Ball(centre, RADIUS * within.radius)):
-            tolerances = _FINE[:1] if is_flat() else _FINE
-            yield from (partial(solve, tolerance=t, within=ball) for t in tolerances)
-        if not is_flat():
-            yield from about_the_best()
-
-    for way in ways():
+    for way in _ways(problem, so_far, ball_about(centre, reach), gap):
         try:
             solution = way()
         except SolverError as failure:
@@ -230,12 +194,57 @@ def solve_certified(
         optimality = certify(
             problem, solution, centre, reference=reference, reach=reach
         )
-        found.append((solution, optimality))
+        so_far.found.append((solution, optimality))
         if optimality.within(gap):
             break
-    if not found:
+    if not so_far.found:
         raise SolverError("; ".join(dict.fromkeys(failures)))
-    return best()
+    return so_far.best
+
+
+@dataclass(slots=True)
+class _SoFar:
+    """The solutions that one way after another has given."""
+
+    found: list[tuple[ConeSolution, Optimality]] = field(default_factory=list)
+
+    @property
+    def best(self) -> tuple[ConeSolution, Optimality]:
+        return min(self.found, key=_quality)
+
+    @property
+    def is_flat(self) -> bool:
+        """Whether two ways show that no digits of the solver's close the gap."""
+        feasible = (o for _, o in self.found if o.violation <= FEASIBILITY_TOLERANCE)
+        gaps = [o.gap for o in feasible]
+        return len(gaps) > 1 and min(gaps) > _FLAT
+
+
+def _ways(
+    problem: LeastNorm, so_far: _SoFar, within: Ball, gap: float
+) -> Iterator[Callable[[], ConeSolution]]:
+    """Yield ways to a solution, in the light of what others have given."""
+    solve = partial(solve_least_norm, problem)
+    if gap > GAP_TOLERANCE:
+        yield partial(solve, tolerance=COARSE)
+    yield partial(solve, tolerance=TOLERANCES[0])
+    yield partial(solve, tolerance=_FINE[0], magnified=True)
+    if not so_far.is_flat:
+        yield from (partial(solve, tolerance=t) for t in TOLERANCES[1:])
+    for ball in (within, Ball(within.centre, RADIUS * within.radius)):
+        tolerances = _FINE[:1] if so_far.is_flat else _FINE
+        yield from (partial(solve, tolerance=t, within=ball) for t in tolerances)
+    if so_far.is_flat:
+        return
+    tried: set[tuple[int, float]] = set()
+    for tolerance in 2 * _FINE:
+        if not so_far.found:
+            return
+        start = so_far.best[0]
+        # The same programme has the same solution: only a better start is new.
+        if (id(start), tolerance) not in tried:
+            tried.add((id(start), tolerance))
+            yield partial(solve, tolerance=tolerance, within=within, origin=start.u)
 
 
 def _quality(pair: tuple[ConeSolution, Optimality]) -> tuple[bool, float]:

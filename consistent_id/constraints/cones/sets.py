@@ -22,7 +22,6 @@ class SemidefiniteBlock:
 
     Parameters
     ----------
-    label : str
     coefficients : array_like, shape (parameters, k, k)
     constant : array_like, shape (k, k)
     scale : array_like, shape (k,)

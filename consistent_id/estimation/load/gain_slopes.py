@@ -18,7 +18,6 @@ def gain_slopes(regression: Regression, base: BaseParameters) -> Matrix:
     ----------
     regression : Regression
         With its weights, which are held.
-    base : BaseParameters
 
     Returns
     -------

@@ -39,7 +39,6 @@ class LoadedRobot:
 
     Parameters
     ----------
-    bare : TorqueModel
     model : TorqueModel
         Of the loaded robot: the load is its last link, on a joint that stands still and
         has no row.

@@ -29,7 +29,6 @@ class ShapeGroup:
     ----------
     name : str
         Of the shape, or of its kind where joints share it.
-    members : tuple of Shape
     """
 
     name: str
@@ -57,8 +56,6 @@ class Misfit:
 
     Parameters
     ----------
-    model : TorqueModel
-    regression : Regression
     parameters : ndarray, shape (parameters,)
         A best fit: the smallest in the base parameters.
     half_log : float
@@ -80,9 +77,6 @@ class ShapeMisfit:
 
     Parameters
     ----------
-    data : ShapeRegression
-    base : BaseParameters
-    groups : tuple of ShapeGroup
     sigma : ndarray, shape (torque joints,)
         Noise by which each joint's rows are divided.
     """

@@ -20,13 +20,10 @@ class ShapeProfile:
 
     Parameters
     ----------
-    name : str
     members : tuple of str
         Shapes that have this value.
-    value : float
     low, high : float
         Confidence interval, or the bounds of the search where it reaches them.
-    unit : str
     curve : array_like, shape (points, 2)
         Values, and the misfit there relative to the best, all else fitted anew.
     low_found, high_found : bool

@@ -36,10 +36,8 @@ def standing_feet(
 
     Parameters
     ----------
-    robot : RobotModel
     path : Path
         Of its file, with the feet's shapes.
-    frames : sequence of str
     sole : (float, float), optional, [m]
         Length and width of a sole; by default those of its collision shapes.
 

@@ -46,11 +46,9 @@ def ground_forces(
 
     Parameters
     ----------
-    stance : Stance
     model : TorqueModel
         Of all rows.
     parameters : ndarray, shape (parameters,)
-    moved : JointMotion
     base : BaseMotion
         With its rotation.
     friction : float

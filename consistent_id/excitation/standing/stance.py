@@ -26,7 +26,6 @@ class StandingFoot:
 
     Parameters
     ----------
-    frame : str
     points : ndarray, shape (points, 3), [m]
         In the frame, at which it is pressed: one of a ball, the corners of a sole.
     flat : bool
@@ -46,7 +45,6 @@ class Stance:
     ----------
     robot : RobotModel
         Whose base floats; it is level in this pose.
-    feet : tuple of StandingFoot
     pose : ndarray, shape (joints,), [rad or m]
 
     Attributes

@@ -62,8 +62,6 @@ def searched_tones(
     tried : callable
         Makes a path as large as it may be, and says its error.
     duration : float, [s]
-    candidates : int
-    seed : int
     tell : callable, optional
         Given how many candidates were tried, and the least error so far.
     """

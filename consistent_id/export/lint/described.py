@@ -42,8 +42,6 @@ class DescribedLink:
 
     Parameters
     ----------
-    name : str
-    line : int
     mass : float, [kg]
     com : ndarray, shape (3,), [m]
     inertia : ndarray, shape (3, 3), [kg m^2]

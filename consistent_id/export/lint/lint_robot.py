@@ -5,9 +5,8 @@ from pathlib import Path
 
 from consistent_id.errors import ModelError
 from consistent_id.export.lint.described import LintFinding
-from consistent_id.export.lint.mistakes import probable_mistakes
 from consistent_id.export.lint.mjcf_description import described_mjcf
-from consistent_id.export.lint.rules import all_findings
+from consistent_id.export.lint.rules import all_findings, probable_mistakes
 from consistent_id.export.lint.urdf_description import described_urdf, urdf_only
 from consistent_id.robot.loaders.urdf_lint import read_bytes
 from consistent_id.robot.loaders.xml import XmlFault, parse

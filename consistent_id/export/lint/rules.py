@@ -1,7 +1,7 @@
 """What is odd about a described robot: one function for each rule."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
@@ -11,6 +11,8 @@ from consistent_id.export.lint.described import (
     DescribedRobot,
     LintFinding,
 )
+from consistent_id.export.repair.cause_search import NEAREST
+from consistent_id.export.repair.file_evidence import FileEvidence
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.model import JointLimits, RobotModel
@@ -191,3 +193,26 @@ def _moments(link: DescribedLink) -> Vector:
 
 def _words(moments: Vector) -> str:
     return ", ".join(f"{moment:.4g}" for moment in moments)
+
+
+def probable_mistakes(
+    known: FileEvidence, lines: Mapping[str, int], advice: str = ""
+) -> Iterator[LintFinding]:
+    """Yield what the search for a cause finds, of each link that states an inertia.
+
+    Parameters
+    ----------
+    lines : mapping of str to int
+        Where each link states it.
+    advice : str
+        Ends each sentence.
+    """
+    for name, statement in known.statements.items():
+        found = known.explained(name, statement.mass, fixed=False)
+        cause = found.suggestions[0].cause if found.suggestions else ""
+        sentence = found.doubt
+        if not statement.consistent and cause not in ("", NEAREST):
+            sentence = f"probably {cause}"
+        if sentence:
+            where = f"link {name!r}: {sentence}{advice}"
+            yield LintFinding(lines.get(name, 1), "probable-mistake", "warning", where)

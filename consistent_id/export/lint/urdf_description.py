@@ -12,7 +12,7 @@ from consistent_id.export.lint.described import (
     DescribedRobot,
     LintFinding,
 )
-from consistent_id.export.lint.mistakes import probable_mistakes
+from consistent_id.export.lint.rules import probable_mistakes
 from consistent_id.export.repair.file_evidence import FileEvidence
 from consistent_id.robot.loaders.urdf import load_urdf
 from consistent_id.robot.loaders.urdf_inertial import numbers

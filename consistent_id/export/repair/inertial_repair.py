@@ -16,11 +16,7 @@ from consistent_id.export.repair.consistent_inertia import (
 )
 from consistent_id.export.repair.fault_causes import Candidate
 from consistent_id.export.repair.file_evidence import FileEvidence, Remedy
-from consistent_id.export.repair.link_repair import (
-    LinkRepair,
-    RepairOptions,
-    Status,
-)
+from consistent_id.export.repair.link_repair import LinkRepair, RepairOptions, Status
 from consistent_id.export.repair.stated_inertial import (
     StatedInertial,
     moments_in_words,

@@ -38,7 +38,6 @@ class LinkRepair:
 
     Parameters
     ----------
-    link : str
     line : int
         Of its ``<inertial>``.
     status : {"consistent", "repaired", "doubtful", "refused"}

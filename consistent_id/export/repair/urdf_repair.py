@@ -10,8 +10,8 @@ from consistent_id.export.repair.file_evidence import FileEvidence
 from consistent_id.export.repair.inertial_repair import repaired_link
 from consistent_id.export.repair.link_repair import Repair, RepairOptions
 from consistent_id.robot.loaders.splice import Document
-from consistent_id.robot.loaders.urdf_lint import read_bytes, unexpanded
-from consistent_id.robot.loaders.xml import Element, XmlFault
+from consistent_id.robot.loaders.urdf_lint import unexpanded
+from consistent_id.robot.loaders.xml import Element
 from consistent_id.robot.parameters import did_you_mean
 
 
@@ -67,13 +67,7 @@ def repair_urdf(
         `masses`.
     """
     path = Path(source)
-    data = read_bytes(path)
-    try:
-        document = Document.of(data)
-    except XmlFault as fault:
-        raise ModelError(f"{path}, {fault}") from None
-    except ModelError as fault:
-        raise ModelError(f"{path}: {fault}") from None
+    document = Document.read(path)
     options = RepairOptions(dict(masses or {}), density, thickness, dict(choices or {}))
     _check(path, document.root, options)
     known = FileEvidence.of(path, document.root)
@@ -83,7 +77,9 @@ def repair_urdf(
         if (inertial := link.child("inertial")) is not None
     ]
     edits = [edit for _, of_link in found for edit in of_link]
-    return Repair(path, data, document.spliced(edits), tuple(r for r, _ in found))
+    return Repair(
+        path, document.data, document.spliced(edits), tuple(r for r, _ in found)
+    )
 
 
 def _check(path: Path, root: Element, options: RepairOptions) -> None:

@@ -47,7 +47,6 @@ class DryRun:
 
     Parameters
     ----------
-    design : ExcitationDesign
     rehearsals : mapping of str to tuple of Rehearsal
         By motion; ``"design"`` is the design's, and ``"random paths"`` are several.
     conditions : mapping of str to float
@@ -181,7 +180,6 @@ def dry_run(
 
     Parameters
     ----------
-    problem : Problem
     parameters : array_like, shape (parameters,) or (members, parameters), optional
         Of estimates of the problem's torque model: the worst of them keeps the limits
         of torque, and robots are planted near the first.

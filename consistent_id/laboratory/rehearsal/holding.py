@@ -24,7 +24,6 @@ class Holding:
 
     Parameters
     ----------
-    poses, held : int
     largest : float, [rad or m]
         Way that the joint went that moved most.
     """

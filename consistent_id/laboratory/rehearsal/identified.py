@@ -46,7 +46,6 @@ def prepared(log: Recording, highest: float) -> Recording:
 
     Parameters
     ----------
-    log : Recording
     highest : float, [Hz]
         Frequency of the motion.
     """
@@ -69,8 +68,6 @@ def identified(
     ----------
     robot : PlantedRobot
         Of which only the model is used.
-    base : BaseParameters
-    log : Recording
     noise : ndarray, shape (joints,), [N m or N]
         By which rows are divided.
     highest : float, [Hz]

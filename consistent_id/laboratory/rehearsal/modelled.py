@@ -25,7 +25,6 @@ class Rehearsed:
     ----------
     model : TorqueModel
         Its robot is that of the first estimate, if there is one.
-    interest : tuple of str
     parameters : ndarray, shape (members, parameters), optional
         Of the estimates, by which torque limits are kept.
     notes : tuple of str
@@ -47,7 +46,6 @@ def as_rehearsed(
     ----------
     model : TorqueModel
         The problem's.
-    interest : tuple of str
     parameters : ndarray, shape (members, parameters), optional
         Estimates of `model`.
 

@@ -20,7 +20,6 @@ class MujocoRobot:
 
     Parameters
     ----------
-    model : mujoco.MjModel
     positions, velocities : ndarray, shape (joints,)
         Places in ``qpos`` and ``qvel``.
     """
@@ -53,7 +52,6 @@ def mujoco_robot(robot: PlantedRobot, step: float) -> MujocoRobot:
 
     Parameters
     ----------
-    robot : PlantedRobot
     step : float, [s]
         Of the integrator.
 

@@ -109,9 +109,6 @@ def planted_robot(
 
     Parameters
     ----------
-    robot : RobotModel
-    limits : MotionLimits
-    rng : numpy.random.Generator
     currents : float, optional
         If it logs motor currents: the share, one standard deviation, to which their
         torque constants are known.

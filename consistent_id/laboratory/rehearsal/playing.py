@@ -25,7 +25,6 @@ class PlayedMotion:
 
     Parameters
     ----------
-    wanted : Recording
     truth : Recording
         Position, velocity and torque of each tick.
     log : Recording
@@ -60,11 +59,8 @@ def play(
 
     Parameters
     ----------
-    robot : PlantedRobot
-    path : JointPath
     noise : ndarray, shape (joints,), [N m or N]
         Standard deviation of the logged torque's white noise.
-    rng : numpy.random.Generator
     rate : float, [Hz]
         Of the log, at most the controller's.
 

@@ -28,14 +28,12 @@ class Rehearsal:
 
     Parameters
     ----------
-    base : BaseParameters
     errors : ndarray, shape (base,)
         Of the base parameters by weighted least squares.
     predicted : ndarray, shape (base,)
         Standard errors that were predicted.
     held_out : float
         Error of the predicted torque on another motion, RMS, in shares of the noise.
-    holding : Holding
     reached : mapping of str to ndarray, shape (joints,)
         Largest share of each limit, by quantity: position, velocity, torque.
     tracking : float, [rad or m]
@@ -83,15 +81,12 @@ def rehearse(
 
     Parameters
     ----------
-    robot : PlantedRobot
     accuracy : PredictedAccuracy
         Of the motion, for this robot's model.
     path, validation : JointPath
         What is identified from, and another motion whose torque is predicted.
-    limits : MotionLimits
     noise : ndarray, shape (joints,), [N m or N]
         That accuracy was predicted for; that of the sensors is `SENSED` times this.
-    rng : numpy.random.Generator
     highest : float, [Hz]
         Frequency of the motion.
     rate : float, [Hz]
@@ -128,7 +123,6 @@ def rehearsal_table(title: str, rehearsals: Mapping[str, Sequence[Rehearsal]]) -
 
     Parameters
     ----------
-    title : str
     rehearsals : mapping of str to sequence of Rehearsal
         By the motion's name, those of all planted robots.
     """

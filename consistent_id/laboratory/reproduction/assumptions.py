@@ -73,14 +73,11 @@ def vary_assumptions(
 
     Parameters
     ----------
-    problem : Problem
-    laboratory : Laboratory
     planned : ErrorBudget
         Of the file's own tasks, whose experiments are drawn.
     cell_rate : float, [Hz]
     draws, frictions : int
         Of the tasks, and of friction for each of them.
-    seed : int
     """
     rng = np.random.default_rng(seed)
     budgets, refused = [], 0

@@ -35,7 +35,6 @@ class ErrorBudget:
     ----------
     names : tuple of str
         Of the paper's combinations.
-    experiments, causes, joints : tuple of str
     parts : ndarray, shape (experiments, causes, joints, combinations)
     noise : ndarray, shape (experiments, combinations)
         Standard errors to be expected of the sensors' noise alone.
@@ -77,7 +76,6 @@ def error_budget(
 
     Parameters
     ----------
-    problem : Problem
     laboratory : Laboratory
         With the friction, the offsets and the noise to account for.
     recordings : mapping of str to Recording

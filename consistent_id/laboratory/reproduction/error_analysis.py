@@ -37,8 +37,6 @@ class ErrorAnalysis:
         Of the experiments as they were performed.
     planned : ErrorBudget
         The same from the motions that were asked for.
-    varied : VariedAssumptions
-    tempo : Tempo
     shrunk : dict of str to ndarray, shape (draws, combinations)
         By set of motions: how many times smaller the scatter is than along the tasks,
         with one friction for both, drawn again each time.
@@ -64,7 +62,6 @@ def analyse_errors(
 
     Parameters
     ----------
-    problem : Problem
     inertial : ndarray, shape (10 links,)
         Of the laboratory's robot.
     done : Reproduction
@@ -73,7 +70,6 @@ def analyse_errors(
         Sets of motions in the tasks' place.
     draws : int
         Of tasks.
-    seed : int
     """
     laboratory = laboratory_of(problem, inertial)
     cell_rate = uniform_rate(done.experiments[0].log.encoders)

@@ -26,8 +26,6 @@ class ExcitingSet:
 
     Parameters
     ----------
-    name : str
-    limits : MotionLimits
     designs : dict of str to ExcitationDesign
         By the experiment that each takes the place of.
     """
@@ -73,8 +71,6 @@ def exciting_set(
 
     Parameters
     ----------
-    problem : Problem
-    name : str
     motions : mapping of str to Recording
         By experiment.
     limits : MotionLimits, optional

@@ -8,13 +8,7 @@ from consistent_id.laboratory.reproduction.experiments import (
 
 
 def experiments_table(table: ParameterTable, *, decimals: int = 4) -> Table:
-    """Return one method's vectors, a row for each parameter, as in a paper's Table III.
-
-    Parameters
-    ----------
-    table : ParameterTable
-    decimals : int
-    """
+    """Return one method's vectors, a row for each parameter, as papers print them."""
     return Table(
         f"Parameters by experiment: {table.method}",
         ("parameter", *table.experiments),

@@ -29,11 +29,8 @@ from consistent_id.laboratory.from_problem import (
 )
 from consistent_id.problems.parametrisation import Parametrisation
 from consistent_id.problems.problem import Problem
-from consistent_id.problems.published import (
-    parametrisation_of,
-    published_least_squares,
-    published_table,
-)
+from consistent_id.problems.published import parametrisation_of, published_table
+from consistent_id.problems.published_fit import published_least_squares
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import base_parameters, linear_combination
 from consistent_id.regression.drive.drive_terms import DriveTerms
@@ -51,7 +48,6 @@ class ExperimentExcitation:
 
     Parameters
     ----------
-    rank : int
     condition : float
         Largest singular value over the smallest that counts, of the free columns with
         unit length.
@@ -77,12 +73,8 @@ class IdentifiedExperiment:
 
     Parameters
     ----------
-    name : str
-    log : ExperimentLog
     synchronised_log : SynchronisedLog
         What was identified from.
-    excitation : ExperimentExcitation
-    estimates : tuple of Estimate
     vectors : ndarray, shape (estimates, combinations)
         In the paper's combinations.
     """
@@ -101,10 +93,8 @@ class ParameterTable:
 
     Parameters
     ----------
-    method : str
     names : tuple of str
         Of the combinations.
-    experiments : tuple of str
     vectors : ndarray, shape (experiments, combinations)
     """
 
@@ -133,7 +123,6 @@ class Reproduction:
     names : tuple of str
         Of the paper's combinations.
     truth : ndarray, shape (combinations,)
-    experiments : tuple of IdentifiedExperiment
     """
 
     names: tuple[str, ...]

@@ -22,8 +22,6 @@ class InertiaTable:
 
     Parameters
     ----------
-    method : str
-    links : tuple of str
     entries : ndarray, shape (experiments, links, 6), [kg m^2]
         A, B, C and the products D, E, F.  A link without a known mass enters with its
         inertia about its origin.
@@ -65,10 +63,8 @@ def inertia_tables(
 
     Parameters
     ----------
-    problem : Problem
     inertial : ndarray, shape (10 links,)
         The truth.
-    done : Reproduction
     """
     model, size = problem.model, problem.model.layout.inertial_size
     true = np.array(list(central_inertia_of(model, inertial).values()))

@@ -25,10 +25,8 @@ class PaperSection:
     ----------
     name : str
         For links.
-    title : str
     text : tuple of str
         Paragraphs.
-    tables : tuple of Table
     figures : tuple of (str, str, callable)
         Name, caption, and what draws it from the study.
     """

@@ -103,24 +103,18 @@ class PaperStudy:
 
     Parameters
     ----------
-    problem : Problem
-    extent : Extent
-    report : PublishedReport
     inertial : ndarray, shape (10 links,)
         Of the laboratory's robot: physically consistent, nearest to the paper's mean.
     with_friction, without_friction : dict of str to Reproduction
         By what was moved along; without friction the tasks and the last set alone.
     other_noise : ndarray, shape (seeds, methods, combinations)
         Scatter along the tasks with other seeds.
-    sets : tuple of ExcitingSet
     error_analysis : ErrorAnalysis
         Of the errors along the tasks, with friction.
-    spread : PrintedSpread
     inertia : tuple of InertiaTable
         Of the tasks, with friction.
     verification, verification_without_friction : Verification
         With and without friction.
-    place : ScatterPlaces
     """
 
     problem: Problem

@@ -23,8 +23,6 @@ class Predictor:
     ----------
     source : str
         What was moved along.
-    method : str
-    model : TorqueModel
     parameters : ndarray, shape (parameters,)
     """
 
@@ -51,7 +49,6 @@ class Verification:
 
     Parameters
     ----------
-    joints : tuple of str
     recordings : tuple of Recording
         What was measured, one for each motion.
     predictors : tuple of Predictor
@@ -108,9 +105,6 @@ def verify(
 
     Parameters
     ----------
-    problem : Problem
-    laboratory : Laboratory
-    motions : mapping of str to Recording
     predictors : sequence of Predictor
         The truth is added to them.
     seed : int

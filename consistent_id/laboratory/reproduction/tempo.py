@@ -139,7 +139,6 @@ def printed_spread(problem: Problem, most_scattered: int) -> PrintedSpread:
 
     Parameters
     ----------
-    problem : Problem
     most_scattered : int
         Place of the parameter that scatters most.
     """

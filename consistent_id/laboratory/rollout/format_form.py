@@ -33,7 +33,6 @@ def in_form_of(problem: Problem, form: str) -> Problem:
 
     Parameters
     ----------
-    problem : Problem
     form : str
         One of `TERMS`.
 

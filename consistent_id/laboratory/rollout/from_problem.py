@@ -9,11 +9,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Vector
 from consistent_id._support.tables import Table
-from consistent_id.comparison.block_scatter import (
-    BLOCKS,
-    BlockScatter,
-    block_scatter,
-)
+from consistent_id.comparison.block_scatter import BLOCKS, BlockScatter, block_scatter
 from consistent_id.comparison.comparison import compare
 from consistent_id.comparison.speed_trend import (
     TrendAt,
@@ -46,7 +42,6 @@ class FormLoss(NamedTuple):
 
     Parameters
     ----------
-    form : str
     before, after : float, [rad or m]
         Error of rollouts of the torque fit as the problem states it, less what MuJoCo
         lacks, and fitted in the form of the format.
@@ -74,11 +69,8 @@ class ProblemRollout:
     ----------
     problem : Problem
         With the settings that were chosen, if they were.
-    estimate : Estimate
     rollout : Rollout
         Of the validation logs, or of the training logs if there are no others.
-    settings : SettingsChoice, optional
-    refinement : Refined, optional
     scatter : BlockScatter, optional
         How sure the torque fit's parameters are; None where blocks of the training
         motion do not determine them by themselves.

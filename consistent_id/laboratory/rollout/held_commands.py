@@ -22,7 +22,6 @@ def drive_commands(
     gains : PDGains
         One each.
     step : float, [s]
-    steps : int
     delay : float, [s]
 
     Returns

@@ -49,7 +49,6 @@ class Refined:
 
     Parameters
     ----------
-    estimate : Estimate
     before, after : float, [rad or m]
         Root-mean-square error of the rollouts that were learnt from.
     """
@@ -81,7 +80,6 @@ def refined(
         Of the same training motion.
     logs : sequence of Recording
         With commands, as they were logged.
-    gains : PDGains
     constraints : sequence of Constraint
         Which every step meets.
     delay : float, [s]
@@ -89,7 +87,6 @@ def refined(
         a step would put it where faster motion does not confirm it.
     ridge : float
         Weight of the torque fit.
-    steps : int
 
     Raises
     ------

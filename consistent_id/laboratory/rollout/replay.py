@@ -24,7 +24,6 @@ class Replay:
 
     Parameters
     ----------
-    model : str
     log : Recording
         What the robot did, on a uniform clock.
     position, velocity : ndarray, shape (samples, joints)
@@ -136,8 +135,6 @@ def begin(
 
     Parameters
     ----------
-    model : ReplayModel
-    data : mujoco.MjData
     q, dq, acceleration : ndarray, shape (joints,)
         Of the motors.
     """

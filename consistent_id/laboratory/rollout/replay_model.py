@@ -36,9 +36,6 @@ class ReplayModel:
 
     Parameters
     ----------
-    name : str
-    joints : tuple of str
-    compiled : mujoco.MjModel
     gains : PDGains
         One each; the drives' feedback is in the model, `kp q_command` and the like are
         its controls.
@@ -68,8 +65,6 @@ def replay_model(
     ----------
     robot : Estimate, str or Path
         An estimate; or an MJCF or URDF file, as MuJoCo reads it.
-    joints : sequence of str
-    gains : PDGains
     locked : mapping of str to float, optional, [rad or m]
         Positions of other joints of a file; zero where none is given.
     period : float, [s]

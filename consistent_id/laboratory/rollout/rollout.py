@@ -15,10 +15,7 @@ from consistent_id.errors import RecordingError
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.laboratory.rollout.open_loop import WINDOW, free_gains, open_loop
 from consistent_id.laboratory.rollout.replay import Replay, replay, replayable
-from consistent_id.laboratory.rollout.replay_model import (
-    ReplayModel,
-    replay_model,
-)
+from consistent_id.laboratory.rollout.replay_model import ReplayModel, replay_model
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import PDGains
 
@@ -153,7 +150,6 @@ def rollout(
 
     Parameters
     ----------
-    estimate : Estimate
     logs : Recording or sequence of Recording
         With commands, as they were logged: not filtered.
     gains : PDGains

@@ -52,7 +52,6 @@ class Replays:
         Whose model it is.
     logs : tuple of Recording
         See `replayable`.
-    gains : PDGains
     """
 
     estimate: Estimate

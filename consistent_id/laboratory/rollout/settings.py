@@ -6,10 +6,7 @@ from dataclasses import dataclass, replace
 import msgspec
 import numpy as np
 
-from consistent_id.errors import (
-    ProblemError,
-    RecordingError,
-)
+from consistent_id.errors import ProblemError, RecordingError
 from consistent_id.estimation.constrained import constrained_least_squares
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.method import Method

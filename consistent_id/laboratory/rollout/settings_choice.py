@@ -41,7 +41,6 @@ class SettingsChoice:
 
     Parameters
     ----------
-    settings : Settings
     error : float, [rad or m]
         Of rollouts of the part that was not learnt from, both ways; the least of all
         that were tried, so optimistic.
@@ -60,7 +59,6 @@ def chosen_settings(problem: Problem, start: Settings | None = None) -> Settings
     ----------
     problem : Problem
         With gains.
-    start : Settings, optional
 
     Raises
     ------
@@ -148,8 +146,6 @@ def with_springs(
 
     Parameters
     ----------
-    best : Settings
-    problem : Problem
     error : callable
         Of rollouts that were not learnt from.
     """

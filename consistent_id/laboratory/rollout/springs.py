@@ -39,10 +39,8 @@ def add_springs(
 
     Parameters
     ----------
-    spec : mujoco.MjSpec
     compiled : mujoco.MjModel
         Of it, without springs.
-    joints : sequence of str
     stiffness : ndarray, shape (joints,), [N m/rad or N/m]
 
     Raises
@@ -113,7 +111,6 @@ def deflect(compiled: Any, data: Any, acceleration: Vector) -> None:
 
     Parameters
     ----------
-    compiled : mujoco.MjModel
     data : mujoco.MjData
         With positions and velocities of the motors; those of springs are zero.
     acceleration : ndarray, shape (degrees of freedom,), [rad/s^2 or m/s^2]

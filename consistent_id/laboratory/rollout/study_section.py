@@ -13,10 +13,6 @@ def rollout_section(study: Study) -> tuple[Section, ...]:
     """Return the section on rollouts; none without commands, gains and MuJoCo.
 
     The recommended estimate is replayed beside the problem's own file of the robot.
-
-    Parameters
-    ----------
-    study : Study
     """
     problem = study.problem
     gains = problem.gains

@@ -7,13 +7,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector
 from consistent_id.errors import ProblemError
-from consistent_id.motion.collisions.bodies import (
-    Box,
-    Cylinder,
-    Hull,
-    Shape,
-    Sphere,
-)
+from consistent_id.motion.collisions.bodies import Box, Cylinder, Hull, Shape, Sphere
 
 _CORNERS = 24  # of the polygon around a cone's circle
 _SMALLEST = 1e-6  # of a quaternion that has a direction
@@ -40,10 +34,8 @@ class SceneObject:
 
     Parameters
     ----------
-    name : str
     frame : str
         Of the poses: a link, or the frame that the scene is planned in.
-    shapes : tuple of PlacedShape
     """
 
     name: str
@@ -59,7 +51,6 @@ def shape_of(kind: str, sizes: Array) -> Shape:
     kind : str
         ``box`` (x, y, z), ``sphere`` (radius), ``cylinder`` and ``cone`` (radius,
         length), or ``mesh`` (its vertices, whose hull is taken).
-    sizes : ndarray
     """
     values = np.asarray(sizes, dtype=np.float64)
     if kind == "mesh":

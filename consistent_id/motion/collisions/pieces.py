@@ -28,7 +28,6 @@ def convex_pieces(triangles: Array, most: int, gain: float = 0.1) -> list[Array]
         Corners of the faces of a closed surface.
     most : int
         Largest number of pieces.
-    gain : float
     """
     if most < 1:
         raise ProblemError(f"pieces: {most} at most, expected 1 or more")

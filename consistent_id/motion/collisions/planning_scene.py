@@ -10,16 +10,11 @@ from consistent_id._support.inputs import LARGEST_MODEL, read_input
 from consistent_id.errors import ModelError, ProblemError
 from consistent_id.motion.collisions.bodies import Body
 from consistent_id.motion.collisions.moveit_message import objects_of_message
-from consistent_id.motion.collisions.moveit_objects import (
-    Pose,
-    SceneObject,
-    beyond,
-)
+from consistent_id.motion.collisions.moveit_objects import Pose, SceneObject, beyond
 from consistent_id.motion.collisions.moveit_text import objects_of_text
 from consistent_id.motion.files.ros import plain_yaml
-from consistent_id.robot.chains import Place
-from consistent_id.robot.kinematics import fixed_place
 from consistent_id.robot.model import RobotModel
+from consistent_id.robot.places import Place, fixed_place
 
 _PLANNING = ("", "world", "map", "odom")
 """Frames that are taken for that of the robot's base."""

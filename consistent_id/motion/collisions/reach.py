@@ -45,7 +45,6 @@ def largest_change(
     ----------
     places : BodyPlaces
         Of the poses from which the joints move.
-    pair : Pair
     sample : ndarray, shape (queries,)
         Which of the poses.
     steps : ndarray, shape (queries, joints), [rad or m], 0 or more

@@ -8,9 +8,9 @@ import numpy as np
 from consistent_id._support.arrays import Array, BoolArray, freeze
 from consistent_id.errors import ProblemError
 from consistent_id.motion.collisions.bodies import Body
-from consistent_id.robot.chains import Place
-from consistent_id.robot.kinematics import LinkPlaces, fixed_place
+from consistent_id.robot.kinematics import LinkPlaces
 from consistent_id.robot.model import RobotModel
+from consistent_id.robot.places import Place, fixed_place
 
 
 @dataclass(frozen=True, slots=True)

@@ -84,7 +84,6 @@ def nearest(
 
     Parameters
     ----------
-    scene : Scene
     q : array_like, shape (samples, joints), [rad or m]
     pairs : tuple of Pair, optional
         Some of the scene's; all without.

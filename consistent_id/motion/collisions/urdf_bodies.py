@@ -19,6 +19,7 @@ from consistent_id.motion.collisions.bodies import (
     Sphere,
 )
 from consistent_id.motion.collisions.pieces import convex_pieces
+from consistent_id.robot.loaders.urdf_inertial import rotation_of
 from consistent_id.robot.loaders.urdf_lint import read_bytes
 from consistent_id.robot.loaders.xml import Element, XmlFault, parse
 from consistent_id.robot.solids import mesh_triangles
@@ -39,7 +40,6 @@ def urdf_bodies(
 
     Parameters
     ----------
-    path : Path
     package_dirs : iterable of str or Path
         Folders in which ``package://name/...`` is looked for as ``name/...``.  So are
         the folders above the file.
@@ -130,7 +130,7 @@ def _shapes(
 def _origin(element: Element) -> tuple[Matrix, Vector]:
     origin = element.child("origin") or Element("origin", {}, element.line)
     angles = _numbers(origin, "rpy", 3, "0 0 0")
-    return rpy(angles), _numbers(origin, "xyz", 3, "0 0 0")
+    return rotation_of(angles.tolist()), _numbers(origin, "xyz", 3, "0 0 0")
 
 
 def _box(shape: Element) -> Shape:
@@ -172,23 +172,6 @@ def _found(name: str, path: Path, folders: list[Path]) -> Path:
     raise ModelError(
         f"mesh {name!r} is not there; looked in {looked}; give the folder that holds "
         "its package in package_dirs"
-    )
-
-
-def rpy(angles: Vector) -> Matrix:
-    """Return the rotation by roll, pitch and yaw: about x, then y, then z, all fixed.
-
-    Parameters
-    ----------
-    angles : array_like, shape (3,), [rad]
-    """
-    (sr, sp, sy), (cr, cp, cy) = np.sin(angles), np.cos(angles)
-    return np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
     )
 
 

@@ -1,16 +1,32 @@
-"""Tables of joint positions for controllers that read one row in every cycle."""
+"""Tables of joint positions for controllers, which read one row in every cycle."""
 
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from consistent_id._support.arrays import Matrix
+from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.errors import ProblemError
-from consistent_id.motion.files.cycles import cycle_of, targets_of
 from consistent_id.recordings.paths import JointPath
 
 _JOINTS = {"rsi": 6, "franka": 7}
 _DIGITS = 12  # of rad or degrees; rounding is felt as jerk, 1e9 times as large at 1 kHz
+
+CYCLES: dict[str, tuple[float, ...]] = {
+    "urscript": (125.0, 500.0),
+    "rsi": (250.0, 1000.0 / 12.0),
+    "franka": (1000.0,),
+}
+"""Rates of formats [Hz]: of CB and e-Series, of RSI in 4 and in 12 ms, of libfranka."""
+
+_EQUAL = 1e-3  # of a rate, such as 83.3 for 1000 / 12
+
+
+class Targets(NamedTuple):
+    """Positions, shape (targets, joints), and seconds since the start."""
+
+    since: Vector
+    position: Matrix
 
 
 def rsi_of(path: JointPath, rate: float, where: Path) -> str:
@@ -70,3 +86,20 @@ def _table(
         f"# joints {', '.join(path.joints)}; one row every {1e3 / rate:g} ms",
     ]
     return "\n".join([*comments, *head, *lines, ""])
+
+
+def cycle_of(format: str, rate: float) -> float | None:
+    """Return the controller's rate that is meant, or None if it has no such."""
+    near = (own for own in CYCLES[format] if abs(rate - own) <= _EQUAL * own)
+    return next(near, None)
+
+
+def targets_of(path: JointPath, rate: float) -> Targets:
+    """Return one target for each cycle.
+
+    The last one is the end of the path, at most a cycle after the one before.
+    """
+    cycles = int(np.ceil(path.duration * rate * (1.0 - 1e-12)))
+    since = np.minimum(np.arange(cycles + 1) / rate, path.duration)
+    (position,) = path.evaluate(path.start + since, derivatives=0)
+    return Targets(since, position)

@@ -9,7 +9,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Vector, number
 from consistent_id.errors import ProblemError
-from consistent_id.motion.proofs.piecewise import smooth_pieces
+from consistent_id.motion.proofs.peaks import smooth_pieces
 from consistent_id.recordings.paths import JointPath
 from consistent_id.recordings.recording import Recording
 
@@ -26,11 +26,9 @@ def thinned(path: JointPath, tolerance: float, name: str = "trajectory") -> Reco
 
     Parameters
     ----------
-    path : JointPath
     tolerance : float, [rad or m]
         Which no joint is off by at any time, proven by a bound of the path's sixth
         derivative.
-    name : str
 
     Raises
     ------

@@ -7,13 +7,8 @@ import msgspec
 
 from consistent_id._support.files import write_atomically
 from consistent_id.errors import ProblemError
-from consistent_id.motion.files.content import (
-    content_of,
-    require_names,
-    require_rest,
-)
-from consistent_id.motion.files.controller_tables import franka_of, rsi_of
-from consistent_id.motion.files.cycles import CYCLES
+from consistent_id.motion.files.content import content_of, require_names, require_rest
+from consistent_id.motion.files.controller_tables import CYCLES, franka_of, rsi_of
 from consistent_id.motion.files.document import (
     ExactPath,
     json_of,

@@ -6,7 +6,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Matrix
 from consistent_id.errors import ProblemError
-from consistent_id.motion.files.cycles import cycle_of, targets_of
+from consistent_id.motion.files.controller_tables import cycle_of, targets_of
 from consistent_id.recordings.paths import JointPath
 
 _JOINTS = 6

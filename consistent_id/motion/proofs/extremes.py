@@ -12,8 +12,13 @@ import numpy as np
 from consistent_id._support.arrays import Array, IntArray, Vector
 from consistent_id.errors import ProblemError
 from consistent_id.motion.proofs.interval import Interval
-from consistent_id.motion.proofs.peaks import Enclosed, Peaks, peaks
-from consistent_id.motion.proofs.piecewise import bounds_of, smooth_pieces
+from consistent_id.motion.proofs.peaks import (
+    Enclosed,
+    Peaks,
+    bounds_of,
+    peaks,
+    smooth_pieces,
+)
 from consistent_id.recordings.paths import JointPath
 
 _FINEST = 1e-3  # least scale of the tolerance, relative to the bound over all time
@@ -28,7 +33,6 @@ class Extremes:
 
     Parameters
     ----------
-    joints : tuple of str
     order : int
         0 for position, 1 for velocity, and so on.
     lowest, highest : ndarray, shape (joints,)
@@ -60,7 +64,6 @@ def extremes(path: JointPath, order: int, *, tolerance: float = 1e-6) -> Extreme
     path : JointPath
         With two continuous derivatives more than `order`, which is not checked; or
         with `pieces` that have, as those of a `Move`: each is proven by itself.
-    order : int
     tolerance : float
         What bound and value may differ by, relative to the range of the values.
 

@@ -29,7 +29,6 @@ class DirectedFriction:
 
     Parameters
     ----------
-    model : TorqueModel
     own : TorqueModel
         The same without couplings: each joint's friction depends on its own rate.
     parameters : ndarray, shape (robots, parameters)
@@ -56,7 +55,6 @@ class DirectedFriction:
 
         Parameters
         ----------
-        path : JointPath
         middle : ndarray, shape (stretches,), [s]
         radius : float, [s]
             May be zero; then a joint at rest has friction both ways.

@@ -28,7 +28,6 @@ class Margin:
 
     Parameters
     ----------
-    joint : str
     quantity : str
         ``"lower position"``, ``"upper position"``, ``"velocity"``,
         ``"acceleration"``, ``"jerk"``, ``"torque"``, ``"torque rate"`` or ``"torque
@@ -39,7 +38,6 @@ class Margin:
         What the quantity is proven never to exceed (or fall below).
     reached : float
         What it reaches, at `time` [s]; `bound` is this and what is left of doubt.
-    time : float
     span : float
         What the margin is compared with: the limit, for a position the joint's range.
     """

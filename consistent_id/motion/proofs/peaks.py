@@ -1,15 +1,28 @@
 """Largest values of functions of time, proven, by dividing time where it matters."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from consistent_id._support.arrays import Array, BoolArray, IntArray, Vector
+from consistent_id.recordings.paths import JointPath
 
 _SPLIT = 4
 _MOST = 100_000  # stretches at once; more are given up, with the bound they have
 _ROUNDING = 4.0 * np.finfo(float).eps  # of a time, relative to the latest one
+
+
+class Bounds(NamedTuple):
+    """Proven bounds, and values that are reached; arrays of shape (functions,)."""
+
+    lowest: Vector
+    highest: Vector
+    least: Vector
+    most: Vector
+    least_time: Vector
+    most_time: Vector
 
 
 class Enclosed(NamedTuple):
@@ -39,7 +52,6 @@ class Peaks:
     ----------
     reached : ndarray
         A value that is taken, at time `at` [s].
-    at : ndarray
     bound : ndarray
         Proven never to be exceeded.
     """
@@ -106,3 +118,24 @@ def peaks(
         after = (after[rows, None] + steps).ravel()
         cell, alive = np.repeat(cell[rows], _SPLIT), np.repeat(still[rows], _SPLIT, 0)
     return Peaks(search.reached, search.at, search.bound)
+
+
+def smooth_pieces(path: JointPath) -> tuple[JointPath, ...]:
+    """Return the pieces of a path that has any, as a `Move` has; else the path.
+
+    Between pieces, higher derivatives jump: both values count, and no bound of a
+    derivative holds across the junction.
+    """
+    return tuple(getattr(path, "pieces", (path,)))
+
+
+def bounds_of(found: Sequence[Peaks]) -> Bounds:
+    """Return bounds from peaks of functions and of their negatives, a path's pieces."""
+    reached = np.array([one.reached for one in found])
+    piece, each = reached.argmax(axis=0), np.arange(reached.shape[1])
+    most, least = np.split(reached[piece, each], 2)
+    most_time, least_time = np.split(
+        np.array([one.at for one in found])[piece, each], 2
+    )
+    highest, lowest = np.split(np.max([one.bound for one in found], axis=0), 2)
+    return Bounds(-lowest, highest, -least, most, least_time, most_time)

@@ -18,8 +18,14 @@ from consistent_id.motion.proofs.friction_bounds import (
     directed_friction,
 )
 from consistent_id.motion.proofs.interval import Interval
-from consistent_id.motion.proofs.peaks import Enclosed, Enclosure, Peaks, peaks
-from consistent_id.motion.proofs.piecewise import bounds_of, smooth_pieces
+from consistent_id.motion.proofs.peaks import (
+    Enclosed,
+    Enclosure,
+    Peaks,
+    bounds_of,
+    peaks,
+    smooth_pieces,
+)
 from consistent_id.motion.proofs.torque_motion import SmoothTorque, smooth_torque
 from consistent_id.recordings.paths import JointPath
 from consistent_id.regression.regressor import TorqueModel
@@ -72,7 +78,6 @@ def torque_bounds(
     path : JointPath
         With four continuous derivatives, which is not checked, or with `pieces` that
         have, as those of a `Move`; and all joints of the model's robot in order.
-    model : TorqueModel
     parameters : array_like, shape (parameters,) or (robots, parameters)
         One robot's, or several: the torque is linear in them, so what holds for all
         holds for every mixture of them.

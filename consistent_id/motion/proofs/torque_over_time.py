@@ -7,8 +7,7 @@ rate bounds that.
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
-from consistent_id.motion.proofs.peaks import peaks
-from consistent_id.motion.proofs.piecewise import bounds_of
+from consistent_id.motion.proofs.peaks import bounds_of, peaks
 from consistent_id.motion.proofs.torque_bounds import (
     TorqueBounds,
     first_cells,
@@ -28,8 +27,6 @@ def torque_rate_bounds(
 
     Parameters
     ----------
-    path : JointPath
-    model : TorqueModel
     parameters : ndarray, shape (robots, parameters)
     limit : ndarray, shape (torque joints,), [N m/s or N/s]
         What the tolerance is relative to, where it is finite.

@@ -97,7 +97,6 @@ def shared_errors(shared: Regression, bodies: Estimate, known: Matrix) -> Shared
     ----------
     shared : Regression
         Of all robots.
-    bodies : Estimate
     known : ndarray, shape (rows, parameters)
         Rows of the equalities.
     """
@@ -124,7 +123,6 @@ def found_payload(
     ----------
     regression : Regression
         Of this robot, link and load as one body.
-    place : PlacedBody
     bodies : Estimate
         What all robots share.
     errors : SharedErrors

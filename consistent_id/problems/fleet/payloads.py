@@ -88,13 +88,7 @@ FREE = LoadFit(np.zeros(10), np.eye(10), np.zeros((0, 10)))
 
 @dataclass(frozen=True, slots=True)
 class PlacedBody:
-    """What a robot carries, and where its carrier stands among the shared parameters.
-
-    Parameters
-    ----------
-    carried : CarriedBody
-    columns : slice
-    """
+    """What a robot carries, and its carrier's place among the shared parameters."""
 
     carried: CarriedBody
     columns: slice

@@ -30,7 +30,6 @@ class RobotShare:
 
     Parameters
     ----------
-    name : str
     shared : Regression
         Of the shared parameters, its `sigma` the robot's own noise.
     own : tuple of ndarray, each shape (rank, own + shared + 1)
@@ -128,7 +127,6 @@ def own_fit(rows: Matrix, shared: Vector, limits: OwnSet) -> OwnFit:
     rows : ndarray, shape (rank, own + shared + 1)
         See `RobotShare.own`.
     shared : ndarray, shape (shared,)
-    limits : OwnSet
 
     Raises
     ------

@@ -42,7 +42,6 @@ class StoredRobot:
 
     Parameters
     ----------
-    name : str
     file : Path
         Of its share; see `share_files`.
     own : tuple of ndarray
@@ -51,7 +50,6 @@ class StoredRobot:
         Its noise.
     torque, alone : float, [N m or N]
         See `RobotShare`.
-    samples : int
     place : PlacedBody, optional
         Of what it carries.
     """
@@ -72,7 +70,6 @@ class Settled:
 
     Parameters
     ----------
-    bodies : Estimate
     shared : Regression
         Of the shared parameters, what is robots' own taken out.
     settled : bool
@@ -112,7 +109,6 @@ def settle(
 
     Parameters
     ----------
-    fleet : FleetModel
     robots : sequence of StoredRobot
         Whose bodies are alike.
     limits : sequence of OwnSet
@@ -164,10 +160,8 @@ def own_fits(
 
     Parameters
     ----------
-    robot : StoredRobot
     shared : ndarray
         Shared parameters, its load in its carrier.
-    limits : sequence of OwnSet
     """
     pairs = zip(robot.own, limits, strict=True)
     return tuple(own_fit(rows, shared, limit) for rows, limit in pairs)

@@ -108,12 +108,9 @@ def settled(
 
     Parameters
     ----------
-    guess : BaseGuess
     arrays : dict of str to ndarray
         Of the log, by name.
     time : ndarray, shape (samples,)
-    robot : RobotModel
-    hints : BaseHints
     frames : mapping of str to BaseFrame
         Sites on the base, beside the frames of `robot`.
     ordered : bool

@@ -38,8 +38,6 @@ class ContactGuess:
 
     Parameters
     ----------
-    columns : tuple of ContactColumns
-    notes : tuple of str
     assumed : bool
         Whether feet are only taken to stand: `require_standing` looks at the motion.
     """
@@ -105,7 +103,6 @@ def require_standing(
 
     Parameters
     ----------
-    robot : RobotModel
     logs : sequence of Recording
         With contacts that are closed all the time.
     names : sequence of str

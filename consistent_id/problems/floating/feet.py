@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from consistent_id._support.arrays import Matrix, Vector
+from consistent_id._support.arrays import Vector
 from consistent_id.motion.collisions.bodies import Sphere
 from consistent_id.motion.collisions.urdf_bodies import link_bodies
 from consistent_id.robot.kinematics import ancestors
@@ -15,6 +15,7 @@ from consistent_id.robot.loaders.robot_file import is_mjcf
 from consistent_id.robot.loaders.urdf_lint import read_bytes
 from consistent_id.robot.loaders.xml import parse
 from consistent_id.robot.model import Link, RobotModel
+from consistent_id.robot.places import fixed_place
 
 _WORDS = ("foot", "sole", "toe", "ankle", "calf", "shank", "feet")  # the best first
 _SOLE = 5  # joints of a leg from which on its foot can be laid flat on the ground
@@ -80,30 +81,23 @@ def _foot(robot: RobotModel, path: Path, k: int, frame: str) -> Foot:
     joints = sum(robot.joints[j].driven for j in ancestors(robot, k))
     if joints >= _SOLE:
         return Foot(frame, names, True, np.zeros(3))
-    balls = list(_balls(path, link))
+    balls = list(_balls(path, robot, names))
     if len(balls) != 1:
         return Foot(frame, names, False, np.zeros(3))
     at, radius = balls[0]
-    rotation, origin = _place(link, frame)
-    point = rotation.T @ (at - origin)
+    place = fixed_place(robot, frame)
+    point = place.rotation.T @ (at - place.translation)
     return Foot(frame, names, False, point, radius, shaped=True)
 
 
-def _place(link: Link, frame: str) -> tuple[Matrix, Vector]:
-    """Return where a frame is in its link."""
-    for merged in link.merged:
-        if merged.name == frame:
-            return merged.rotation, merged.translation
-    return np.eye(3), np.zeros(3)
-
-
-def _balls(path: Path, link: Link) -> Iterator[tuple[Vector, float]]:
+def _balls(
+    path: Path, robot: RobotModel, names: tuple[str, ...]
+) -> Iterator[tuple[Vector, float]]:
     """Yield centres, in the link's frame, and radii of a body's collision spheres."""
-    names = (link.name, *(merged.name for merged in link.merged))
     found = _mjcf_balls if is_mjcf(path) else _urdf_balls
     for name, at, radius in found(path, names):
-        rotation, origin = _place(link, name)
-        yield origin + rotation @ at, radius
+        place = fixed_place(robot, name)
+        yield place.translation + place.rotation @ at, radius
 
 
 def _urdf_balls(

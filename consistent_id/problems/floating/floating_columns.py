@@ -8,11 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from consistent_id.problems.floating.base_guess import (
-    BaseGuess,
-    chosen_names,
-    settled,
-)
+from consistent_id.problems.floating.base_guess import BaseGuess, chosen_names, settled
 from consistent_id.problems.floating.contact_guess import (
     ContactGuess,
     guessed_contacts,
@@ -57,12 +53,10 @@ class FloatingColumns:
 
     Parameters
     ----------
-    beside : BesideColumns
     joints : MujocoArrays
         Columns of the joints, if the log is of arrays of MuJoCo.
     taken : tuple of str
         Names that are of no joint.
-    notes : tuple of str
     standing : bool
         Whether feet are taken to stand all the time, which is to be looked at.
     names : tuple of str
@@ -84,7 +78,6 @@ def floating_columns(
 
     Parameters
     ----------
-    log : Path
     robot : RobotModel
         Whose base floats.
     model : Path

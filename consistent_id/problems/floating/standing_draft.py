@@ -73,7 +73,6 @@ def standing_draft(
 
     Parameters
     ----------
-    logs : RobotLogs
     raws : sequence of Recording
         As they were read.
     model : Path

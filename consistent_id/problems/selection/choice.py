@@ -34,7 +34,6 @@ class Choice:
     ----------
     drive : tuple of DriveTable
         Of each joint, in the robot's order; of joints without torque, none.
-    couplings : tuple of CouplingTable
     masses : {"datasheet", "bounds", "free"}
     motion_cutoff, torque_cutoff : float, optional, [Hz]
     least_speed : float, optional
@@ -78,7 +77,6 @@ def applied(table: ProblemTable, choice: Choice, robot: RobotModel) -> ProblemTa
     ----------
     table : ProblemTable
         With recordings.
-    choice : Choice
     robot : RobotModel
         The file's robot.
     """

@@ -79,10 +79,8 @@ def factors_of(
     ----------
     bodies : TorqueModel
         Without drive terms.
-    samples : Samples
     terms : sequence of sequence of DriveTerm
         Of each of the robot's joints.
-    couplings : sequence of GearCoupling
     width : float, [rad/s or m/s]
         Of friction's change of sign.
     band : float, [Hz]

@@ -90,7 +90,6 @@ def term_moves(
 
     Parameters
     ----------
-    choice : Choice
     measured, loaded, sloped : sequence of int
         Places of joints with torque, of those whose load is known, and of those whose
         friction may vary with position.
@@ -150,7 +149,6 @@ def row_moves(choice: Choice, speed: Vector) -> Iterator[Move]:
 
     Parameters
     ----------
-    choice : Choice
     speed : ndarray, shape (samples,)
         Of all rows; a mask leaves out a few of them, and not most.
     """

@@ -101,8 +101,6 @@ def samples_of(
     ----------
     bodies : TorqueModel
         Without drive terms.
-    logs : sequence of Log
-    table : PreparationTable
     guard : float, [s]
         See `blocks.cells`.
     thin : int

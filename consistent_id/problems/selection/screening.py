@@ -10,10 +10,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Array, BoolArray, Matrix, Vector
 from consistent_id.problems.selection.factors import Factors, JointFactors
-from consistent_id.problems.selection.held_out import (
-    HeldOut,
-    held_out,
-)
+from consistent_id.problems.selection.held_out import HeldOut, held_out
 from consistent_id.problems.selection.models import (
     RATES,
     Candidate,
@@ -33,7 +30,6 @@ def screened(
 
     Parameters
     ----------
-    candidate : Candidate
     factors : Factors
         Of the candidate's rows.
     current : FoldFits
@@ -134,8 +130,6 @@ def torque_delay(
 
     Parameters
     ----------
-    candidate : Candidate
-    factors : Factors
     base : BaseParameters
         Of the bodies.
     sigma : ndarray, shape (torque joints,), [N m or N]

@@ -52,7 +52,6 @@ class Step:
 
     Parameters
     ----------
-    move : Move
     gain : Gain
         Of a term that was taken back, negative: what that costs.
     error : float

@@ -16,11 +16,7 @@ from consistent_id.problems.selection.moves import velocity_scale
 from consistent_id.problems.selection.proposals import Scope
 from consistent_id.problems.selection.search import State, search
 from consistent_id.problems.selection.selection import ModelSelection
-from consistent_id.problems.selection.setup import (
-    KINDS,
-    Beginning,
-    beginning,
-)
+from consistent_id.problems.selection.setup import KINDS, Beginning, beginning
 from consistent_id.recordings.signals.clocks import own_rate
 
 _STAGES = 12  # as many moves as a bar has room for

@@ -59,7 +59,6 @@ def beginning(
 
     Parameters
     ----------
-    problem : Problem
     raws : tuple of Recording
         Training logs as they were recorded.
     fixed : collection of str
@@ -192,46 +191,46 @@ def _top_speeds(samples: Samples, bodies: TorqueModel) -> Vector:
 
 def _plain(problem: Problem, fixed: Collection[str], width: float) -> Choice:
     """Return the plain model, with what is fixed as the file has it."""
-    table, model = problem.table, problem.model
-    geared = data_of(table).gains is not None  # drives that follow commands have gears
-    plain = msgspec.structs.replace(
-        DEFAULT_DRIVE, velocity_scale=width, rotor_inertia=geared
-    )
-    drive = []
-    for name in model.robot.joint_names:
-        joint = table.joints.get(name)
-        own = table.drive if joint is None else joint.over(table.drive)
-        whole = set(DRIVE) - {"velocity_scale", "coupling"} <= set(fixed)
-        if name not in model.torque_joints:
-            drive.append(DriveTable())
-            continue
-        kept = {
-            key: getattr(own, key)
-            for key in DRIVE
-            if key in fixed and key != "coupling"
-        }
-        if kept.get("asymmetric"):
-            kept["offset"] = False
-        if "velocity_scale" in kept:
-            kept["coulomb"] = own.coulomb
-        if joint is not None and joint.motor_inertia is not None:
-            kept["rotor_inertia"] = True
-        if whole:
-            given = own.coulomb == "tanh" and "velocity_scale" not in fixed
-            kept = {key: getattr(own, key) for key in DEFAULTS}
-            kept |= {"velocity_scale": width} if given else {}
-        drive.append(msgspec.structs.replace(plain, **kept))
+    table = problem.table
     masses = table.constraints.masses
     if not _masses_known(problem):
         masses = "free"
     elif "masses" not in fixed and masses == "free":
         masses = "datasheet"
-    preparation = data_of(problem.table).preparation
+    preparation = data_of(table).preparation
     delay = preparation.delays.get("torque", 0.0) if "delay" in fixed else 0.0
     return Choice(
-        tuple(drive),
+        tuple(
+            _plain_drive(problem, name, fixed, width)
+            for name in problem.model.robot.joint_names
+        ),
         couplings=tuple(table.couplings) if "coupling" in fixed else (),
         masses=masses,
         least_speed=preparation.least_speed if "least_speed" in fixed else None,
         delay=float(delay),
     )
+
+
+def _plain_drive(
+    problem: Problem, name: str, fixed: Collection[str], width: float
+) -> DriveTable:
+    """Return a joint's drive in the plain model; without torque it has none."""
+    if name not in problem.model.torque_joints:
+        return DriveTable()
+    table = problem.table
+    joint = table.joints.get(name)
+    own = table.drive if joint is None else joint.over(table.drive)
+    kept = {key: getattr(own, key) for key in DRIVE if key in fixed and key in DEFAULTS}
+    if kept.get("asymmetric"):
+        kept["offset"] = False
+    if "velocity_scale" in kept:
+        kept["coulomb"] = own.coulomb
+    if joint is not None and joint.motor_inertia is not None:
+        kept["rotor_inertia"] = True
+    if set(DRIVE) - {"velocity_scale", "coupling"} <= set(fixed):
+        given = own.coulomb == "tanh" and "velocity_scale" not in fixed
+        kept = {key: getattr(own, key) for key in DEFAULTS}
+        kept |= {"velocity_scale": width} if given else {}
+    geared = data_of(table).gains is not None  # drives that follow commands have gears
+    plain = {"velocity_scale": width, "rotor_inertia": geared}
+    return msgspec.structs.replace(DEFAULT_DRIVE, **(plain | kept))

@@ -31,7 +31,6 @@ class KeptRows:
 
     Parameters
     ----------
-    whole : PreparedStretch
     first, last : int
         Samples ``first <= sample < last``.
     top : ndarray, shape (joints,), optional, [rad/s or m/s]
@@ -62,7 +61,6 @@ class KeptWindows:
 
     Parameters
     ----------
-    rows : KeptRows
     cuts : tuple of (int, int)
         Samples of each window, ascending.
     """

@@ -10,15 +10,10 @@ import numpy as np
 
 from consistent_id._support.executors import Executor, tree_reduced
 from consistent_id.errors import NotExcitedError, ProblemError, RecordingError
-from consistent_id.problems.data_columns import columns_of
 from consistent_id.problems.file import DataTable, PreparationTable, RecordingTable
-from consistent_id.problems.log_entries import require_rows, rows_of
+from consistent_id.problems.log_entries import columns_of, require_rows, rows_of
 from consistent_id.problems.problem import Problem
-from consistent_id.problems.streaming.kept_rows import (
-    KeptRows,
-    KeptWindows,
-    kept_rows,
-)
+from consistent_id.problems.streaming.kept_rows import KeptRows, KeptWindows, kept_rows
 from consistent_id.problems.streaming.obstacle import (
     obstacle,
     reason_for_whole,
@@ -28,13 +23,11 @@ from consistent_id.problems.streaming.stretches import survey
 from consistent_id.problems.streaming.windows import prepared_stretches
 from consistent_id.recordings.readers.log_rows import LogRows
 from consistent_id.recordings.recording import Recording, joined_in_time
-from consistent_id.regression.regression import (
-    SHOWN,
-    Regression,
-    build_regression,
-)
+from consistent_id.regression.motion_arrays import motion_of
+from consistent_id.regression.recorded_noise import SHOWN, with_noise
+from consistent_id.regression.regression import Regression, build_regression
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.regression.streamed_noise import with_noise_of
+from consistent_id.regression.row_filter import RowFilter
 
 _log = logging.getLogger(__name__)
 
@@ -112,7 +105,9 @@ def stream_regression(
         elif any(counts):
             middles.append(_middle(part, counts))
             samples.append(sum(counts))
-    return with_noise_of(problem.model, whole, middles, samples)
+    motions = [motion_of(problem.model, middle, None) for middle in middles]
+    every = [range(len(middle)) for middle in middles]
+    return with_noise(problem.model, whole, motions, every, RowFilter(), samples)
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,7 +241,6 @@ def _middle(rows: KeptRows, counts: Sequence[int]) -> Recording:
 
     Parameters
     ----------
-    rows : KeptRows
     counts : sequence of int
         Samples that count in each window.
     """

@@ -8,8 +8,7 @@ from consistent_id.recordings.readers.beside_columns import (
 )
 from consistent_id.recordings.readers.columns import JOINT_STATE, Columns
 from consistent_id.recordings.readers.data_frames import recording_from
-from consistent_id.recordings.readers.recording_file import read_recording
-from consistent_id.recordings.readers.track_file import read_track
+from consistent_id.recordings.readers.recording_file import read_recording, read_track
 
 __all__ = [
     "JOINT_STATE",

@@ -28,8 +28,6 @@ def read_parts(
     ----------
     reader : module
         Of a format, see `LogFormat`.
-    path : Path
-    names : sequence of str
 
     Raises
     ------

@@ -64,8 +64,6 @@ def read_messages(
 
     Parameters
     ----------
-    path : Path
-    topic : str, optional
     beside : sequence of str
         What else is wanted, as ``TOPIC.FIELD``.
 

@@ -115,8 +115,6 @@ class Wanted:
 
     Parameters
     ----------
-    joints : tuple of str
-    time : str
     columns : dict of str to tuple of str
         One name per joint, by channel; empty where there is nothing to read.
     arrays : dict of str to str
@@ -127,8 +125,6 @@ class Wanted:
         Columns of the joints in such an array.
     without_torque : tuple of int
         Places of the joints whose torque the log does not have.
-    units : mapping of str to str or sequence of str
-    beside : BesideColumns
     """
 
     joints: tuple[str, ...]
@@ -162,28 +158,8 @@ def wanted(columns: Columns, joints: Sequence[str], where: str) -> Wanted:
         pattern = getattr(columns, channel)
         if pattern is not None and channel not in columns.units:
             refuse_units_of_a_name(where, channel, pattern)
-    patterns = {
-        channel: pattern
-        for channel in CHANNELS
-        if (pattern := getattr(columns, channel)) is not None
-    }
     in_log = columns.in_log(joints)
-    expanded = {name: _expanded(p, in_log) for name, p in patterns.items()}
-    width = len(columns.array_joints)
-    arrays = {
-        channel: names[0]
-        for channel, names in expanded.items()
-        if width and not _placeholders(patterns[channel])
-    }
-    for channel, names in expanded.items():
-        if channel not in arrays and len(set(names)) != len(names):
-            raise RecordingError(
-                f"column pattern {patterns[channel]!r} gives one name for several "
-                "joints; put {joint} or {number} in it or, if it names a "
-                "two-dimensional array, list the joints of its columns in array_joints"
-            )
-    single = {channel: n for channel, n in expanded.items() if channel not in arrays}
-    places = _places(columns, in_log) if arrays else ()
+    single, arrays = _by_channel(columns, in_log)
     silent = columns.without_torque(joints)
     if "torque" in single:
         named = enumerate(single["torque"])
@@ -193,12 +169,35 @@ def wanted(columns: Columns, joints: Sequence[str], where: str) -> Wanted:
         columns.time,
         single,
         arrays,
-        width,
-        places,
+        len(columns.array_joints),
+        _places(columns, in_log) if arrays else (),
         silent,
         columns.units,
         columns.beside,
     )
+
+
+def _by_channel(
+    columns: Columns, in_log: Sequence[str]
+) -> tuple[dict[str, tuple[str, ...]], dict[str, str]]:
+    """Return the names of each channel, one per joint or that of an array."""
+    single, arrays = {}, {}
+    for channel in CHANNELS:
+        pattern = getattr(columns, channel)
+        if pattern is None:
+            continue
+        names = _expanded(pattern, in_log)
+        if columns.array_joints and not _placeholders(pattern):
+            arrays[channel] = names[0]
+        elif len(set(names)) == len(names):
+            single[channel] = names
+        else:
+            raise RecordingError(
+                f"column pattern {pattern!r} gives one name for several "
+                "joints; put {joint} or {number} in it or, if it names a "
+                "two-dimensional array, list the joints of its columns in array_joints"
+            )
+    return single, arrays
 
 
 def at_least_one(joints: Sequence[str], where: str) -> tuple[str, ...]:

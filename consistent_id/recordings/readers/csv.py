@@ -29,8 +29,6 @@ class _Header:
 
     Parameters
     ----------
-    names : tuple of str
-    separator : str
     row : int
         Number of the header's last line, from 1.
     end : int

@@ -67,7 +67,6 @@ def table_names(table: ColumnTable, name: str) -> tuple[str, ...]:
 
     Parameters
     ----------
-    table : DataFrame, mapping of str to array_like, or the like
     name : str
         Of the table; used in messages.
 

@@ -69,10 +69,8 @@ def read_batches(path: Path, names: Sequence[str], first: int) -> Iterator[Array
 
     Parameters
     ----------
-    path : Path
     names : sequence of str
         The first is that of time, by whose length the axis of samples is known.
-    first : int
 
     Raises
     ------

@@ -30,8 +30,6 @@ class LogRows:
     ----------
     path : Path
         Of a format that `LogFormat.streams`.
-    joints : tuple of str
-    columns : Columns
     torque_gain : array_like, shape () or (joints,)
     omit : tuple of int
         Rows that are left out, counted from 1; other rows are counted without them.

@@ -33,7 +33,6 @@ def recording_of(
     arrays : mapping of str to ndarray
         Columns of shape (samples,), (samples, 1) or (1, samples); two-dimensional
         arrays of shape (samples, width) or its transpose, by the length of time.
-    want : Wanted
     where, name : str
         Of the file: in messages, and of the recording.
     torque_gain : array_like, shape () or (joints,)

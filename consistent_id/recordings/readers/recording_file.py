@@ -1,6 +1,7 @@
 """Recordings from files, and the names of what a file holds."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,7 @@ from consistent_id.recordings.readers.jointstate import (
 from consistent_id.recordings.readers.named_arrays import recording_of
 from consistent_id.recordings.readers.stated_units import in_stated_units
 from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.signals.track import Channel, Track, track
 
 _COPIES = 2  # of a file's size that reading it as a whole takes, at the least
 
@@ -168,3 +170,41 @@ def reader_of(path: Path) -> Any:
     if not path.is_dir():
         require_regular(path, RecordingError)
     return known.reader(path)
+
+
+def read_track(
+    path: str | Path,
+    joints: Sequence[str],
+    channel: Channel,
+    column: str,
+    *,
+    time: str = "time",
+    torque_gain: ArrayLike = 1.0,
+) -> Track:
+    """Read what one sensor wrote into a file of its own, such as accelerations.
+
+    Bring it to the clock of the rest with `aligned`, its delay with `estimate_delay`.
+
+    Parameters
+    ----------
+    path : str or Path
+        See `read_recording`.
+    joints : sequence of str
+    channel : {"position", "velocity", "acceleration", "torque"}
+    column : str
+        Name of the columns, with ``{joint}`` or ``{number}``; in SI units.
+    time : str
+        Name of the column of stamps.
+    torque_gain : array_like, shape () or (joints,)
+        Factor to torque, of a torque.
+
+    Raises
+    ------
+    RecordingError
+        As `read_recording`.
+    """
+    # A recording has a position; here it stands for whatever was written.
+    columns = Columns(time, column)
+    columns = replace(columns, **{channel: column})  # type: ignore[arg-type]
+    recording = read_recording(path, joints, columns, torque_gain=torque_gain)
+    return track(recording, channel)

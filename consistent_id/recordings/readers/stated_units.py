@@ -5,11 +5,7 @@ from dataclasses import replace
 
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers.columns import Wanted
-from consistent_id.recordings.readers.units import (
-    KNOWN,
-    is_other_unit,
-    standard_unit,
-)
+from consistent_id.recordings.readers.units import KNOWN, is_other_unit, standard_unit
 
 
 def in_stated_units(want: Wanted, said: Mapping[str, str], where: str) -> Wanted:
@@ -17,7 +13,6 @@ def in_stated_units(want: Wanted, said: Mapping[str, str], where: str) -> Wanted
 
     Parameters
     ----------
-    want : Wanted
     said : mapping of str to str
         Unit by name of an array; words that are no unit are passed over.
     where : str

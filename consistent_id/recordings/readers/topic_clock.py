@@ -67,10 +67,8 @@ def with_topics(
     ----------
     recording : Recording
         Its time counts from `clock.start`.
-    clock : JointClock
     signals : mapping of str to TopicSignal
         By topic and field.
-    beside : BesideColumns
 
     Raises
     ------

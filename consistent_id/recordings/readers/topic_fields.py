@@ -82,7 +82,6 @@ def signals_of(
 
     Parameters
     ----------
-    wanted : sequence of TopicField
     messages : mapping of str to sequence of (int, message)
         By topic, with the time of logging [ns].
 

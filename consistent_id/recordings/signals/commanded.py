@@ -1,5 +1,6 @@
 """The torque of PD-controlled joints, from their commands."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -62,16 +63,27 @@ class PDGains:
         RecordingError
             If there are gains for another number of joints.
         """
-        values = {}
-        for name in _GAINS:
-            array = getattr(self, name)
-            if array.ndim and len(array) != joints:
-                raise RecordingError(
-                    f"{name} has {len(array)} values for {joints} joints; give one "
-                    "for all, or one each in the robot's order"
-                )
-            values[name] = np.broadcast_to(array, (joints,))
-        return PDGains(**values)
+        return PDGains(**by_joint(self, _GAINS, joints))
+
+
+def by_joint(holder: object, names: Sequence[str], joints: int) -> dict[str, Vector]:
+    """Return arrays of a value by name, one number for each joint.
+
+    Raises
+    ------
+    RecordingError
+        If there are values for another number of joints.
+    """
+    values = {}
+    for name in names:
+        array = getattr(holder, name)
+        if array.ndim and len(array) != joints:
+            raise RecordingError(
+                f"{name} has {len(array)} values for {joints} joints; give one for "
+                "all, or one each in the robot's order"
+            )
+        values[name] = np.broadcast_to(array, (joints,))
+    return values
 
 
 def commanded(recording: Recording, gains: PDGains, *, delay: float = 0.0) -> Recording:

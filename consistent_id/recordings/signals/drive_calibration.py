@@ -7,7 +7,7 @@ import numpy as np
 from consistent_id._support.arrays import Vector, array_default, freeze, frozen
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.recording import Recording
-from consistent_id.recordings.signals.commanded import PDGains, commanded
+from consistent_id.recordings.signals.commanded import PDGains, by_joint, commanded
 
 _BY_JOINT = ("scale", "encoder_bias", "compliance")
 
@@ -64,16 +64,7 @@ class DriveCalibration:
         RecordingError
             If there are values for another number of joints.
         """
-        values = {}
-        for name in _BY_JOINT:
-            array = getattr(self, name)
-            if array.ndim and len(array) != joints:
-                raise RecordingError(
-                    f"{name} has {len(array)} values for {joints} joints; give one "
-                    "for all, or one each in the robot's order"
-                )
-            values[name] = np.broadcast_to(array, (joints,))
-        return DriveCalibration(self.delay, **values)
+        return DriveCalibration(self.delay, **by_joint(self, _BY_JOINT, joints))
 
     def gains(self, gains: PDGains) -> PDGains:
         """Return what stated gains really are; torque limits are in the same units.

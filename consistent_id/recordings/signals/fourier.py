@@ -157,7 +157,6 @@ class _Series:
 
     Parameters
     ----------
-    recording : Recording
     frequencies : ndarray, shape (terms,), [Hz]
     Q, R : ndarray
         Factors of `series_columns`.

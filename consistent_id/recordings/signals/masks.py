@@ -9,8 +9,7 @@ from numpy.typing import ArrayLike
 from consistent_id._support.arrays import Array, BoolArray, Matrix, Vector, frozen
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.recording import Recording
-from consistent_id.recordings.signals.resolution import quantum
-from consistent_id.recordings.signals.sample_hold import held_samples
+from consistent_id.recordings.signals.resolution import held_samples, quantum
 
 _AT_LIMIT = 1e-3  # of the limit, within which a torque is at it
 STILL = 0.01  # of the fastest joint's largest speed

@@ -1,4 +1,4 @@
-"""The step of an encoder, found in what it wrote."""
+"""What coarse readings look like: the step of an encoder, and values that are held."""
 
 import numpy as np
 
@@ -13,6 +13,9 @@ _EXACT = 1e-3  # and where there are few different multiples
 _KINDS = 6  # fewest different ones
 _MOST = 0.98  # of the steps that must be multiples
 _ROUNDING = 1e-12  # of the largest value: steps below are rounding
+
+_ALIKE = 0.8  # share of runs of about one length, which rounding does not make
+_NEARLY = 0.1  # of that length, and a sample at least: clocks drift and jitter
 
 
 def encoder_resolution(recording: Recording) -> Vector:
@@ -68,3 +71,25 @@ def _refined(gaps: Vector, step: float) -> float:
     # Steps of a motion at even speed are all alike, though not exactly.
     nearly = _OFF if len(np.unique(multiples)) >= _KINDS else _EXACT
     return step if known and (off <= nearly).mean() >= _MOST else 0.0
+
+
+def held_samples(values: Vector) -> int:
+    """Return for how many samples a channel holds each of its readings; 1 if it is new.
+
+    Runs of one value are about as long as each other where a slower channel is sampled
+    and held, and of any length where readings are rounded or clipped.
+
+    Examples
+    --------
+    >>> held_samples(np.repeat(np.sin(np.arange(50.0)), 4))
+    4
+    >>> held_samples(np.round(3.0 * np.sin(0.02 * np.arange(1000.0))))
+    1
+    """
+    edges = np.flatnonzero(np.diff(values) != 0.0) + 1
+    runs = np.diff(edges)  # whole ones, between two changes
+    if len(runs) == 0:
+        return 1
+    usual = int(np.median(runs))
+    alike = abs(runs - usual) <= max(_NEARLY * usual, 1.0)
+    return usual if usual > 1 and alike.mean() >= _ALIKE else 1

@@ -64,7 +64,6 @@ def contact_maps(
     robot : RobotModel
         Whose base floats.
     q : ndarray, shape (samples, joints), [rad or m]
-    contacts : sequence of ContactFlags
     sigma : ndarray, shape (rows,)
         Noise level of each row.
     rotation : ndarray, shape (samples, 3, 3), optional

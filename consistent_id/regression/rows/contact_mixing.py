@@ -34,7 +34,6 @@ class ContactMixing:
 
     Parameters
     ----------
-    robot : RobotModel
     rows : ndarray of int
         Which of `row_names` there are.
     q : ndarray, shape (samples, joints), [rad or m]

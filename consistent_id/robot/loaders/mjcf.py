@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from consistent_id._support.extras import needed
 from consistent_id._support.inputs import LARGEST_TREE, require_count
 from consistent_id.errors import ModelError
-from consistent_id.robot.chains import Place, Selection, selected, snapped, turn
+from consistent_id.robot.chains import Selection, selected
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.loaders.mjcf_assets import read_spec
 from consistent_id.robot.loaders.mjcf_checks import joint_name, refuse_unsupported
@@ -30,6 +30,7 @@ from consistent_id.robot.model import (
     RobotModel,
 )
 from consistent_id.robot.parameters import did_you_mean
+from consistent_id.robot.places import Place, snapped, turn
 
 
 def load_mjcf(
@@ -168,7 +169,7 @@ def _robot(
     places = {0: Place(-1, np.eye(3), np.zeros(3))}
     for b in range(1, model.nbody):
         parent = places[int(model.body_parentid[b])]
-        place = parent.beyond(_rotation(model.body_quat[b]), model.body_pos[b])
+        place = parent.beyond(quaternion_matrix(model.body_quat[b]), model.body_pos[b])
         own = [j for j in _joints_of(model, b) if _kind(model, j) is not None]
         if b == root:
             joints.append(free_joint(model, b))
@@ -190,7 +191,7 @@ def _robot(
             where = (snapped(place.rotation), place.translation)
             frames[place.link + 1].append(FixedFrame(_body_name(model, b), *where))
         if place.link >= 0:
-            body_there = _inertial(model, b).transformed(
+            body_there = compiled_body(model, b).transformed(
                 place.rotation, place.translation
             )
             bodies[place.link].append(body_there)
@@ -211,9 +212,9 @@ def _link(
     return Link(name, nominal, sheet, tuple(frames))
 
 
-def _inertial(model: Any, b: int) -> InertialParameters:
-    """Return the body's parameters in its own frame."""
-    axes = _rotation(model.body_iquat[b])
+def compiled_body(model: Any, b: int) -> InertialParameters:
+    """Return the parameters of a compiled model's body in its own frame."""
+    axes = quaternion_matrix(model.body_iquat[b])
     inertia = axes @ np.diag(model.body_inertia[b]) @ axes.T
     return InertialParameters.from_central(
         float(model.body_mass[b]), model.body_ipos[b], inertia
@@ -289,7 +290,7 @@ def _body_name(model: Any, b: int) -> str:
     return model.body(b).name or f"body{b}"
 
 
-def _rotation(quaternion: np.ndarray) -> np.ndarray:
+def quaternion_matrix(quaternion: np.ndarray) -> np.ndarray:
     """Return the rotation matrix of a unit quaternion (w, x, y, z)."""
     w, *xyz = quaternion
     length = float(np.linalg.norm(xyz))

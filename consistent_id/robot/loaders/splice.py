@@ -7,10 +7,12 @@ they are, because nothing is parsed and written anew: edits are cut into the byt
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import NamedTuple, Self
 
 from consistent_id.errors import ModelError
-from consistent_id.robot.loaders.xml import Element, parse
+from consistent_id.robot.loaders.urdf_lint import read_bytes
+from consistent_id.robot.loaders.xml import Element, XmlFault, parse
 
 _TAG = re.compile(rb"<[^\s/>]+")
 _ATTRIBUTE = re.compile(rb"\s+([^\s=/>]+)\s*=\s*(?:\"([^\"]*)\"|'([^']*)')")
@@ -47,6 +49,23 @@ class Document:
 
     data: bytes
     root: Element
+
+    @classmethod
+    def read(cls, path: Path) -> Self:
+        """Read a file.
+
+        Raises
+        ------
+        ModelError
+            As `of`, and if the file cannot be read; with the file.
+        """
+        data = read_bytes(path)
+        try:
+            return cls.of(data)
+        except XmlFault as fault:
+            raise ModelError(f"{path}, {fault}") from None
+        except ModelError as fault:
+            raise ModelError(f"{path}: {fault}") from None
 
     @classmethod
     def of(cls, data: bytes) -> Self:

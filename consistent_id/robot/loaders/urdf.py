@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from consistent_id._support.inputs import LARGEST_TREE, require_count
 from consistent_id.errors import ModelError
-from consistent_id.robot.chains import Selection, selected, snapped
+from consistent_id.robot.chains import Selection, selected
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.loaders.urdf_finding import Finding
 from consistent_id.robot.loaders.urdf_lint import read_bytes, urdf_findings
@@ -30,6 +30,7 @@ from consistent_id.robot.model import (
     Link,
     RobotModel,
 )
+from consistent_id.robot.places import snapped
 
 _log = logging.getLogger(__name__)
 _LIMIT = re.compile(r"<limit\b([^>]*?)(\s*/?)>")

@@ -29,7 +29,7 @@ def numbers(text: str) -> Array:
 
 
 def rotation_of(rpy: Sequence[float]) -> Matrix:
-    """Return ``Rz(yaw) Ry(pitch) Rx(roll)``."""
+    """Return ``Rz(yaw) Ry(pitch) Rx(roll)``, of angles about fixed axes [rad]."""
     (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
     return np.array(
         [

@@ -1,0 +1,124 @@
+"""Positions and torques far beyond the limits of the model: in another unit."""
+
+import numpy as np
+
+from consistent_id._support.arrays import BoolArray, Vector
+from consistent_id.diagnosis.findings import Finding
+from consistent_id.recordings.recording import Recording
+from consistent_id.robot.model import RobotModel
+
+_TRAVEL = 2.0  # times the range of a joint's limits: more than a careless limit
+_ONE_TRAVEL = 5.0  # times: of a joint by itself, whose limits may be a guess
+_DEGREES = 180.0 / np.pi
+
+_USUAL = 0.95  # quantile of the torque's size, which a few leaps do not move
+_TORQUE = 10.0  # times the effort limit: more than a careless limit
+# Times the share of any other joint: limits may be placeholders, all alike, of joints
+# that carry from 1 to 1000 N m; a joint in N mm has a thousand times its share.
+_ONE_TORQUE = 100.0
+_EVERY_TORQUE = 3.0  # times every limit, where limits differ: these are no placeholders
+
+
+def travel_findings(robot: RobotModel, log: Recording) -> list[Finding]:
+    """Find travel far beyond the limits of joints.
+
+    Of most joints, it is in degrees if it would fit so; of few, each is in a unit of
+    its own.
+
+    Parameters
+    ----------
+    log : Recording
+        Of the robot's joints, in their order.
+    """
+    limits = [joint.limits for joint in robot.driven]
+    width = np.array([limit.upper - limit.lower for limit in limits])
+    turning = np.array([joint.kind == "revolute" for joint in robot.driven])
+    judged = turning & np.isfinite(width) & (width > 0.0)
+    if not judged.any():
+        return []
+    share = np.ptp(log.position, axis=0)[judged] / width[judged]
+    most = 0.5 * len(share)
+    beyond = share > _TRAVEL
+    if beyond.sum() > most and share.max() <= _DEGREES:
+        return [_travel_in_degrees(share, beyond)]
+    if (alone := share > _ONE_TRAVEL).sum() > most:
+        return []
+    names = np.array(robot.joint_names)[judged]
+    return [_travel_of_one(names[j], float(share[j])) for j in np.flatnonzero(alone)]
+
+
+def _travel_in_degrees(share: Vector, beyond: BoolArray) -> Finding:
+    return Finding(
+        "degrees",
+        "fault",
+        "all joints",
+        f"joints travel up to {share.max():.3g} times the range of their limits, "
+        f"and {share.max() / _DEGREES:.0%} of it if positions are in degrees",
+        "read them as degrees (--units deg), or multiply positions and velocities by "
+        "pi / 180",
+        float(np.median(share[beyond])) / _TRAVEL,
+    )
+
+
+def _travel_of_one(joint: str, share: float) -> Finding:
+    return Finding(
+        "encoder scale",
+        "fault",
+        joint,
+        f"{joint} travels {share:.3g} times the range of its limits, as most "
+        f"joints do not: {share / _DEGREES:.2g} times if its position is in degrees",
+        "check unit and gear ratio of its position and velocity, or correct its limits",
+        share / _ONE_TRAVEL,
+    )
+
+
+def effort_findings(robot: RobotModel, torque: Recording) -> list[Finding]:
+    """Find torque far beyond effort limits, of all joints or of one alone.
+
+    Parameters
+    ----------
+    torque : Recording
+        Of the joints whose torque is looked at.
+    """
+    limits = {joint.name: joint.limits.effort for joint in robot.driven}
+    known = [name for name in torque.joints if 0.0 < limits[name] < np.inf]
+    if len(known) < 2:
+        return []
+    usual = np.quantile(abs(np.asarray(torque.of(known).torque)), _USUAL, axis=0)
+    most = np.array([limits[name] for name in known])
+    shares = usual / most
+    if (
+        np.ptp(most) > 0.0
+        and shares.min() > _EVERY_TORQUE
+        and np.median(shares) > _TORQUE
+    ):
+        return [_torques_of_all(shares)]
+    j = int(np.argmax(shares))
+    share, others = float(shares[j]), float(np.delete(shares, j).max())
+    if share <= _TORQUE or share <= _ONE_TORQUE * others:
+        return []
+    return [
+        Finding(
+            "torque unit",
+            "fault",
+            known[j],
+            f"{known[j]}: the torque is up to {share:.3g} times the effort limit, that "
+            f"of other joints {others:.2g} times at the most: it is in another unit, "
+            f"{share / 1e3:.2g} times the limit if in N mm",
+            f"check the unit and the gain of {known[j]}, or correct its effort limit",
+            share / _TORQUE,
+        )
+    ]
+
+
+def _torques_of_all(shares: Vector) -> Finding:
+    typical = float(np.median(shares))
+    return Finding(
+        "torque unit",
+        "fault",
+        "all joints",
+        f"torques are {shares.min():.3g} to {shares.max():.3g} times the effort "
+        "limits: they are in another unit, a gain is missing, or the limits are wrong",
+        f"check unit and gain (times {1.0 / typical:.1g}?), or correct the limits",
+        typical / _TORQUE,
+    )

@@ -1,0 +1,202 @@
+"""What is wrong with one recording: of signals first, of their sense last."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from consistent_id.constraints import Constraint
+from consistent_id.diagnosis.alternatives import alternatives
+from consistent_id.diagnosis.beyond_limits import effort_findings, travel_findings
+from consistent_id.diagnosis.clock import clock_findings, velocity_findings
+from consistent_id.diagnosis.corrections import corrections
+from consistent_id.diagnosis.coverage import (
+    extent_findings,
+    in_motion,
+    rank_findings,
+    saturation_findings,
+    standstill_findings,
+)
+from consistent_id.diagnosis.explain import (
+    SAMPLES,
+    Explanations,
+    FittedLog,
+    corrected,
+    explanation_finding,
+    explanations,
+    fitted_log,
+    thinned,
+    unexplained_findings,
+)
+from consistent_id.diagnosis.findings import Finding
+from consistent_id.diagnosis.model_faults import placeholders
+from consistent_id.diagnosis.motion_noise import motion_noise_findings
+from consistent_id.diagnosis.other_gravity import leaning_findings
+from consistent_id.diagnosis.signal_faults import (
+    frozen_findings,
+    hold_findings,
+    jump_findings,
+    noise_findings,
+    noise_share,
+    position_steps,
+    resolution_findings,
+    spike_findings,
+)
+from consistent_id.diagnosis.torque_channel import channel_findings, nothing_findings
+from consistent_id.diagnosis.torque_parts import torque_parts
+from consistent_id.errors import InfeasibleError, SolverError
+from consistent_id.recordings.recording import Recording
+from consistent_id.regression.base import BaseParameters, base_parameters
+from consistent_id.regression.regressor import TorqueModel
+
+Prepare = Callable[[Recording], Recording]
+
+_LITTLE = ("standstill", "small motion", "slow motion")  # nothing more can be told
+
+# Causes that slopes on the nominal model suggest, and other causes may as well: they
+# are named if nothing else explains the log.
+_GUESSED = ("torque gain", "clock")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OpenLog:
+    """A log without a fault so far.
+
+    Parameters
+    ----------
+    signals : tuple of Finding
+        Of its channels by themselves.
+    odd : tuple of Finding
+        What a zero, a gain or a lag may be the cause of.
+    """
+
+    as_is: FittedLog
+    signals: tuple[Finding, ...]
+    odd: tuple[Finding, ...]
+
+
+def findings_of(
+    model: TorqueModel,
+    log: Recording,
+    constraints: Sequence[Constraint],
+    base: BaseParameters,
+    prepare: Prepare,
+    limits: Mapping[str, float] | None,
+) -> list[Finding] | OpenLog:
+    """Return what is found in one recording: of signals first, of their sense last."""
+    found = signal_findings(model, log)
+    if any(f.severity == "fault" for f in found):
+        return found
+    whole = prepare(log).of(model.robot.joint_names)
+    prepared = thinned(whole, SAMPLES)
+    found += [] if found else extent_findings(prepared)
+    ranks = rank_findings(model, prepared, base, position_steps(log))
+    found += ranks
+    if any(f.severity == "fault" or f.kind in _LITTLE for f in found):
+        return found
+    if not ranks:  # else some columns are noise alone, as that finding says
+        found += motion_noise_findings(model, log, prepare, base, prepared=whole)
+    moving = in_motion(model, prepared)
+    if moving.torque_joints != model.torque_joints:
+        model, base = moving, base_parameters(moving)
+    torque = log.of(model.torque_joints)
+    found += spike_findings(torque) + noise_findings(torque)
+    found += effort_findings(model.robot, torque)
+    coarse = resolution_findings(log, torque)
+    stepped = {f.where for f in coarse}
+    found += coarse + hold_findings(torque)
+    pinned = saturation_findings(torque, limits)
+    found += (f for f in pinned if f.where not in stepped)
+    if any(f.severity == "fault" for f in found):
+        return found
+    noise = float(np.sqrt(np.mean(noise_share(np.asarray(torque.torque)) ** 2)))
+    short = any(f.kind == "short" for f in found)
+    more = _dynamic(model, prepared, constraints, base, noise, short)
+    if isinstance(more, list):
+        return found + more
+    return replace(more, signals=tuple(found))
+
+
+def signal_findings(model: TorqueModel, log: Recording) -> list[Finding]:
+    """Return what clock, positions and velocities show, whatever the drives' model is.
+
+    Parameters
+    ----------
+    log : Recording
+        Of the robot's joints, as it was logged.
+    """
+    clock = clock_findings(log)
+    if clock:
+        return clock
+    signals = [*frozen_findings(_with_torque_of(log, model)), *jump_findings(log)]
+    signals = signals or velocity_findings(log) or travel_findings(model.robot, log)
+    return standstill_findings(log) + signals
+
+
+def _with_torque_of(log: Recording, model: TorqueModel) -> Recording:
+    """Return a log in which torques that the model does without are never still."""
+    if len(model.torque_joints) == len(log.joints):
+        return log
+    used = np.isin(log.joints, model.torque_joints)
+    torque = np.where(used, np.asarray(log.torque), np.asarray(log.position))
+    return replace(log, torque=torque)
+
+
+def _dynamic(
+    model: TorqueModel,
+    prepared: Recording,
+    constraints: Sequence[Constraint],
+    base: BaseParameters,
+    noise: float,
+    short: bool,
+) -> list[Finding] | OpenLog:
+    """Return what only torque and motion together show.
+
+    In a log that is over before joints turn back, friction is an offset that grows with
+    speed, as gravity is one that grows with position: a gain alone is no fault.
+    """
+    known = model.robot.nominal is not None and not placeholders(model.robot)
+    parts = torque_parts(model, prepared) if known else None
+    channel = [] if parts is None else channel_findings(parts)
+    if short:
+        channel = [
+            replace(f, severity="warning") if f.kind == "torque gain" else f
+            for f in channel
+        ]
+    guessed = [f for f in channel if f.severity == "fault" and f.kind in _GUESSED]
+    if guessed and parts and (leaning := leaning_findings(model, prepared, parts)):
+        return leaning
+    if not guessed and any(f.severity == "fault" for f in channel):
+        return channel
+    try:
+        as_is = fitted_log(model, prepared, constraints, base)
+    except (InfeasibleError, SolverError) as failure:
+        statement = f"no robot of the datasheet explains the log: {failure}"
+        advice = "check masses and bounds; see the certificate of each method"
+        return [Finding("datasheet", "fault", prepared.name, statement, advice)]
+    candidates = corrected(as_is, corrections(model.robot, model.torque_joints))
+    candidates += alternatives(as_is)
+    found = explanations(as_is, candidates, noise)
+    best = found.best
+    if best is not None and not best.cause.excuse:
+        return [explanation_finding(best)]
+    if guessed:
+        rivals = any(e.cause.excuse == 0 for e in found.explained)
+        return [_undecided(f, found) for f in guessed] if rivals else guessed
+    missing = unexplained_findings(as_is, found)
+    if missing and parts is not None and (nothing := nothing_findings(parts)):
+        return nothing
+    excuse = [] if best is None else [explanation_finding(best)]
+    return OpenLog(as_is, (), tuple(excuse or [*missing, *channel]))
+
+
+def _undecided(finding: Finding, found: Explanations) -> Finding:
+    """Return what is guessed beside other causes that explain the log."""
+    others = "; ".join(
+        f"{e.cause.statement} {e.misfit:.1%} would be left" for e in found.explained[:3]
+    )
+    return replace(
+        finding,
+        kind="model does not explain",
+        statement=f"{finding.statement}; but {others}, so that no cause is known",
+    )

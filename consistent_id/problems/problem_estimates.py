@@ -1,0 +1,146 @@
+"""Estimates of a problem: by every method, and the one that is delivered in the end."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from consistent_id.constraints import PhysicalConsistency
+from consistent_id.constraints.priors import Prior
+from consistent_id.estimation.constrained import constrained_least_squares
+from consistent_id.estimation.cross_validation import (
+    RegularisationPath,
+    cross_validated,
+)
+from consistent_id.estimation.estimate import Estimate
+from consistent_id.estimation.least_squares import least_squares
+from consistent_id.estimation.method import Method
+from consistent_id.estimation.robust import huber
+from consistent_id.problems.problem import Problem
+from consistent_id.recordings.recording import Recording
+from consistent_id.regression.base import BaseParameters
+from consistent_id.regression.noise import joint_noise
+from consistent_id.regression.regression import Regression, build_regression
+from consistent_id.regression.rows.contact_free import base_of_recordings
+from consistent_id.regression.segments import (
+    segment_regressions,
+)
+
+
+def identify(
+    problem: Problem,
+    training: Sequence[Recording] | None = None,
+    *,
+    base: BaseParameters | None = None,
+    path: RegularisationPath | None = None,
+    regression: Regression | None = None,
+) -> tuple[Estimate, ...]:
+    """Estimate a problem's parameters by every method there is.
+
+    Least squares and the constrained estimate come with equal weights for all joints,
+    and both again weighted by each joint's noise, so that each constrained estimate has
+    a twin without constraints.  Besides come robust least squares;
+    ``"box-constrained QP"``: the quadratic programme with every constraint but physical
+    consistency, which shows what masses, bounds and signs contribute by themselves; and
+    ``"cross-validated"``: the constrained estimate with a `Penalty` whose weight is
+    chosen from the training data.
+
+    Parameters
+    ----------
+    problem : Problem
+    training : sequence of Recording, optional
+        By default the problem's own.
+    base : BaseParameters, optional
+    path : RegularisationPath, optional
+        By default `regularisation_path` of the problem.
+    regression : Regression, optional
+        Of the training recordings.
+    """
+    model, constraints, prior = problem.model, problem.constraints, problem.prior
+    training = problem.training if training is None else training
+    base = base_of_recordings(model, training) if base is None else base
+    if regression is None:
+        regression = build_regression(model, training)
+    if path is None:
+        segments = segment_regressions(model, training)
+        path = regularisation_path(problem, segments, base=base)
+    penalty = penalty_of(problem, path)
+    weighted = regression.weighted(joint_noise(model, regression, base=base))
+    linear = [c for c in constraints if not isinstance(c, PhysicalConsistency)]
+    return (
+        least_squares(model, regression, base=base),
+        least_squares(model, weighted, base=base, method=Method.WEIGHTED_LEAST_SQUARES),
+        huber(model, training, base=base, regression=regression),
+        *(
+            constrained_least_squares(
+                model, data, constraints=kept, prior=chosen, base=base, method=method
+            )
+            for method, data, kept, chosen in (
+                (Method.BOX_CONSTRAINED, regression, linear, prior),
+                (Method.CONSTRAINED, regression, constraints, prior),
+                (Method.WEIGHTED_CONSTRAINED, weighted, constraints, prior),
+                (Method.CROSS_VALIDATED, regression, constraints, penalty),
+            )
+        ),
+    )
+
+
+def penalty_of(problem: Problem, path: RegularisationPath) -> Prior:
+    """Return the prior with the weight of a path, and the problem's other settings."""
+    return replace(path.penalty, inside=problem.prior.inside)
+
+
+def regularisation_path(
+    problem: Problem,
+    segments: Sequence[Regression],
+    *,
+    base: BaseParameters | None = None,
+) -> RegularisationPath:
+    """Cross-validate the weight of the problem's distance on its training data."""
+    return cross_validated(
+        problem.model,
+        segments,
+        constraints=problem.constraints,
+        distance=problem.prior.distance,
+        base=base,
+    )
+
+
+def refitted(
+    problem: Problem, judged: Estimate, recordings: Sequence[Recording], prior: Prior
+) -> Estimate:
+    """Fit a constrained estimate again, to more data than it was judged with.
+
+    The verdict stays that of the estimate that was judged, which had not seen the data
+    that judged it; the fit, the certificate and all errors are the new one's.
+
+    Parameters
+    ----------
+    judged : Estimate
+        By a constrained method, with its verdict.
+    recordings : sequence of Recording
+        All of them: training and validation.
+    prior : PointToSet or Penalty
+        As of the estimate that was judged.
+    """
+    model, base = problem.model, judged.base
+    regression = build_regression(model, recordings)
+    if judged.method == Method.WEIGHTED_CONSTRAINED:
+        regression = regression.weighted(joint_noise(model, regression, base=base))
+    estimate = constrained_least_squares(
+        model,
+        regression,
+        constraints=problem.constraints,
+        prior=prior,
+        base=base,
+        method=judged.method,
+    )
+    names = ", ".join(recording.name for recording in recordings)
+    note = (
+        f"fitted again, after it was judged, to all recordings ({names}); verdict and "
+        "held-out error are those of the estimate from the training data alone"
+    )
+    return replace(
+        estimate,
+        notes=(note, *estimate.notes),
+        accepted=judged.accepted,
+        judged=judged.verdict,
+    )
