@@ -232,6 +232,7 @@ from consistent_id.regression.rows.contact_maps import contact_force_left, row_l
 from consistent_id.regression.rows.generalised_forces import contact_jacobian
 from consistent_id.regression.rows.given_rows import GivenRows, given_rows
 from consistent_id.regression.rows.sensor_drift import SensorBias
+from consistent_id.regression.rows.sensor_rows import SensorRows
 from consistent_id.regression.rows.slip import contact_slip, without_slip
 from consistent_id.regression.rows.wrench_sensor import (
     sensor_bias,
@@ -396,6 +397,7 @@ __all__ = [
     "RotorInertias",
     "Scene",
     "SensorBias",
+    "SensorRows",
     "ShadowPrice",
     "ShapeFit",
     "ShapeParameter",

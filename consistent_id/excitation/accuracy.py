@@ -25,9 +25,9 @@ from consistent_id.regression.base import (
     linear_combination,
 )
 from consistent_id.regression.regression import triangle
+from consistent_id.regression.residual_noise import WHITE
 from consistent_id.regression.row_model import RowModel
 from consistent_id.regression.rows.sensor_rows import SensorRows
-from consistent_id.regression.residual_noise import WHITE
 from consistent_id.regression.same_model import require_same_model
 from consistent_id.robot.parameters import did_you_mean
 

@@ -10,6 +10,7 @@ import os
 import time as clock
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -112,20 +113,18 @@ def design_trajectory(
     """
     began = clock.monotonic()
     model = TorqueModel(model) if isinstance(model, RobotModel) else model
+    measured = _measured(model, sensor)
     limits = motion_limits(model.robot) if limits is None else limits
     workers = _require_sensible(starts, time_limit, seed, workers)
     required = demands(model, limits, parameters, scene, friction_share)
-    measured = _measured(model, sensor)
     aim = with_default_noise(aim or Aim(), measured, limits)
     limits = required.limits
     forms = _forms(form, limits)
     for one in forms:
         _require_long_enough(one, aim, limits)
     base = base_for(measured, aim.interest)
-    problems = {
-        one: search_problem(measured, base, one, aim, limits, required.guards, seed=seed)
-        for one in forms
-    }
+    searched = partial(search_problem, measured, base, seed=seed)
+    problems = {one: searched(one, aim, limits, required.guards) for one in forms}
     meter = Meter(time_limit)
     with noted_interrupts() as interrupted:
         means = Means(starts, workers, time_limit, interrupted, progress)

@@ -54,9 +54,7 @@ def random_states(
     return RandomStates(q, dq, ddq, base)
 
 
-def _random_base(
-    model: RowModel, samples: int, rng: np.random.Generator
-) -> BaseMotion:
+def _random_base(model: RowModel, samples: int, rng: np.random.Generator) -> BaseMotion:
     """Return random motion of a base, in all directions of gravity."""
     w, dw, a = rng.uniform(-2.0, 2.0, (3, samples, 3))
     R, _ = np.linalg.qr(rng.normal(size=(samples, 3, 3)))

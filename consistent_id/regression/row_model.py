@@ -1,4 +1,4 @@
-"""What a motion of joints tells linearly: rows of a sensor, or of the joints' torque."""
+"""What joints' motion tells linearly: rows of a sensor, or of the joints' torque."""
 
 from collections.abc import Iterator, Sequence
 from typing import Protocol
@@ -28,6 +28,9 @@ class RowModel(Protocol):
     fingerprint : str
         What belongs together has the same.
     """
+
+    def __hash__(self) -> int:
+        """Tell one from another: a `RowModel` is a value that never changes."""
 
     @property
     def robot(self) -> RobotModel:
