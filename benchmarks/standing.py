@@ -1,47 +1,46 @@
 """A trunk told by a designed motion on its feet, and by one made by hand.
 
-``CONSISTENT_ID_DATASETS=... python benchmarks/standing.py`` takes some six minutes of a
-processor.  Both move Go2's trunk for twenty seconds in MuJoCo, as in
-benchmarks/quadruped.py, with contact, friction, noise, and a box on the trunk that no
-model knows; legs are known.  The motion by hand is that benchmark's: three sinusoids of
-each coordinate.  To each log torque noise of several levels is added, many times.
-Samples next to touch-down and lift-off are left out, and joints at rest.
+``CONSISTENT_ID_DATASETS=... python benchmarks/standing.py [--robot humanoid]`` takes some
+six minutes of a processor, of the humanoid fifteen.  Both motions take Go2's trunk, or
+G1's torso, twenty seconds over the feet in MuJoCo, as in benchmarks/quadruped.py, with
+contact, friction, noise, and a box on the trunk that no model knows; legs are known.  The
+motion by hand is that benchmark's: three sinusoids of each coordinate, of G1 the arms'
+too.  To each log torque noise of several levels is added, many times.  Samples next to
+touch-down and lift-off are left out, and joints at rest.
 """
 
 import argparse
 from dataclasses import replace
 
 import numpy as np
-from quadruped import DRIVE, SIGNS, moving_rows, trunk_errors
-from standing_robots import StandingRobot, quadruped
+from quadruped import DRIVE, REACH, SIGNS, moving_rows, trunk_errors
+from standing_robots import ROBOTS, StandingRobot
 from standing_simulation import CUTOFF, SETTLE, prepared, simulated
 
 import consistent_id as ci
-from consistent_id.excitation.standing.feet_and_pose import standing_feet, standing_pose
-from consistent_id.excitation.standing.stance import Stance
-from consistent_id.excitation.standing.standing_design import (
-    StandingDesign,
-    design_standing,
-)
-from consistent_id.excitation.standing.standing_limits import StandingLimits
 from consistent_id.robot.inertia import INERTIAL_NAMES
 
 SECONDS = 20.0
-VELOCITY, EFFORT = 4.0, 23.0  # rad/s, N m: of Go2's hips
+LIMITS = {  # rad/s, N m: of Go2's hips; G1's file has its own
+    "quadruped": ci.StandingLimits(velocity=4.0, effort=23.0),
+    "humanoid": ci.StandingLimits(),
+}
+RESTS = {"quadruped": None, "humanoid": 0.03}  # rad/s; found in the log where None
 NOISE = 0.0, 1.0  # N m, over the simulation's own of 0.05
 
 
 class Sway:
     """A designed path as the simulation takes one: places and rotation vectors."""
 
-    def __init__(self, path) -> None:
-        self.path = path
+    def __init__(self, path: ci.TrunkPath, joints: int) -> None:
+        self.path, self.still = path, np.zeros(joints)
 
     def at(self, t: float) -> np.ndarray:
         """Return place and turn at a time, the first second standing still."""
         t = float(np.clip(t - SETTLE, 0.0, self.path.duration))
         motion = self.path.motion(np.array([t]), np.zeros(3))
-        return np.concatenate([motion.place[0], _vector(motion.base.rotation[0])])
+        turn = _vector(motion.base.rotation[0])
+        return np.concatenate([motion.place[0], turn, self.still])
 
 
 def _vector(R: np.ndarray) -> np.ndarray:
@@ -52,15 +51,18 @@ def _vector(R: np.ndarray) -> np.ndarray:
     return vee / 2 * (angle / sine if sine > 0 else 1.0)
 
 
-def designed(standing: StandingRobot, candidates: int) -> StandingDesign:
+def designed(
+    standing: StandingRobot, limits: ci.StandingLimits, candidates: int
+) -> ci.StandingDesign:
     robot, path = standing.nominal, standing.path
-    feet = standing_feet(robot, path)
-    stance = Stance(robot, feet, standing_pose(robot, path, feet))
+    feet = ci.standing_feet(robot, path)
+    stance = ci.Stance(robot, feet, ci.standing_pose(robot, path, feet, standing.pose))
     drive = ci.DriveTerms(viscous=True, coulomb="tanh", velocity_scale=0.02)
-    return design_standing(
+    return ci.design_standing(
         stance,
         ci.TorqueModel(robot, drive),
-        StandingLimits(velocity=VELOCITY, effort=EFFORT),
+        limits,
+        link=standing.trunk,
         duration=SECONDS,
         candidates=candidates,
         tell=lambda done, error: print(f"  {done} paths: {error:.4f}", flush=True),
@@ -68,7 +70,11 @@ def designed(standing: StandingRobot, candidates: int) -> StandingDesign:
 
 
 def trunks(
-    robot: StandingRobot, raw: ci.Recording, noise: float, draws: int
+    robot: StandingRobot,
+    raw: ci.Recording,
+    noise: float,
+    draws: int,
+    rests: float | None,
 ) -> np.ndarray:
     """Return errors of the trunk's ten parameters, shape (draws, 10)."""
     model = ci.contact_free_model(ci.TorqueModel(robot.nominal, DRIVE))
@@ -79,7 +85,10 @@ def trunks(
         torque = raw.torque + noise * rng.normal(size=raw.torque.shape)
         whole = prepared(replace(raw, torque=torque))
         log = ci.without_impacts(whole, ci.impact_guard(CUTOFF))
-        moving = moving_rows(model, log, constraints).log
+        if rests is None:
+            moving = moving_rows(model, log, constraints).log
+        else:
+            moving = ci.without_rests(log, rests, reach=REACH)
         regression = ci.contact_free_regression(model, moving)
         found = ci.constrained_least_squares(
             model, regression, constraints=constraints, base=base
@@ -94,18 +103,23 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--draws", type=int, default=6, help="of noise, each level")
     parser.add_argument("--candidates", type=int, default=320)
+    parser.add_argument("--robot", choices=list(ROBOTS), default="quadruped")
     options = parser.parse_args()
-    robot = quadruped()
-    design = designed(robot, options.candidates)
+    robot = ROBOTS[options.robot]()
+    design = designed(robot, LIMITS[options.robot], options.candidates)
     print(f"designed in {design.seconds:.0f} CPU s")
     for use in design.checked.uses:
         print(f"  {use.what} of {use.of}: {use.share:.0%} at {use.time:.2f} s")
     sizes = {}
-    for name, plan in (("by hand", None), ("designed", Sway(design.path))):
+    for name, plan in (
+        ("by hand", None),
+        ("designed", Sway(design.path, len(robot.nominal))),
+    ):
         raw = simulated(robot, 0, SECONDS, plan=plan)
         for noise in NOISE:
             print(f"{name}:")
-            errors = trunks(robot, raw, noise, options.draws)
+            rests = RESTS[options.robot]
+            errors = trunks(robot, raw, noise, options.draws, rests)
             sizes[name, noise] = np.sqrt(np.mean(np.square(errors), axis=0))
     for noise in NOISE:
         ratios = sizes["by hand", noise] / sizes["designed", noise]

@@ -71,6 +71,12 @@ class StandingRobot:
     posture: Mapping[str, float] = field(default_factory=dict)
 
     @property
+    def pose(self) -> dict[str, float]:
+        """The posture of joints that the nominal robot has, rad."""
+        own = self.nominal.joint_names
+        return {name: angle for name, angle in self.posture.items() if name in own}
+
+    @property
     def number(self) -> int:
         """Which link the trunk is."""
         return self.nominal.link_names.index(self.trunk)

@@ -82,6 +82,18 @@ from consistent_id.excitation.accuracy import PredictedAccuracy, predicted_accur
 from consistent_id.excitation.aims import Aim, PathForm
 from consistent_id.excitation.design import design_trajectory
 from consistent_id.excitation.designed import ExcitationDesign
+from consistent_id.excitation.standing.feet_and_pose import (
+    standing_feet,
+    standing_pose,
+)
+from consistent_id.excitation.standing.stance import Stance, StandingFoot
+from consistent_id.excitation.standing.standing_design import (
+    StandingDesign,
+    design_standing,
+)
+from consistent_id.excitation.standing.standing_limits import StandingLimits
+from consistent_id.excitation.standing.standing_output import write_standing
+from consistent_id.excitation.standing.trunk_path import TrunkPath
 from consistent_id.excitation.validating import ValidationPath, validation_trajectory
 from consistent_id.export.actuator_config import to_isaac_lab, to_mjlab
 from consistent_id.export.c_source import to_c
@@ -232,6 +244,7 @@ from consistent_id.regression.rows.contact_maps import contact_force_left, row_l
 from consistent_id.regression.rows.generalised_forces import contact_jacobian
 from consistent_id.regression.rows.given_rows import GivenRows, given_rows
 from consistent_id.regression.rows.sensor_drift import SensorBias
+from consistent_id.regression.rows.sensor_rows import SensorRows
 from consistent_id.regression.rows.slip import contact_slip, without_slip
 from consistent_id.regression.rows.wrench_sensor import (
     sensor_bias,
@@ -396,18 +409,24 @@ __all__ = [
     "RotorInertias",
     "Scene",
     "SensorBias",
+    "SensorRows",
     "ShadowPrice",
     "ShapeFit",
     "ShapeParameter",
     "SharedMotors",
     "SolverError",
     "Sphere",
+    "Stance",
+    "StandingDesign",
+    "StandingFoot",
+    "StandingLimits",
     "Study",
     "SymmetricLink",
     "TaskPath",
     "TorqueModel",
     "TotalMass",
     "Track",
+    "TrunkPath",
     "Uncertainty",
     "ValidationPath",
     "Verdict",
@@ -449,6 +468,7 @@ __all__ = [
     "cross_check",
     "cross_validated",
     "decimated",
+    "design_standing",
     "design_trajectory",
     "diagnose",
     "differentiated",
@@ -540,6 +560,8 @@ __all__ = [
     "smooth_least_squares",
     "speed_share",
     "split_at_gaps",
+    "standing_feet",
+    "standing_pose",
     "standstill",
     "static_poses",
     "stream_estimate",
@@ -571,5 +593,6 @@ __all__ = [
     "without_rests",
     "without_slip",
     "write_report",
+    "write_standing",
     "write_trajectory",
 ]

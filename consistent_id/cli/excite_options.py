@@ -62,8 +62,9 @@ _MOTION = (
     Option(
         "--for, --interest NAMES",
         "parameters that matter, by commas: of links, joints, or one by one, such as "
-        "'payload,*.viscous'; 'payload' or 'tool': the last link's ten; 'open': what "
-        "the estimate of --parameters left open (default: all)",
+        "'payload,*.viscous'; 'payload' or 'tool': the last link's ten, or those of "
+        "what is on the wrench sensor; 'open': what the estimate of --parameters left "
+        "open (default: all; on a wrench sensor the tool's ten)",
         _words,
         dest="interest",
     ),

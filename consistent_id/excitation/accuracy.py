@@ -15,6 +15,7 @@ from consistent_id._support.tables import Table
 from consistent_id._support.threads import single_threaded
 from consistent_id.errors import NotExcitedError, ProblemError
 from consistent_id.excitation.aims import Aim
+from consistent_id.excitation.default_noise import assumed_noise
 from consistent_id.excitation.interest import places_of_interest
 from consistent_id.recordings.paths import JointPath
 from consistent_id.regression.base import (
@@ -24,8 +25,9 @@ from consistent_id.regression.base import (
     linear_combination,
 )
 from consistent_id.regression.regression import triangle
-from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import WHITE
+from consistent_id.regression.row_model import RowModel
+from consistent_id.regression.rows.sensor_rows import SensorRows
 from consistent_id.regression.same_model import require_same_model
 from consistent_id.robot.parameters import did_you_mean
 
@@ -189,13 +191,13 @@ class PredictedAccuracy:
 
 @single_threaded
 def predicted_accuracy(
-    model: TorqueModel, base: BaseParameters, path: JointPath, aim: Aim | None = None
+    model: RowModel, base: BaseParameters, path: JointPath, aim: Aim | None = None
 ) -> PredictedAccuracy:
     """Predict how accurately recording a path will identify the base parameters.
 
     Parameters
     ----------
-    model : TorqueModel
+    model : TorqueModel or SensorRows
     base : BaseParameters
     path : JointPath
     aim : Aim, optional
@@ -212,7 +214,10 @@ def predicted_accuracy(
     earlier = earlier_rows(model, base, aim)
     rows = path_regressor(model, base, path, aim.rate)
     factor = triangle((rows / noise[:, None, None]).reshape(-1, len(columns)))
-    stated = aim.noise is not None and not aim.assumed_noise
+    # rows of a sensor differ in their units, so that even a guess weighs them
+    stated = aim.noise is not None and (
+        isinstance(model, SensorRows) or not aim.assumed_noise
+    )
     plain = factor if stated else triangle(rows.reshape(-1, len(columns)))
     condition = condition_number(
         plain,
@@ -227,7 +232,7 @@ def predicted_accuracy(
         duration=path.duration,
         unit_noise=aim.noise is None,
         correlation=_correlation(aim),
-        noise_note=_noise_note(aim),
+        noise_note=_noise_note(model, aim),
         interest=places_of_interest(base, aim.interest),
     )
 
@@ -246,10 +251,10 @@ def _correlation(aim: Aim) -> float:
     return length if length > WHITE else 1.0
 
 
-def _noise_note(aim: Aim) -> str:
+def _noise_note(model: RowModel, aim: Aim) -> str:
     """Say what noise is taken to be, and what that is worth on a real robot."""
     size = (
-        "noise is taken to be half a percent of each effort limit, as nobody stated it"
+        f"noise is taken to be {assumed_noise(model)}, as nobody stated it"
         if aim.assumed_noise
         else "noise has a standard deviation of 1 N m or N, as nobody stated it"
         if aim.noise is None
@@ -265,7 +270,7 @@ def _noise_note(aim: Aim) -> str:
     return f"{size}; correlated over {length:.0f} samples, {whence}"
 
 
-def earlier_rows(model: TorqueModel, base: BaseParameters, aim: Aim) -> Matrix:
+def earlier_rows(model: RowModel, base: BaseParameters, aim: Aim) -> Matrix:
     """Return ``E``, shape (rows, base): ``E^T E`` is the information of earlier ones.
 
     Raises
@@ -282,7 +287,7 @@ def earlier_rows(model: TorqueModel, base: BaseParameters, aim: Aim) -> Matrix:
 
 
 def path_regressor(
-    model: TorqueModel, base: BaseParameters, path: JointPath, rate: float
+    model: RowModel, base: BaseParameters, path: JointPath, rate: float
 ) -> Matrix:
     """Return a path's base regressor, shape (torque joints, samples, base).
 

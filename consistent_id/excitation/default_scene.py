@@ -37,7 +37,7 @@ def default_scene(
     if not has_collision_shapes(file):
         return None, (f"{_NONE}: {file.name} has no <collision> shapes",)
     try:
-        scene = scene_from_urdf(file, problem.model.robot)
+        scene = scene_from_urdf(file, problem.moving)
     except ConsistentIdError as cause:
         return None, (f"{_NONE}: {cause}",)
     around = (

@@ -10,6 +10,7 @@ import os
 import time as clock
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -40,6 +41,8 @@ from consistent_id.excitation.work import Meter
 from consistent_id.motion.collisions.scene import Scene
 from consistent_id.motion.limits import MotionLimits, motion_limits
 from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.row_model import RowModel
+from consistent_id.regression.rows.sensor_rows import SensorRows
 from consistent_id.robot.model import RobotModel
 
 _LEAST = 0.01  # rad or m; a joint that can move less is not excited
@@ -54,6 +57,7 @@ def design_trajectory(
     limits: MotionLimits | None = None,
     parameters: ArrayLike | None = None,
     scene: Scene | None = None,
+    sensor: SensorRows | None = None,
     friction_share: float = FRICTION_SHARE,
     starts: int = 4,
     time_limit: float = 10.0,
@@ -80,6 +84,10 @@ def design_trajectory(
         the nominal robot, and a share of the limits is left for its friction.
     scene : Scene, optional
         Bodies that must stay apart; without it collisions are not checked.
+    sensor : SensorRows, optional
+        A wrench sensor on the robot, whose tool and bias the motion is for in place of
+        the robot's own parameters; the model only says what torque the motion takes.
+        Noise, interest, earlier recordings and the task are of the sensor then.
     friction_share : float
         Of the effort limits, that is left for friction, where `parameters` do not say
         how large it is.
@@ -111,27 +119,27 @@ def design_trajectory(
     """
     began = clock.monotonic()
     model = TorqueModel(model) if isinstance(model, RobotModel) else model
+    measured = _measured(model, sensor)
     limits = motion_limits(model.robot) if limits is None else limits
     lanes = _require_sensible(starts, time_limit, seed, workers)
     where = Executor.chosen(executor)
     required = demands(model, limits, parameters, scene, friction_share)
-    aim = with_default_noise(aim or Aim(), model, limits)
+    aim = with_default_noise(aim or Aim(), measured, limits)
     limits = required.limits
     forms = _forms(form, limits)
     for one in forms:
         _require_long_enough(one, aim, limits)
-    base = base_for(model, aim.interest)
-    problems = {
-        one: search_problem(model, base, one, aim, limits, required.guards, seed=seed)
-        for one in forms
-    }
+    base = base_for(measured, aim.interest)
+    searched = partial(search_problem, measured, base, seed=seed)
+    problems = {one: searched(one, aim, limits, required.guards) for one in forms}
     meter = Meter(time_limit)
     with noted_interrupts() as interrupted:
         means = Means(starts, lanes, time_limit, interrupted, where, progress)
         chosen = best_form(list(problems.values()), means, meter)
         stages = design_stages(chosen, required, aim, means, meter)
         unoptimised = _unoptimised(chosen, aim, starts)
-    relative = _useful(model, stages[-1].accuracy, parameters, aim)
+    known = None if sensor is not None else parameters
+    relative = _useful(measured, stages[-1].accuracy, known, aim)
     return ExcitationDesign(
         model=model,
         base=base,
@@ -146,7 +154,20 @@ def design_trajectory(
         interrupted=interrupted(),
         relative=relative,
         tried=forms,
+        sensor=sensor,
     )
+
+
+def _measured(model: TorqueModel, sensor: SensorRows | None) -> RowModel:
+    """Return whose rows a recording of the motion will give."""
+    if sensor is None:
+        return model
+    if sensor.arm.joint_names != model.robot.joint_names:
+        raise ProblemError(
+            f"the sensor's arm has joints {', '.join(sensor.arm.joint_names)}, the "
+            f"model's {', '.join(model.robot.joint_names)}; expected the same, in order"
+        )
+    return sensor
 
 
 def _forms(
@@ -161,7 +182,7 @@ def _forms(
 
 
 def _useful(
-    model: TorqueModel,
+    model: RowModel,
     accuracy: PredictedAccuracy,
     parameters: ArrayLike | None,
     aim: Aim,

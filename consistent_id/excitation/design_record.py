@@ -40,6 +40,7 @@ def design_record(
     return {
         "format": FORMAT,
         "robot": design.model.robot.name,
+        "sensor": None if design.sensor is None else design.sensor.frame,
         "seed": design.seed,
         "starts": design.starts,
         "seconds": design.seconds,
@@ -59,7 +60,7 @@ def design_record(
             "column_scaling": aim.scaling,
             "noise": None
             if aim.noise is None
-            else aim.noise_of(design.model.torque_joints).tolist(),
+            else aim.noise_of(design.measured.torque_joints).tolist(),
             "noise_is_assumed": aim.assumed_noise,
             "rate_hz": aim.rate,
             "correlation_time_s": aim.correlation_time,

@@ -12,6 +12,8 @@ from consistent_id.motion.limits import MotionLimits
 from consistent_id.recordings.trajectory import FourierTrajectory
 from consistent_id.regression.base import BaseParameters, ConditionNumber
 from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.row_model import RowModel
+from consistent_id.regression.rows.sensor_rows import SensorRows
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,6 +84,8 @@ class ExcitationDesign:
         Its errors beside the parameters of the robot, if these are known.
     tried : tuple of PathForm
         Forms that `form` was chosen from.
+    sensor : SensorRows, optional
+        Whose tool the motion is for, in place of the robot's parameters.
     """
 
     model: TorqueModel
@@ -97,6 +101,7 @@ class ExcitationDesign:
     interrupted: bool = False
     relative: RelativeAccuracy | None = None
     tried: tuple[PathForm, ...] = ()
+    sensor: SensorRows | None = None
 
     def __repr__(self) -> str:
         verdict = "all limits proven" if self.proof.holds else "limits not proven"
@@ -109,6 +114,11 @@ class ExcitationDesign:
 
     def _repr_html_(self) -> str:
         return Table(repr(self), (), (), self.notes).html()
+
+    @property
+    def measured(self) -> RowModel:
+        """Whose rows a recording of the motion gives."""
+        return self.model if self.sensor is None else self.sensor
 
     @property
     def limits(self) -> MotionLimits:

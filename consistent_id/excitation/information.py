@@ -17,7 +17,7 @@ from consistent_id._support.arrays import Array, Matrix, Vector
 from consistent_id.excitation.basis import FourierBasis
 from consistent_id.excitation.kernels import RegressorKernel, slow_speeds
 from consistent_id.regression.base import BaseParameters
-from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.row_model import RowModel
 
 
 class Information(NamedTuple):
@@ -33,7 +33,7 @@ class PathInformation:
 
     Parameters
     ----------
-    model : TorqueModel
+    model : TorqueModel or SensorRows
     base : BaseParameters
     basis : FourierBasis
     samples : int
@@ -45,7 +45,7 @@ class PathInformation:
         Information there is already.
     """
 
-    model: TorqueModel
+    model: RowModel
     base: BaseParameters
     basis: FourierBasis
     samples: int

@@ -5,7 +5,7 @@ from fnmatch import fnmatchcase
 
 from consistent_id.errors import ProblemError
 from consistent_id.regression.base import BaseParameters, base_parameters
-from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.row_model import RowModel
 from consistent_id.robot.model import RobotModel
 from consistent_id.robot.parameters import ParameterLayout, did_you_mean
 
@@ -79,7 +79,7 @@ def interest_names(robot: RobotModel, words: Sequence[str]) -> tuple[str, ...]:
     return tuple(names)
 
 
-def base_for(model: TorqueModel, words: Sequence[str]) -> BaseParameters:
+def base_for(model: RowModel, words: Sequence[str]) -> BaseParameters:
     """Return base parameters of which some hold nothing but those of interest.
 
     Raises

@@ -10,10 +10,13 @@ from typing import Any
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector
+from consistent_id.errors import ProblemError
 from consistent_id.motion.limits import MotionLimits
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.casadi_regressor import casadi_regressor
 from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.row_model import RowModel
+from consistent_id.regression.rows.sensor_rows import SensorRows
 
 SMOOTH = 0.02
 """Velocity [rad/s or m/s] that stands in for the jump of a sign at standstill."""
@@ -25,7 +28,7 @@ class RegressorKernel:
 
     Parameters
     ----------
-    model : TorqueModel
+    model : TorqueModel or SensorRows
         Coulomb friction with a jump is taken with a steep slope instead.
     base : BaseParameters
     samples : int
@@ -35,7 +38,7 @@ class RegressorKernel:
 
     def __init__(
         self,
-        model: TorqueModel,
+        model: RowModel,
         base: BaseParameters,
         samples: int,
         slow: Vector | None = None,
@@ -45,9 +48,8 @@ class RegressorKernel:
         n = len(model.robot)
         x = ca.SX.sym("x", 3 * n)
         columns = list(base.independent)
-        Y = casadi_regressor(smooth(model, slow))(x[:n], x[n : 2 * n], x[2 * n :])[
-            :, columns
-        ]
+        expression = _expression(model, slow)
+        Y = expression(x[:n], x[n : 2 * n], x[2 * n :])[:, columns]
         entries = ca.vertcat(*Y.nonzeros())
         seed = ca.SX.sym("seed", entries.shape[0])
         slope = ca.gradient(ca.dot(seed, entries), x)
@@ -155,6 +157,17 @@ def smooth(model: TorqueModel, slow: Vector | None = None) -> TorqueModel:
         c.smoothed(min(speed[c.first], speed[c.second])) for c in model.couplings
     )
     return replace(model, drive=terms, couplings=couplings)
+
+
+def _expression(model: RowModel, slow: Vector | None) -> Any:
+    """Return the regressor of a sample as a CasADi function."""
+    if isinstance(model, SensorRows):
+        return model.casadi()
+    if not isinstance(model, TorqueModel):
+        raise ProblemError(
+            f"rows of a {type(model).__name__}, expected a TorqueModel or SensorRows"
+        )
+    return casadi_regressor(smooth(model, slow))
 
 
 class _Mapped:

@@ -15,6 +15,7 @@ from consistent_id._support.files import (
 )
 from consistent_id._support.tables import Table
 from consistent_id.errors import InfeasibleError, ProblemError
+from consistent_id.excitation.carried_tool import what_moves
 from consistent_id.excitation.design_record import design_record, design_tables
 from consistent_id.excitation.figure import design_figure
 from consistent_id.excitation.interest import parameters_named
@@ -119,7 +120,7 @@ def replay_design(problem: Problem, playable: PlayableDesign, folder: Path) -> P
     model, scene = problem.table.model, problem.table.excitation.scene
     return write_replay(
         playable.moves[TRAINING],
-        problem.model.robot,
+        problem.moving,
         folder / REPLAY,
         urdf=None if model.urdf is None else problem.file(model.urdf),
         package_dirs=[problem.file(name) for name in scene.packages] if scene else [],
@@ -134,14 +135,15 @@ def planned_tables(
     """Return what `playable_design` would design, for people, without a search."""
     request = design_request(problem)
     parameters_named(problem.model.layout, request.aim.interest)
+    moved = what_moves(problem, parameters)
     required = demands(
-        problem.model,
+        moved.torque,
         request.limits,
-        parameters,
+        moved.parameters,
         request.scene,
         request.friction_share,
     )
-    return request_tables(problem.model, request, required)
+    return request_tables(moved, request, required)
 
 
 def playable_record(playable: PlayableDesign) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 from consistent_id._support.executors import Executor
 from consistent_id.errors import InfeasibleError, ProblemError
 from consistent_id.excitation.aims import Aim
+from consistent_id.excitation.carried_tool import what_moves
 from consistent_id.excitation.design import design_trajectory
 from consistent_id.excitation.designed import ExcitationDesign
 from consistent_id.excitation.proven_moves import ProvenMove, proven_move
@@ -87,16 +88,17 @@ def playable_design(
         As `design_trajectory`.  What fails after the search, such as a run-in that
         cannot keep the limits, costs no design: it is among the refusals.
     """
-    request = design_request(problem)
+    request, moved = design_request(problem), what_moves(problem, parameters)
     known = [*earlier, *([_training(problem)] if sequential else [])]
     aim = _with_recordings(problem, request.aim, known) if known else request.aim
     design = design_trajectory(
-        problem.model,
+        moved.torque,
         request.forms,
         aim,
         limits=request.limits,
-        parameters=parameters,
+        parameters=moved.parameters,
         scene=request.scene,
+        sensor=moved.sensor,
         friction_share=request.friction_share,
         starts=starts,
         time_limit=time_limit,
@@ -128,7 +130,7 @@ def playable_design(
         moves={name: one.move for name, one in played.items()},
         proofs={name: one.proof for name, one in played.items()},
         refusals=tuple(refusals),
-        notes=(*request.notes, *notes),
+        notes=(*request.notes, *moved.notes, *notes),
     )
 
 

@@ -7,7 +7,8 @@ import numpy as np
 from consistent_id._support.arrays import Vector
 from consistent_id.errors import ProblemError
 from consistent_id.excitation.accuracy import PredictedAccuracy
-from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.row_model import RowModel
+from consistent_id.regression.rows.sensor_rows import SensorRows
 
 _WANTED = 0.05  # standard error, in shares of the parameter
 _MATTERS = 0.01  # share of the path's torque, RMS, that a parameter must make up
@@ -63,19 +64,20 @@ class RelativeAccuracy:
 
 
 def relative_accuracy(
-    model: TorqueModel, accuracy: PredictedAccuracy, reference: Vector | None = None
+    model: RowModel, accuracy: PredictedAccuracy, reference: Vector | None = None
 ) -> RelativeAccuracy | None:
     """Compare predicted errors with parameters; None if these are not known.
 
     Parameters
     ----------
-    model : TorqueModel
+    model : TorqueModel or SensorRows
     accuracy : PredictedAccuracy
     reference : ndarray, shape (parameters,), optional
-        By default the nominal robot without friction.
+        By default the nominal robot without friction, or the nominal tool.
     """
     if reference is None:
-        nominal = model.robot.nominal
+        body = model.tool.robot if isinstance(model, SensorRows) else model.robot
+        nominal = body.nominal
         if nominal is None:
             return None
         reference = np.zeros(len(model.layout))

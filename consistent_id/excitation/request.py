@@ -80,7 +80,7 @@ def design_request(problem: Problem) -> DesignRequest:
             "is not repeated; give rest = false, or leave periods out and play it as "
             "often as you like"
         )
-    limits = _limits(table.limits, problem.model.robot)
+    limits = _limits(table.limits, problem.moving)
     forms = _forms(table, limits)
     refine: Objective | Literal["default"] | None = "default"
     if table.refine is not None:
@@ -94,7 +94,7 @@ def design_request(problem: Problem) -> DesignRequest:
         noise=table.noise,
         rate=table.rate,
         correlation_time=table.correlation_time,
-        interest=interest_names(problem.model.robot, table.interest),
+        interest=_interest(problem, refine),
     )
     pose = _pose(table.start_pose, limits) if table.start_pose else None
     scene = requested_scene(problem)
@@ -110,6 +110,17 @@ def design_request(problem: Problem) -> DesignRequest:
     left = table.limits.friction_share
     left = FRICTION_SHARE if left is None else left
     return DesignRequest(forms, aim, limits, scene, pose, periods, notes, left)
+
+
+def _interest(
+    problem: Problem, refine: Objective | Literal["default"] | None
+) -> tuple[str, ...]:
+    """Return what a motion is for: on a wrench sensor the tool, whatever its bias."""
+    table, robot = problem.table.excitation, problem.model.robot
+    if table.interest or problem.arm is None:
+        return interest_names(robot, table.interest)
+    no_errors = table.objective == "condition" and refine is None
+    return () if no_errors else robot.link_names
 
 
 def _forms(table: ExcitationTable, limits: MotionLimits) -> tuple[PathForm, ...]:

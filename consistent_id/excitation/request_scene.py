@@ -53,7 +53,7 @@ def requested_scene(problem: Problem) -> Scene | None:
     try:
         if table.planning_scene is not None:
             file = problem.file(table.planning_scene)
-            bodies += planning_scene_bodies(file, problem.model.robot)
+            bodies += planning_scene_bodies(file, problem.moving)
         of = _of_urdf if table.robot == "urdf" else _of_bodies
         boxes = [_workspace(box) for box in table.workspaces]
         scene = within_workspaces(of(problem, table, bodies), boxes)
@@ -87,7 +87,7 @@ def _of_urdf(problem: Problem, table: SceneTable, bodies: list[Body]) -> Scene:
         )
     return scene_from_urdf(
         problem.file(problem.table.model.urdf),
-        problem.model.robot,
+        problem.moving,
         package_dirs=[problem.file(folder) for folder in table.packages],
         elements=table.elements,
         pieces=table.pieces,
@@ -107,7 +107,7 @@ def _of_bodies(problem: Problem, table: SceneTable, bodies: list[Body]) -> Scene
         )
     floor = [] if table.ground is None else [plane(table.ground)]
     return build_scene(
-        problem.model.robot,
+        problem.moving,
         [*floor, *bodies],
         clearance=table.clearance,
         extra=table.extra,

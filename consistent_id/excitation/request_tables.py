@@ -4,24 +4,25 @@ import numpy as np
 
 from consistent_id._support.tables import Table
 from consistent_id.excitation.aims import PathForm
+from consistent_id.excitation.carried_tool import Moved
 from consistent_id.excitation.request import DesignRequest
 from consistent_id.excitation.verification import Demands
 from consistent_id.motion.limits import MotionLimits
-from consistent_id.regression.regressor import TorqueModel
 
 
 def request_tables(
-    model: TorqueModel, request: DesignRequest, required: Demands
+    moved: Moved, request: DesignRequest, required: Demands
 ) -> list[Table]:
     """Return form, aim, limits and demands of a path that is requested."""
-    form, aim = request.form, request.aim
+    form, aim, robot = request.form, request.aim, moved.torque.robot
+    rows = moved.torque if moved.sensor is None else moved.sensor
     tried = "; or ".join(_frequencies(one) for one in request.forms)
     bound = f", condition number up to {aim.growth:g} times the least"
     if aim.condition_at_most is not None:
         bound = f", condition number up to {aim.condition_at_most:g}"
     objectives = ", then ".join(aim.objectives) + bound * (len(aim.objectives) > 1)
     pose, times = request.start_pose, request.periods or 1
-    rows = [
+    lines = [
         ("duration", f"{form.duration:g} s"),
         ("frequencies", tried),
         ("ends", _ends(form)),
@@ -32,15 +33,21 @@ def request_tables(
         ("column scaling", aim.scaling),
         ("noise", "by default" if aim.noise is None else "as given"),
         ("samples", f"{aim.rate:g} Hz"),
-        ("parameters", f"{len(model.layout)} of {len(model.robot)} joints"),
+        ("parameters", f"{len(rows.layout)}, by {_measured(moved)}"),
     ]
     plan = Table(
-        f"Exciting trajectory of {model.robot.name}: what would be designed",
+        f"Exciting trajectory of {robot.name}: what would be designed",
         ("", "requested"),
-        tuple(rows),
-        (*required.notes, *request.notes),
+        tuple(lines),
+        (*required.notes, *request.notes, *moved.notes),
     )
     return [plan, limits_table(request.limits), *_scene(required)]
+
+
+def _measured(moved: Moved) -> str:
+    if moved.sensor is None:
+        return f"the torque of {len(moved.torque.torque_joints)} joints"
+    return f"the wrench sensor at {moved.sensor.frame}"
 
 
 def _frequencies(form: PathForm) -> str:

@@ -27,7 +27,7 @@ from consistent_id.excitation.verification import robot_limits
 from consistent_id.excitation.work import Costs, search_costs
 from consistent_id.motion.limits import MotionLimits
 from consistent_id.regression.base import BaseParameters
-from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.row_model import RowModel
 
 _SAMPLES = 100  # of a path at least, and ten per period of the highest frequency
 _GRID = 24  # samples per period of the highest frequency, at which guards measure
@@ -136,7 +136,7 @@ class SearchProblem:
 
 
 def search_problem(
-    model: TorqueModel,
+    model: RowModel,
     base: BaseParameters,
     form: PathForm,
     aim: Aim,
@@ -192,7 +192,7 @@ def _decay(basis: FourierBasis) -> Vector:
     return decay
 
 
-def _gram(model: TorqueModel, base: BaseParameters, aim: Aim) -> Matrix | None:
+def _gram(model: RowModel, base: BaseParameters, aim: Aim) -> Matrix | None:
     """Return ``V^T V / rows`` of the task's base regressor."""
     if aim.task is None:
         return None

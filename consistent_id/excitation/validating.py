@@ -81,7 +81,7 @@ def validation_trajectory(
         paths = [basis.trajectory(np.vstack([v[:1], share * v[1:]])) for v in drawn]
         conditions = [
             predicted_accuracy(
-                design.model, design.base, path, design.aim
+                design.measured, design.base, path, design.aim
             ).condition.value
             for path in paths
         ]

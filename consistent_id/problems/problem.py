@@ -108,9 +108,14 @@ class Problem:
         }
 
     @property
+    def moving(self) -> RobotModel:
+        """The robot that moves: the arm, where the model is of what it carries."""
+        return self.model.robot if self.arm is None else self.arm
+
+    @property
     def recorded_joints(self) -> tuple[str, ...]:
         """Joints that recordings are of: the robot's, or its carrying arm's."""
-        return (self.model.robot if self.arm is None else self.arm).joint_names
+        return self.moving.joint_names
 
     def file(self, path: str) -> Path:
         """Return a path of the file: from its folder, with ``${NAME}`` replaced."""
@@ -131,8 +136,7 @@ class Problem:
         if name not in self.table.motions:
             near = did_you_mean(name, self.table.motions)
             raise ProblemError(f"problem {self.name!r}: no motion {name!r}; {near}")
-        joints = self.model.robot.joint_names
-        return sampled_motion(self.table.motions[name], joints, name)
+        return sampled_motion(self.table.motions[name], self.recorded_joints, name)
 
     def logs(self, role: str) -> tuple[Recording, ...]:
         """Return recordings as they were logged, cut to their rows.

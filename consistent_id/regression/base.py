@@ -19,7 +19,7 @@ from consistent_id.regression.independent_columns import (
     split_at_gap,
 )
 from consistent_id.regression.random_rows import random_rows
-from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.row_model import RowModel
 from consistent_id.robot.parameters import ParameterLayout
 
 _PURE = 1e-6  # part of a unit vector outside a row space, or in it, that is rounding
@@ -97,7 +97,7 @@ class BaseParameters:
 
 @single_threaded
 def base_parameters(
-    model: TorqueModel, *, seed: int = 0, last: Sequence[int] = ()
+    model: RowModel, *, seed: int = 0, last: Sequence[int] = ()
 ) -> BaseParameters:
     """Find the base parameters of a robot from random motions, deterministically.
 
@@ -107,7 +107,7 @@ def base_parameters(
 
     Parameters
     ----------
-    model : TorqueModel
+    model : TorqueModel or SensorRows
     seed : int
     last : sequence of int
         Parameters whose columns are taken after all others: those of them that lead

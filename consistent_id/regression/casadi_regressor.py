@@ -1,6 +1,7 @@
 """The regressor as a CasADi function, by the same recursion."""
 
 import warnings
+from collections.abc import Sequence
 from typing import Any
 
 from consistent_id.regression.drive_entries import drive_entries
@@ -11,7 +12,11 @@ from consistent_id.regression.joint_geometry import (
 )
 from consistent_id.regression.loads import loaded
 from consistent_id.regression.model_rows import rows_of
-from consistent_id.regression.newton_euler import regressor_entries
+from consistent_id.regression.newton_euler import (
+    FreeMotion,
+    JointMotion,
+    regressor_entries,
+)
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.model import RobotModel
 
@@ -37,11 +42,7 @@ def casadi_regressor(model: TorqueModel | RobotModel) -> Any:
     Y = ca.SX(len(row), len(model.layout))
     scalars = [ca.vertsplit(x) for x in (q, dq, ddq)]
     motion = joint_motions(robot, scalars, lambda x: (ca.sin(x), ca.cos(x)))
-    gravity = floats(robot.gravity)
-    for j, k, entries in regressor_entries(joint_geometry(robot), gravity, motion):
-        if j in row:
-            for i, entry in enumerate(entries, start=10 * k):
-                Y[row[j], i] = entry
+    fill_bodies(Y, model, motion)
     loads = {
         j: ca.mtimes(Y[row[j], : len(reference)], ca.DM(reference))
         for j, reference in loaded(model)
@@ -53,3 +54,15 @@ def casadi_regressor(model: TorqueModel | RobotModel) -> Any:
             if j in row:
                 Y[row[j], column] = values
     return ca.Function("regressor", [q, dq, ddq], [Y], ["q", "dq", "ddq"], ["Y"])
+
+
+def fill_bodies(
+    Y: Any, model: TorqueModel, motion: Sequence[JointMotion | FreeMotion]
+) -> None:
+    """Set the inertial columns of a model's regressor, of one sample's expressions."""
+    robot, row = model.robot, rows_of(model)
+    gravity = floats(robot.gravity)
+    for j, k, entries in regressor_entries(joint_geometry(robot), gravity, motion):
+        if j in row:
+            for i, entry in enumerate(entries, start=10 * k):
+                Y[row[j], i] = entry

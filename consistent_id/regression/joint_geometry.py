@@ -23,9 +23,9 @@ def joint_geometry(robot: RobotModel) -> tuple[JointGeometry, ...]:
         JointGeometry(
             parent=joint.parent,
             slides=joint.kind == "prismatic",
-            rotation=_rows(joint.rotation),
+            rotation=matrix_rows(joint.rotation),
             translation=floats(joint.translation),
-            align=_rows(_basis_with_axis(joint)),
+            align=matrix_rows(_basis_with_axis(joint)),
         )
         for joint in robot.joints
     )
@@ -124,5 +124,6 @@ def floats(vector: Vector) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _rows(matrix: Array) -> tuple[Any, Any, Any]:
+def matrix_rows(matrix: Array) -> tuple[Any, Any, Any]:
+    """Return the three rows of a matrix as Python numbers."""
     return floats(matrix[0]), floats(matrix[1]), floats(matrix[2])

@@ -14,6 +14,7 @@ that moves by itself, with those that follow it: their screws add.
 """
 
 from collections.abc import Iterator, Sequence
+from itertools import islice
 from typing import Any, NamedTuple
 
 Scalar = Any
@@ -70,6 +71,14 @@ class FreeMotion(NamedTuple):
     coordinates: tuple[int, int, int, int, int, int]
 
 
+class FramePlace(NamedTuple):
+    """A frame that is fixed to a link, of its number, and where it is there."""
+
+    link: int
+    rotation: Matrix
+    translation: Vec
+
+
 class _State(NamedTuple):
     """A link's motion, and the unit screws ``(coordinate, e, v)`` that move it."""
 
@@ -112,6 +121,19 @@ def torque_parts(
         f, n = _wrench(state, bodies[k])
         for j, e, v in state.screws:
             yield j, k, _plus(_dot(v, f), _dot(e, n))
+
+
+def frame_as_base(
+    joints: Sequence[JointGeometry],
+    gravity: Vec,
+    motion: Sequence[JointMotion | FreeMotion],
+    place: FramePlace,
+) -> FreeMotion:
+    """Return how a link carries a frame, as the motion of a free base there."""
+    link = next(islice(_states(joints, gravity, motion), place.link, None))
+    a = _add(link.a, _matvec(link.W, place.translation))
+    w, dw, a = (_matvec_transposed(place.rotation, x) for x in (link.w, link.dw, a))
+    return FreeMotion(w, dw, a, (0, 1, 2, 3, 4, 5))
 
 
 def _states(

@@ -15,13 +15,13 @@ from consistent_id._support.arrays import Array, IntArray, Matrix, Vector
 from consistent_id._support.threads import single_threaded
 from consistent_id.recordings.base_motion import BaseMotion
 from consistent_id.regression.drive.drive_terms import DriveTerms
-from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.row_model import RowModel
 from consistent_id.regression.triangles import triangle
 
 _PROBES = 16  # states that show which columns a row has
 
 
-def random_regressor(model: TorqueModel, *, seed: int = 0) -> Array:
+def random_regressor(model: RowModel, *, seed: int = 0) -> Array:
     """Return the regressor of random states, (torque joints, parameters, samples).
 
     There are three times as many samples as there are parameters.  Every other one is
@@ -41,7 +41,7 @@ class RandomStates(NamedTuple):
 
 
 def random_states(
-    model: TorqueModel, *, seed: int = 0, samples: int | None = None
+    model: RowModel, *, seed: int = 0, samples: int | None = None
 ) -> RandomStates:
     """Return the states of `random_regressor`, or another number of them."""
     rng = np.random.default_rng(seed)
@@ -54,9 +54,7 @@ def random_states(
     return RandomStates(q, dq, ddq, base)
 
 
-def _random_base(
-    model: TorqueModel, samples: int, rng: np.random.Generator
-) -> BaseMotion:
+def _random_base(model: RowModel, samples: int, rng: np.random.Generator) -> BaseMotion:
     """Return random motion of a base, in all directions of gravity."""
     w, dw, a = rng.uniform(-2.0, 2.0, (3, samples, 3))
     R, _ = np.linalg.qr(rng.normal(size=(samples, 3, 3)))
@@ -119,7 +117,7 @@ class RandomRows:
 
 @lru_cache(maxsize=16)
 @single_threaded
-def random_rows(model: TorqueModel, *, seed: int = 0) -> RandomRows:
+def random_rows(model: RowModel, *, seed: int = 0) -> RandomRows:
     """Return the compressed rows of `random_regressor`."""
     probes = random_states(model, seed=seed, samples=_PROBES)
     shown = model.regressor(probes.q, probes.dq, probes.ddq, base=probes.base)

@@ -4,6 +4,7 @@ from consistent_id.errors import NotExcitedError, ProblemError
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.row_model import RowModel
 
 
 def require_match(
@@ -29,7 +30,7 @@ def require_match(
 
 
 def require_same_model(
-    model: TorqueModel, regression: Regression, base: BaseParameters
+    model: RowModel, regression: Regression, base: BaseParameters
 ) -> None:
     """Refuse a regression or base parameters of another torque model.
 

@@ -1,6 +1,6 @@
 """What a motion on feet asks of a robot, as shares of what it has."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -8,6 +8,7 @@ import numpy as np
 from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.errors import ProblemError
 from consistent_id.excitation.standing.ground_forces import GroundForces
+from consistent_id.excitation.standing.ground_shares import ground_shares
 from consistent_id.excitation.standing.stance import JointMotion, Stance
 from consistent_id.robot.model import RobotModel
 
@@ -23,7 +24,7 @@ class StandingLimits:
     friction_share : float
         Of it, how much may be used.
     least_press : float
-        Of its share of the weight, with how much each point is pressed at least.
+        Of its share of the weight, with how much each foot is pressed at least.
     effort_share : float
         Of the effort limits: the rest is for friction in the joints and for the
         controller.
@@ -91,25 +92,25 @@ def uses(
     position = abs(away) / np.where(away == 0.0, 1.0, np.maximum(room, 1e-9))
     speed = abs(moved.dq) / limits.of(robot, "velocity")
     torque = abs(ground.torque) / (limits.effort_share * limits.of(robot, "effort"))
-    press = ground.forces[..., 2]
-    along = np.linalg.norm(ground.forces[..., :2], axis=2)
-    cone = limits.friction_share * limits.friction * np.maximum(press, 1e-9)
-    lift = (ground.share - press) / (ground.share * (1.0 - limits.least_press))
-    points = [foot.frame for foot in stance.feet for _ in foot.points]
+    used = limits.friction_share * limits.friction
+    of_feet = ground_shares(stance, ground, used, limits.least_press)
+    kinds = dict.fromkeys(one.what for one in of_feet)
+    feet = {what: [one for one in of_feet if one.what == what] for what in kinds}
+    asked: list[tuple[str, Sequence[str], Matrix]] = [
+        ("position", names, position),
+        ("velocity", names, speed),
+        ("torque", names, torque),
+        *(
+            (what, [one.foot for one in every], np.array([x.share for x in every]).T)
+            for what, every in feet.items()
+        ),
+    ]
     return tuple(
         _largest(what, of, np.nan_to_num(shares, posinf=1e6), time)
-        for what, of, shares in (
-            ("position", names, position),
-            ("velocity", names, speed),
-            ("torque", names, torque),
-            ("friction cone", points, along / cone),
-            ("pressing", points, lift),
-        )
+        for what, of, shares in asked
     )
 
 
-def _largest(
-    what: str, of: tuple[str, ...] | list[str], shares: Matrix, time: Vector
-) -> Use:
+def _largest(what: str, of: Sequence[str], shares: Matrix, time: Vector) -> Use:
     k, j = np.unravel_index(int(np.argmax(shares)), shares.shape)
     return Use(what, of[int(j)], float(shares[k, j]), float(time[k]))

@@ -22,7 +22,7 @@ NAMES = ("standing.csv", "standing.yaml", "standing.png", "standing.json")
 def standing_tables(design: StandingDesign) -> list[Table]:
     """Return what was found, for people."""
     robot, checked = design.stance.robot, design.checked
-    trunk = robot.links[0].name
+    trunk = design.link
     samples = len(checked.time)
     how = (
         f"looked at {samples} times, {CHECK_RATE:g} a second; between them nothing is "
@@ -44,7 +44,7 @@ def standing_tables(design: StandingDesign) -> list[Table]:
         f"{design.path.duration:g} s"
     )
     told = (
-        "bodies behind the base known, friction unknown; other noise in proportion, "
+        "other bodies known, friction unknown; other noise in proportion, "
         "correlated noise more",
         f"the best of {design.candidates} paths, {design.first:.1f} times better than "
         f"the best of the first, random ones; {design.seconds:.0f} s of the processor",
@@ -85,6 +85,7 @@ def standing_record(design: StandingDesign) -> dict[str, Any]:
             for u in design.checked.uses
         ],
         "checked": f"{len(design.checked.time)} samples, not proven between them",
+        "link": design.link,
         "errors_per_newton_metre": dict(
             zip(INERTIAL_NAMES, design.errors.tolist(), strict=True)
         ),

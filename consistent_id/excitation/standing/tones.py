@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from consistent_id._support.arrays import Matrix
+from consistent_id._support.arrays import Vector
 from consistent_id.excitation.standing.trunk_path import COORDINATES, TrunkPath
 
 HIGHEST = 5.0
@@ -14,10 +14,11 @@ HIGHEST = 5.0
 _LOWEST = 0.3  # Hz; slower sways reach no further, and take long to come round
 _TONES = 4  # of each coordinate
 _CROWD, _BEST = 16, 4  # candidates of a round, and those that the next is like
-_AMPLITUDE, _PHASE = 0.7, 2.0  # spread of logarithms and of phases [rad] to begin with
-# Powers of the frequency by which the first amplitudes fall: velocities alike at all of
-# them, accelerations, or slow sways almost alone.
-_SLOPES = 1.0, 4.0
+# Spreads to begin with: of a coordinate's level (logarithm), of the power of the
+# frequency by which its amplitudes fall, of what each tone differs from that
+# (logarithm), and of phases [rad].
+_LEVEL, _SLOPE, _OWN, _PHASE = 1.0, 0.8, 0.3, 2.0
+_FALL = 1.0  # power to begin with: velocities alike at all frequencies
 _KEPT = 0.05  # of a spread, at which it no longer shrinks
 _FORGET = 0.6  # of the spread of a round, in that of the next
 _LARGEST = 0.15  # rad, of a candidate's largest tone before it is made to fit
@@ -26,7 +27,7 @@ _LEVER = 0.3  # m; how far a turn by one radian takes what a sway of this length
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tried:
-    """A path that keeps its limits, and the geometric mean of its errors.
+    """A path that keeps its limits, and the size of its errors.
 
     None, and infinite, if there is none.
     """
@@ -53,9 +54,10 @@ def searched_tones(
     """Return the best of many paths whose tones have different frequencies.
 
     Tones of different frequencies are perpendicular to each other, whatever their
-    phases, so that no coordinate excuses another.  Logarithms of amplitudes and phases
-    are drawn about those of the best four of a round of sixteen, ever nearer to them
-    (cross-entropy method).
+    phases, so that no coordinate excuses another.  Each coordinate has a level and a
+    power of the frequency by which amplitudes fall, each tone what it differs from
+    that, and a phase: they are drawn about those of the best four of a round of
+    sixteen, ever nearer to them (cross-entropy method).
 
     Parameters
     ----------
@@ -66,19 +68,16 @@ def searched_tones(
         Given how many candidates were tried, and the least error so far.
     """
     rng = np.random.default_rng(seed)
-    count = _TONES * len(COORDINATES)
-    frequencies = np.geomspace(_LOWEST, HIGHEST, count)
-    mean = np.zeros((2, count))
-    spread = np.stack([np.full(count, _AMPLITUDE), np.full(count, _PHASE)])
+    frequencies = np.geomspace(_LOWEST, HIGHEST, _TONES * len(COORDINATES))
+    spread = _spreads(len(frequencies))
+    mean = np.where(spread == _SLOPE, -_FALL, 0.0)
     floor = _KEPT * spread
     best, first, done = Tried(None, np.inf), np.inf, 0
     point = mean
     while done < candidates:
         round_ = []
         for _ in range(min(_CROWD, candidates - done)):
-            drawn = mean + spread * rng.normal(size=mean.shape)
-            if not done:
-                drawn[0] -= rng.uniform(*_SLOPES) * np.log(frequencies)
+            drawn = mean + spread * rng.normal(size=len(mean))
             one = tried(_path(frequencies, drawn, duration))
             round_.append((one.error, drawn))
             if one.error < best.error:
@@ -95,15 +94,25 @@ def searched_tones(
     return Searched(best, first)
 
 
-def _path(frequencies: Matrix, drawn: Matrix, duration: float) -> TrunkPath:
+def _spreads(tones: int) -> Vector:
+    """Return the spread of each number that is drawn, to begin with."""
+    kinds = (_LEVEL, len(COORDINATES)), (_SLOPE, len(COORDINATES))
+    of_tones = (_OWN, tones), (_PHASE, tones)
+    return np.concatenate([np.full(n, size) for size, n in (*kinds, *of_tones)])
+
+
+def _path(frequencies: Vector, drawn: Vector, duration: float) -> TrunkPath:
     """Return the path of tones; its coordinates take turns in the frequencies."""
-    sizes, phases = _LARGEST * np.exp(drawn[0] - drawn[0].max()), drawn[1]
-    coefficients = np.zeros((2, len(frequencies), len(COORDINATES)))
-    tone = np.arange(len(frequencies))
-    turn = tone % len(COORDINATES)
+    coordinates, tones = len(COORDINATES), len(frequencies)
+    ends = np.cumsum([coordinates, coordinates, tones])
+    levels, slopes, others, phases = np.split(drawn, ends)
+    tone = np.arange(tones)
     # Each four tones of a coordinate are shifted, so that none has all the slow ones.
-    own = (turn + tone // len(COORDINATES)) % len(COORDINATES)
+    own = (tone + tone // coordinates) % coordinates
+    sizes = levels[own] + slopes[own] * np.log(frequencies) + others
+    sizes = _LARGEST * np.exp(sizes - sizes.max())
     lever = np.where(own < 3, _LEVER, 1.0)
+    coefficients = np.zeros((2, tones, coordinates))
     coefficients[0, tone, own] = lever * sizes * np.cos(phases)
     coefficients[1, tone, own] = lever * sizes * np.sin(phases)
     return TrunkPath(frequencies, coefficients, duration)

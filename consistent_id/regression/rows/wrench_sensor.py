@@ -80,7 +80,18 @@ def sensor_motion(arm: RobotModel, recording: Recording, frame: str) -> BaseMoti
     still = np.zeros_like(log.position)
     dq = still if log.velocity is None else log.velocity
     ddq = still if log.acceleration is None else log.acceleration
-    moved = frame_motion(arm, log.position, dq, frame=frame)
+    return carried_base(arm, log.position, dq, ddq, frame)
+
+
+def carried_base(
+    arm: RobotModel, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, frame: str
+) -> BaseMotion:
+    """Return how joints carry a frame, in the frame's own axes: see `sensor_motion`.
+
+    `q`, `dq` and `ddq` have the shape (samples, joints).
+    """
+    dq, ddq = np.asarray(dq, dtype=float), np.asarray(ddq, dtype=float)
+    moved = frame_motion(arm, q, dq, frame=frame)
     J = moved.jacobian
     twist = np.einsum("nij,nj->ni", J, dq)
     push = np.einsum("nij,nj->ni", J, ddq) + moved.bias
