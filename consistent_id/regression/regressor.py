@@ -24,6 +24,7 @@ from consistent_id._support.arrays import (
 from consistent_id.errors import ProblemError
 from consistent_id.recordings.base_motion import BaseMotion
 from consistent_id.regression.compiled.entries import fill_entries
+from consistent_id.regression.compiled.sines import sine_and_cosine
 from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.drive.gear_coupling import GearCoupling
 from consistent_id.regression.drive.term import DriveTerm
@@ -305,7 +306,7 @@ class TorqueModel:
         state: Sequence[Array],
         base: Array | None,
     ) -> None:
-        motion = link_motions(self.robot, state, lambda x: (np.sin(x), np.cos(x)), base)
+        motion = link_motions(self.robot, state, sine_and_cosine, base)
         gravity = floats(self.robot.gravity)
         row = rows_of(self)
         q, dq, ddq = state
