@@ -66,31 +66,39 @@ int sines(const double *x, double *sine, double *cosine, long count)
 _lock = Lock()
 
 
-def sine_and_cosine(x: Array) -> tuple[Array, Array]:
-    """Return sine and cosine of angles, shape (angles,), [rad]."""
-    if x.size >= LEAST and switched_on():
+def sine_and_cosine(x: Array, out: Array | None = None) -> Array:
+    """Return sine and cosine of angles.
+
+    Parameters
+    ----------
+    x : ndarray, shape (angles,), [rad]
+    out : ndarray, shape (2, angles), optional
+        Room for them, each side by side.
+    """
+    out = np.empty((2, len(x))) if out is None else out
+    if len(x) >= LEAST and switched_on():
         with _lock:
             found = _found()
-        if found is not None and (both := found(x)) is not None:
-            return both
-    return np.sin(x), np.cos(x)
+        if found is not None and found(x, out):
+            return out
+    np.sin(x, out=out[0])
+    np.cos(x, out=out[1])
+    return out
 
 
 @lru_cache(maxsize=1)
-def _found() -> Callable[[Array], tuple[Array, Array] | None] | None:
-    """Return what computes both, or None for angles that are too large."""
+def _found() -> Callable[[Array, Array], bool] | None:
+    """Return what computes both, and says whether no angle was too large."""
     function = loaded(_SOURCE, _NAME) or compiled(_SOURCE, _NAME)
     if function is None:
         return None
 
-    def both(x: Array) -> tuple[Array, Array] | None:
+    def both(x: Array, out: Array) -> bool:
         x = np.ascontiguousarray(x, dtype=np.float64)
-        sine, cosine = np.empty((2, *x.shape))
-        given = (ctypes.c_void_p(array.ctypes.data) for array in (x, sine, cosine))
-        return (sine, cosine) if function(*given, ctypes.c_long(x.size)) else None
+        given = (ctypes.c_void_p(row.ctypes.data) for row in (x, *out))
+        return bool(function(*given, ctypes.c_long(len(x))))
 
-    probe = np.concatenate([np.linspace(-50.0, 50.0, 9973), np.arange(-9, 9) * np.pi])
-    found = both(probe)
-    truth = np.sin(probe), np.cos(probe)
-    alike = found is not None and abs(np.subtract(found, truth)).max() <= _ALIKE
+    x = np.concatenate([np.linspace(-50.0, 50.0, 9973), np.arange(-9, 9) * np.pi])
+    found = np.empty((2, len(x)))
+    alike = both(x, found) and abs(found - [np.sin(x), np.cos(x)]).max() <= _ALIKE
     return both if alike else None
