@@ -1,109 +1,118 @@
 """What compiled code saves, and after how many samples it has paid for itself.
 
-``python benchmarks/compiled.py [--samples 200000] [--chunk 4072]``.  Processor seconds,
-one thread, the least of several runs; look at the ratios.  ``--chunk`` concerns the
-regressor alone.
+``python benchmarks/compiled.py [--samples 200000] [--runs 9] [--chunk 4072]
+[--write docs/mathematics.md]``.  Processor seconds of the process; NumPy and compiled
+code take turns, and the least of each counts, so that other work on the machine
+concerns both.  Look at the ratios.  ``--chunk`` concerns the regressor alone.
 """
 
 import argparse
 import os
 import tempfile
 from collections.abc import Callable
+from pathlib import Path
 from time import process_time, thread_time
 
-from speed import arm, log
+import numpy as np
+from marked import renew
+from speed import arm, log, truth
+from threadpoolctl import threadpool_limits
 
 import consistent_id as ci
 from consistent_id.regression.compiled import compiler, entries
+from consistent_id.regression.mass_matrix import mass_matrices, random_poses
 from consistent_id.regression.regressor import CHUNK
 
 
-def least(call: Callable[[], object], runs: int = 5) -> float:
-    """Return processor seconds."""
-    times = []
-    for _ in range(runs):
-        started = process_time()
-        call()
-        times.append(process_time() - started)
-    return min(times)
+def in_turns(call: Callable[[], object], runs: int) -> tuple[float, float]:
+    """Return processor seconds by NumPy and by compiled code, the least of each."""
+    times = np.empty((runs, 2))
+    for run in times:
+        for i, switch in enumerate(("0", "1")):
+            os.environ[compiler.SWITCH] = switch
+            started = process_time()
+            call()
+            run[i] = process_time() - started
+    by_numpy, by_code = times.min(axis=0).tolist()
+    return by_numpy, by_code
 
 
-def measured(samples: int, chunk: int) -> str:
-    """Return a table, after checking that a compiler was at hand."""
-    os.environ[compiler.SWITCH] = "0"
-    model = arm()
+def calls(model: ci.TorqueModel, samples: int, chunk: int) -> dict[str, Callable]:
+    """Return what is measured, by name."""
     data = log(model, samples)
     state = data.position, data.velocity, data.acceleration
+    parameters, poses = truth(model), random_poses(model, samples, 0)
 
     def regressor() -> None:
         for _ in model.chunks(*state, chunk):
             pass
 
-    calls = {
+    return {
         "regressor": regressor,
-        "regressor and compression": lambda: ci.build_regression(model, data),
+        "regressor and compression": lambda: ci.build_regression(
+            model, data, noise=False
+        ),
+        "the same, and how noise is correlated": lambda: ci.build_regression(
+            model, data
+        ),
+        "torque of known parameters": lambda: model.predict(parameters, *state),
+        "mass matrices": lambda: mass_matrices(model, parameters, poses),
     }
-    for call in calls.values():
-        call()  # imports, and the structure of rows
-    by_numpy = {name: least(call) for name, call in calls.items()}
-    os.environ[compiler.SWITCH] = "1"
-    entries.LOOK_AFTER = entries.COMPILE_AFTER = 1
+
+
+def costs(model: ci.TorqueModel) -> dict[str, float]:
+    """Return the processor seconds of compiling a robot's recursion, and of loading."""
+    states = np.random.default_rng(0).uniform(-1.0, 1.0, (3, 100, len(model.robot)))
     paid = {"compile": 0.0, "load": 0.0}
     for step in paid:
         entries._recursion.cache_clear()
-        short = [x[:100] for x in state]
         children, started = os.times().children_user, thread_time()
         for _ in range(3 if step == "compile" else 1):
-            model.regressor(*short)
+            model.regressor(*states)
         paid[step] = thread_time() - started + os.times().children_user - children
-    if not any(r.found for r in [_recursion(model, short)]):
+    return paid
+
+
+def measured(samples: int, runs: int, chunk: int) -> str:
+    """Return a table, after checking that a compiler was at hand."""
+    model = arm()
+    entries.LOOK_AFTER = entries.COMPILE_AFTER = 1
+    paid = costs(model)
+    if compiler._compiler() is None or compiler._folder() is None:
         raise SystemExit("there is no compiler here that works")
-    for call in calls.values():
-        call()
-        call()
-    by_code = {name: least(call) for name, call in calls.items()}
     lines = [
         "| what | NumPy, us/sample | compiled, us/sample | ratio |",
         "|---|--:|--:|--:|",
     ]
-    for name in calls:
-        a, b = 1e6 * by_numpy[name] / samples, 1e6 * by_code[name] / samples
+    saved = 0.0
+    for name, call in calls(model, samples, chunk).items():
+        for _ in range(3):
+            call()  # imports, the structure of rows, and code that is compiled
+        a, b = (1e6 * each / samples for each in in_turns(call, runs))
+        saved = saved or a - b
         lines.append(f"| {name} | {a:.2f} | {b:.2f} | {a / b:.2f} |")
-    saved = (by_numpy["regressor"] - by_code["regressor"]) / samples
     for step, cost in paid.items():
         lines.append(
-            f"\nTo {step}: {1e3 * cost:.0f} ms, as much as it saves in "
-            f"{cost / saved:,.0f} samples."
+            f"\nTo {step} a robot's recursion: {1e3 * cost:.0f} ms, as much as it saves "
+            f"in {1e6 * cost / saved:,.0f} samples."
         )
     return "\n".join(lines)
-
-
-def _recursion(model: ci.TorqueModel, state: list) -> entries._Recursion:
-    """Return what is known of the model's recursion."""
-    seen = []
-    kernel = entries._Recursion.kernel
-
-    def noted(self: entries._Recursion, samples: int) -> object:
-        seen.append(self)
-        return kernel(self, samples)
-
-    entries._Recursion.kernel = noted
-    try:
-        model.regressor(*state)
-    finally:
-        entries._Recursion.kernel = kernel
-    return seen[0]
 
 
 def main() -> None:
     """Measure with a folder of compiled files of its own."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--samples", type=int, default=200_000)
+    parser.add_argument("--runs", type=int, default=9)
     parser.add_argument("--chunk", type=int, default=CHUNK)
+    parser.add_argument("--write", type=Path, help="page whose part is renewed")
     options = parser.parse_args()
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as folder, threadpool_limits(1):
         os.environ["XDG_CACHE_HOME"] = folder
-        print(measured(options.samples, options.chunk))
+        text = measured(options.samples, options.runs, options.chunk)
+    print(text)
+    if options.write:
+        renew(options.write, "compiled", "compiled.py", text)
 
 
 if __name__ == "__main__":

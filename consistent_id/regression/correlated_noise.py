@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
-from consistent_id.regression.triangles import extended
+from consistent_id.regression.triangles import extended, triangle
 
 _BAND = 0.5
 """Frequencies over which a spectrum is averaged, in cube roots of the samples: six of a
@@ -97,7 +97,8 @@ def spectral_noise(rows: Matrix, residual: Vector, steps: Matrix) -> JointNoise:
     twice[0] = 1.0
     if n % 2 == 0:
         twice[-1] = 1.0
-    fitted = y @ steps
+    # Only the norms of rows of `y @ steps` count: a triangle leaves them as they are.
+    fitted = y @ triangle(np.array(steps.T, order="F")).T
     leverage = np.einsum("fr,fr->f", fitted, fitted).reshape(2, -1).sum(axis=0)
     width = int(_BAND * np.cbrt(n)) + 1
     left = np.maximum(_smoothed(1.0 - leverage, width), _LEFT)

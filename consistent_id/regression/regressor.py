@@ -24,6 +24,7 @@ from consistent_id._support.arrays import (
 from consistent_id.errors import ProblemError
 from consistent_id.recordings.base_motion import BaseMotion
 from consistent_id.regression.compiled.entries import fill_entries
+from consistent_id.regression.compiled.sines import sine_and_cosine
 from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.drive.gear_coupling import GearCoupling
 from consistent_id.regression.drive.term import DriveTerm
@@ -265,16 +266,20 @@ class TorqueModel:
         moves = None if base is None else base.stacked
         if moves is not None and len(moves) != samples:
             raise ProblemError(f"base motion has {len(moves)} samples, q has {samples}")
-        geometry = joint_geometry(self.robot)
-        size = out.shape[2]
+        geometry, size = joint_geometry(self.robot), out.shape[2]
+        # Made once: what is freed after each piece goes back to the system and returns
+        # page by page, which costs as much as the recursion.
+        state = np.empty((3, joints, size))
+        waves = np.empty((len(self.robot.joints), 2, size))
         for start in range(0, samples, max(size, 1)):
             part = slice(start, min(start + size, samples))
-            block = out[:, :, : part.stop - start]
-            pieces = [np.ascontiguousarray(x[part].T) for x in motion]
+            block = out if part.stop - start == size else _shorter(out, part)
+            few = slice(part.stop - start)
+            for own, x in zip(state, motion, strict=True):
+                own[:, few] = x[part].T
             carried = None if moves is None else np.ascontiguousarray(moves[part].T)
-            self._fill(block, geometry, pieces, carried)
-            # A short last block is a view with gaps; hand out whole arrays only.
-            yield part, block if part.stop - start == size else block.copy()
+            self._fill(block, geometry, state[:, :, few], carried, waves[:, :, few])
+            yield part, block
 
     def predict(
         self,
@@ -302,10 +307,14 @@ class TorqueModel:
         self,
         out: Array | KeptColumns,
         geometry: Sequence[JointGeometry],
-        state: Sequence[Array],
+        state: Array,
         base: Array | None,
+        waves: Array,
     ) -> None:
-        motion = link_motions(self.robot, state, lambda x: (np.sin(x), np.cos(x)), base)
+        rooms = iter(waves)
+        motion = link_motions(
+            self.robot, state, lambda x: sine_and_cosine(x, next(rooms)), base
+        )
         gravity = floats(self.robot.gravity)
         row = rows_of(self)
         q, dq, ddq = state
@@ -321,6 +330,14 @@ class TorqueModel:
                 out[row[j], column] = values
         for column, name in enumerate(biased_rows(self), start=-6):
             out[self.torque_joints.index(name), column] = 1.0
+
+
+def _shorter(out: _Room, part: slice) -> _Room:
+    """Return room for fewer samples; an array of its own, for a view has gaps."""
+    samples = part.stop - part.start
+    if isinstance(out, KeptColumns):
+        return out[:, :, :samples]
+    return np.zeros((*out.shape[:2], samples))
 
 
 def joint_torque_regressor(

@@ -22,8 +22,11 @@ from typing import Any
 SWITCH = "CONSISTENT_ID_COMPILED"
 """The environment variable that turns compiled code off where it is ``0``."""
 
+SWIFT = ("-O1",)
+"""The compiler's options for code that is to be there soon."""
+
 _COMPILERS = ("cc", "gcc", "clang")
-# Sums and products are never fused, so that bits are those of NumPy.
+# Sums and products are fused only where asked: else bits are those of NumPy.
 _FLAGS = (
     *("-std=gnu99", "-ffp-contract=off", "-fno-math-errno"),
     *("-shared", "-fPIC", "-w"),
@@ -40,12 +43,12 @@ def switched_on() -> bool:
     return os.environ.get(SWITCH, "1") != "0" and os.name == "posix"
 
 
-def loaded(source: str, name: str, effort: str = "-O1") -> Any | None:
-    """Return a function that was compiled before with as much effort, or None."""
+def loaded(source: str, name: str, options: Sequence[str] = SWIFT) -> Any | None:
+    """Return a function that was compiled before with these options, or None."""
     folder = _folder()
     if folder is None:
         return None
-    for path in folder.glob(f"{_key(source, effort)}-*.so"):
+    for path in folder.glob(f"{_key(source, options)}-*.so"):
         try:
             data = path.read_bytes() if _is_own(path) else b""
             if path.stem.endswith(f"-{_digest(data)}"):
@@ -55,10 +58,10 @@ def loaded(source: str, name: str, effort: str = "-O1") -> Any | None:
     return None
 
 
-def compiled(source: str, name: str, effort: str = "-O1") -> Any | None:
+def compiled(source: str, name: str, options: Sequence[str] = SWIFT) -> Any | None:
     """Return a function of C source, compiled now; None if that is not possible.
 
-    The effort is the compiler's option for how much it optimises.
+    The compiler's options say how much it optimises.
     """
     folder, compiler = _folder(), _compiler()
     if folder is None or compiler is None:
@@ -67,7 +70,7 @@ def compiled(source: str, name: str, effort: str = "-O1") -> Any | None:
         with tempfile.TemporaryDirectory(dir=folder) as scratch:
             code, result = Path(scratch, "code.c"), Path(scratch, "code.so")
             code.write_text(source)
-            call = [compiler, effort, *_FLAGS, *_of_this_machine()[0]]
+            call = [compiler, *_FLAGS, *options, *_of_this_machine()[0]]
             subprocess.run(
                 [*call, str(code), "-o", str(result)],
                 stdin=subprocess.DEVNULL,
@@ -75,13 +78,13 @@ def compiled(source: str, name: str, effort: str = "-O1") -> Any | None:
                 timeout=_PATIENCE,
                 check=True,
             )
-            named = f"{_key(source, effort)}-{_digest(result.read_bytes())}.so"
+            named = f"{_key(source, options)}-{_digest(result.read_bytes())}.so"
             os.replace(result, folder / named)
         _forget_oldest(folder)
     except (OSError, subprocess.SubprocessError) as cause:
         _log.debug("not compiled: %s", cause)
         return None
-    return loaded(source, name, effort)
+    return loaded(source, name, options)
 
 
 @cache
@@ -102,8 +105,9 @@ def _of_this_machine() -> tuple[Sequence[str], str]:
     return (("-march=native",), machine + abilities) if abilities else ((), machine)
 
 
-def _key(source: str, effort: str) -> str:
-    return _digest("\0".join([source, effort, *_FLAGS, _of_this_machine()[1]]).encode())
+def _key(source: str, options: Sequence[str]) -> str:
+    parts = [source, *_FLAGS, *options, _of_this_machine()[1]]
+    return _digest("\0".join(parts).encode())
 
 
 def _digest(data: bytes) -> str:

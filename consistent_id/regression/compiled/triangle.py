@@ -1,8 +1,8 @@
 """Householder's QR of rows below a triangle, on blocks that stay in the cache.
 
 LAPACK's `tpqrt` passes over all rows for each few columns.  Here a block of rows is
-eliminated before the next one is touched, and the column that eliminates others stays
-in the processor's registers: `benchmarks/compiled.py` measures what that saves.
+eliminated before the next one is touched, two columns at a time, so that the others are
+read and written half as often: `benchmarks/compiled.py` measures what that saves.
 
 Which of both is used depends on the rows' number and on the machine, never on what was
 computed before; so bits do not depend on how work is divided among processes.
@@ -16,77 +16,107 @@ from threading import Lock
 
 import numpy as np
 
-from consistent_id._support.arrays import Matrix
+from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.regression.compiled.compiler import compiled, loaded, switched_on
 
 LEAST = 2048
 """Rows from which on compiled code is used: fewer need not wait for a compiler."""
 
 _NAME = "extend"
-_LARGEST = 128  # rows of a block, on the processors with the most registers
+_ROWS = 128  # of a block, whose columns stay in the nearest caches
+_LINE = 64  # bytes of a line of the cache, at which blocks begin
 _ALIKE = 1e-12  # relative difference to LAPACK's numbers that compiled code may have
-_FASTER = "-O3"  # unrolled, or else no column stays in registers
+_OPTIONS = ("-O3", "-ffp-contract=fast")  # unrolled, and sums fused with products
 
 _SOURCE = """\
 #if defined __AVX512F__
-enum { WIDTH = 8, HEIGHT = 16 };
+enum { WIDTH = 8 };
 #elif defined __AVX__
-enum { WIDTH = 4, HEIGHT = 8 };
+enum { WIDTH = 4 };
 #else
-enum { WIDTH = 2, HEIGHT = 8 };
+enum { WIDTH = 2 };
 #endif
-enum { ROWS = WIDTH * HEIGHT, SIDE = 4 };
+enum { ROWS = %d, HEIGHT = ROWS / WIDTH, SIDE = 4 };
 typedef double lane __attribute__((vector_size(8 * WIDTH), aligned(8)));
 #define AT(column, i) (*(lane *)((column) + (i) * WIDTH))
 
-/* Reflect columns of a block and the entries r of the triangle's row above them. */
+static inline double total(lane x)
+{
+  for (int half = WIDTH / 2; half; half /= 2)
+    for (int i = 0; i < half; i++)
+      x[i] += x[i + half];
+  return x[0];
+}
+
+static inline double dot(const double *v, const double *w)
+{
+  lane even = {0}, odd = {0};
+  for (int i = 0; i < HEIGHT; i += 2) {
+    even += AT(v, i) * AT(w, i);
+    odd += AT(v, i + 1) * AT(w, i + 1);
+  }
+  return total(even + odd);
+}
+
+/* Reflect a column v into the entry `head` above it, and return tau of the reflection
+   by 1 - tau (1, v) (1, v)^T; v is scaled to that. */
+static inline double reflection(double *head, double *v)
+{
+  const double below = dot(v, v);
+  if (below == 0)
+    return 0;
+  const double norm = __builtin_sqrt(*head * *head + below);
+  const double beta = *head < 0 ? norm : -norm;
+  const double tau = (beta - *head) / beta, scale = 1 / (*head - beta);
+  for (int i = 0; i < HEIGHT; i++)
+    AT(v, i) *= scale;
+  *head = beta;
+  return tau;
+}
+
+/* Reflect columns b by v, then by w, and the entries r and s of the triangle's rows
+   above them; `between` is v^T w. */
 #define REFLECT(count)                                                        \\
   {                                                                           \\
-    lane dot[count] = {{0}};                                                  \\
+    lane dv[count] = {{0}}, dw[count] = {{0}};                                \\
+    for (int i = 0; i < HEIGHT; i++)                                          \\
+      for (int c = 0; c < count; c++) {                                       \\
+        dv[c] += AT(v, i) * AT(b + c * ROWS, i);                              \\
+        dw[c] += AT(w, i) * AT(b + c * ROWS, i);                              \\
+      }                                                                       \\
+    for (int c = 0; c < count; c++) {                                         \\
+      const double x = tau * (r[c] + total(dv[c]));                           \\
+      const double y = sigma * (s[c] + total(dw[c]) - between * x);           \\
+      r[c] -= x;                                                              \\
+      s[c] -= y;                                                              \\
+      dv[c] = (lane){0} + x;                                                  \\
+      dw[c] = (lane){0} + y;                                                  \\
+    }                                                                         \\
     for (int i = 0; i < HEIGHT; i++)                                          \\
       for (int c = 0; c < count; c++)                                         \\
-        dot[c] += v[i] * AT(b + c * ROWS, i);                                 \\
-    for (int c = 0; c < count; c++) {                                         \\
-      double sum = r[c];                                                      \\
-      for (int i = 0; i < WIDTH; i++)                                         \\
-        sum += dot[c][i];                                                     \\
-      const double t = tau * sum;                                             \\
-      r[c] -= t;                                                              \\
-      for (int i = 0; i < HEIGHT; i++)                                        \\
-        AT(b + c * ROWS, i) -= t * v[i];                                      \\
-    }                                                                         \\
+        AT(b + c * ROWS, i) -= dv[c] * AT(v, i) + dw[c] * AT(w, i);           \\
   }
 
-/* Eliminate a block, column by column, into the triangle R (row by row). */
+/* Eliminate a block, two columns at a time, into the triangle R (row by row). */
 static void eliminate(double *R, double *block, long width)
 {
-  for (long k = 0; k < width; k++) {
-    lane v[HEIGHT], squares = {0};
-    for (int i = 0; i < HEIGHT; i++) {
-      v[i] = AT(block + k * ROWS, i);
-      squares += v[i] * v[i];
-    }
-    double below = 0;
-    for (int i = 0; i < WIDTH; i++)
-      below += squares[i];
-    if (below == 0)
-      continue;
-    const double head = R[k * width + k];
-    const double norm = __builtin_sqrt(head * head + below);
-    const double beta = head < 0 ? norm : -norm;
-    const double tau = (beta - head) / beta, scale = 1 / (head - beta);
+  for (long k = 0; k < width; k += 2) {
+    double *v = block + k * ROWS, *w = v + ROWS, *b = w + ROWS;
+    double *r = R + k * width + k, *s = r + width;
+    const double tau = reflection(r++, v);
+    if (k + 1 == width)
+      return;
+    const double x = tau * (*r + dot(v, w));
+    *r++ -= x;
     for (int i = 0; i < HEIGHT; i++)
-      v[i] *= scale;
-    R[k * width + k] = beta;
-    long j = k + 1;
-    for (; j + SIDE <= width; j += SIDE) {
-      double *b = block + j * ROWS, *r = R + k * width + j;
+      AT(w, i) -= x * AT(v, i);
+    const double sigma = reflection(++s, w), between = dot(v, w);
+    s++;
+    long left = width - k - 2;
+    for (; left >= SIDE; left -= SIDE, b += SIDE * ROWS, r += SIDE, s += SIDE)
       REFLECT(SIDE)
-    }
-    for (; j < width; j++) {
-      double *b = block + j * ROWS, *r = R + k * width + j;
+    for (; left; left--, b += ROWS, r++, s++)
       REFLECT(1)
-    }
   }
 }
 
@@ -105,7 +135,7 @@ void extend(double *R, const double *rows, double *block, long width, long heigh
     eliminate(R, block, width);
   }
 }
-"""
+""" % _ROWS
 
 _log = logging.getLogger(__name__)
 _lock = Lock()
@@ -129,7 +159,7 @@ def eliminator(
 def _found(
     reference: Callable[[Matrix, Matrix], Matrix],
 ) -> Callable[[Matrix, Matrix], Matrix] | None:
-    function = loaded(_SOURCE, _NAME, _FASTER) or compiled(_SOURCE, _NAME, _FASTER)
+    function = loaded(_SOURCE, _NAME, _OPTIONS) or compiled(_SOURCE, _NAME, _OPTIONS)
     if function is None:
         return None
 
@@ -137,7 +167,7 @@ def _found(
         signs = np.where(np.diagonal(R) < 0.0, 1.0, -1.0)  # LAPACK's
         R, rows = np.array(R, order="C"), np.asfortranarray(rows)
         height, width = rows.shape
-        block = np.empty((width, _LARGEST))
+        block = _aligned(width * _ROWS)
         function(
             *(ctypes.c_void_p(x.ctypes.data) for x in (R, rows, block)),
             *(ctypes.c_long(number) for number in (width, height)),
@@ -147,7 +177,7 @@ def _found(
     rng = np.random.default_rng(0)
     R, rows = (
         np.triu(rng.normal(size=(11, 11))),
-        rng.normal(size=(3 * _LARGEST + 5, 11)),
+        rng.normal(size=(3 * _ROWS + 5, 11)),
     )
     found = extended(R, rows)
     truth = reference(np.array(R, order="F"), np.array(rows, order="F"))
@@ -155,3 +185,9 @@ def _found(
         return extended
     _log.debug("compiled QR differs from LAPACK's: not used")
     return None
+
+
+def _aligned(size: int) -> Vector:
+    """Return room for numbers that begins at a line of the cache."""
+    room = np.empty(size + _LINE // 8)
+    return room[-room.ctypes.data % _LINE // 8 :]
