@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import (
-    IntArray,
     Matrix,
     Vector,
     freeze_arrays,
     frozen,
 )
 from consistent_id._support.executors import Executor
+from consistent_id._support.leave_one_out import all_but_each
 from consistent_id._support.threads import single_threaded, worker_threads
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.cones.certificate import GAP_TOLERANCE
@@ -157,8 +157,9 @@ def cross_validated(
     parts = np.array_split(np.arange(len(segments)), folds)
 
     chosen = Executor.chosen(executor)
-    rests = [_without(scaled, factors, part) for part in parts]
-    tests = [scaled.with_factor(_joined([factors[i] for i in part])) for part in parts]
+    blocks = [_joined(*(factors[i] for i in part)) for part in parts]
+    rests = [scaled.with_factor(rest) for rest in all_but_each(blocks, _joined)]
+    tests = [scaled.with_factor(block) for block in blocks]
 
     def tried(weights: Vector, start: Vector | None = None) -> _Tried:
         """Fit all data and all but each fold, and predict the folds."""
@@ -218,14 +219,6 @@ def _beside(weight: float, grid: Vector) -> Vector:
     return grid[[i for i in (place - 1, place + 1) if 0 <= i < len(grid)]]
 
 
-def _without(fit: ScaledFit, factors: Sequence[Matrix], part: IntArray) -> ScaledFit:
-    """Return the fit to all segments but those of a part."""
-    left_out = set(part.tolist())
-    return fit.with_factor(
-        _joined([F for i, F in enumerate(factors) if i not in left_out])
-    )
-
-
 def _errors(tested: ScaledFit, fits: Sequence[PenalisedFit], samples: int) -> Vector:
     """Return the root-mean-square error of fits on data left out."""
     squared = [tested.excess(f.solution.u) + tested.residual**2 for f in fits]
@@ -251,5 +244,5 @@ def _along(
     return found
 
 
-def _joined(factors: Sequence[Matrix]) -> Matrix:
+def _joined(*factors: Matrix) -> Matrix:
     return triangle(np.asfortranarray(np.vstack(factors)))
