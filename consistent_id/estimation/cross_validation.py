@@ -19,6 +19,7 @@ from consistent_id._support.arrays import (
     frozen,
 )
 from consistent_id._support.executors import Executor
+from consistent_id._support.leave_one_out import all_but_each
 from consistent_id._support.threads import single_threaded, worker_threads
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.cones.certificate import GAP_TOLERANCE
@@ -193,10 +194,11 @@ class _Folds:
         factors = [base_factor(segment, base) for segment in segments]
         counts = np.array([sum(segment.counts) for segment in segments])
         parts = np.array_split(np.arange(len(segments)), folds)
+        blocks = [_joined(*(factors[i] for i in part)) for part in parts]
         return _Folds(
             whole,
-            [_without(whole, factors, part) for part in parts],
-            [whole.with_factor(_joined([factors[i] for i in p])) for p in parts],
+            [whole.with_factor(rest) for rest in all_but_each(blocks, _joined)],
+            [whole.with_factor(block) for block in blocks],
             np.array([counts[part].sum() for part in parts]),
         )
 
@@ -249,14 +251,6 @@ def _beside(weight: float, grid: Vector) -> Vector:
     return grid[[i for i in (place - 1, place + 1) if 0 <= i < len(grid)]]
 
 
-def _without(fit: ScaledFit, factors: Sequence[Matrix], part: IntArray) -> ScaledFit:
-    """Return the fit to all segments but those of a part."""
-    left_out = set(part.tolist())
-    return fit.with_factor(
-        _joined([F for i, F in enumerate(factors) if i not in left_out])
-    )
-
-
 def _errors(tested: ScaledFit, fits: Sequence[PenalisedFit], samples: int) -> Vector:
     """Return the root-mean-square error of fits on data left out."""
     squared = [tested.excess(f.solution.u) + tested.residual**2 for f in fits]
@@ -282,5 +276,5 @@ def _along(
     return found
 
 
-def _joined(factors: Sequence[Matrix]) -> Matrix:
+def _joined(*factors: Matrix) -> Matrix:
     return triangle(np.asfortranarray(np.vstack(factors)))

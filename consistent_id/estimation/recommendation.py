@@ -12,7 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from consistent_id._support.arrays import IntArray, Matrix, Vector, freeze_arrays
+from consistent_id._support.arrays import Matrix, Vector, freeze_arrays
+from consistent_id._support.leave_one_out import all_but_each
 from consistent_id._support.threads import single_threaded
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.priors import Prior
@@ -124,9 +125,7 @@ def recommend(
             f"{len(candidates)} candidates and {len(segments)} segments, expected at "
             "least one and two"
         )
-    blocks = np.array_split(np.arange(len(segments)), min(FOLDS, len(segments)))
-
-    folds = [_fold(segments, block) for block in blocks]
+    folds = _folds(segments, min(FOLDS, len(segments)))
     errors = np.array(
         [
             _left_out(model, candidate, folds, constraints, base)
@@ -169,10 +168,11 @@ def _left_out(
     return errors
 
 
-def _fold(segments: Sequence[Regression], block: IntArray) -> _Fold:
-    chosen = set(block.tolist())
-    rest = [s for i, s in enumerate(segments) if i not in chosen]
-    return _Fold(merged(rest), merged([segments[i] for i in sorted(chosen)]))
+def _folds(segments: Sequence[Regression], number: int) -> list[_Fold]:
+    parts = np.array_split(np.arange(len(segments)), number)
+    blocks = [merged([segments[i] for i in part]) for part in parts]
+    rests = all_but_each(blocks, Regression.__add__)
+    return [_Fold(*pair) for pair in zip(rests, blocks, strict=True)]
 
 
 def _simplest(errors: Matrix) -> int:

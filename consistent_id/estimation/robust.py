@@ -79,7 +79,7 @@ def huber(
     plain = build_regression(model, recordings) if regression is None else regression
     sigma = joint_noise(model, plain, base=base)
     floor = 1e-6 * np.maximum(plain.torque_rms, 1e-12)
-    motions = [_ready(motion_of(model, recording, None)) for recording in recordings]
+    motions = [motion_of(model, recording, None) for recording in recordings]
     x = base_solution(plain.weighted(sigma), base).x
     reached = _settled(model, base, motions, x, k, floor, iterations, tolerance)
     scale = reached.scale
@@ -94,12 +94,6 @@ def huber(
         seconds=perf_counter() - started,
         fit=fit_of(model, plain, estimate.parameters, base),
     )
-
-
-def _ready(motion: Motion) -> Motion:
-    """Return a motion that many passes can go along."""
-    mixing = motion.mixing
-    return motion if mixing is None else motion._replace(mixing=mixing.holding())
 
 
 class _Reached(NamedTuple):

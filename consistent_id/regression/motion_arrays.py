@@ -1,6 +1,8 @@
 """A recording's arrays in a torque model's order of joints."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -158,10 +160,14 @@ def motion_of(
     if unknown is not None:
         weights = np.where(unknown, 0.0, 1.0 if weights is None else weights)
     motion = Motion(q, dq, ddq, tau, weights, base)
+    mixing = _mixing(model, recording)
+    if mixing is None:
+        return motion
     if weights is not None and not weights.all():
-        unknown = weights == 0.0
-    mixing = contact_mixing(model.robot, model.torque_joints, recording, unknown)
-    return motion if mixing is None else _without_contacts(motion, mixing)
+        left_out = weights == 0.0
+        if unknown is None or (left_out != unknown).any():
+            mixing = replace(mixing, unknown=left_out, held=None)
+    return _without_contacts(motion, mixing)
 
 
 def predicted_torque(model: TorqueModel, x: Vector, recording: Recording) -> Array:
@@ -181,9 +187,20 @@ def predicted_torque(model: TorqueModel, x: Vector, recording: Recording) -> Arr
             "signals.differentiated(recording) first"
         )
     whole = model.predict(x, q, dq, ddq, base=recording.base)
-    unknown = _unknown_rows(model, recording)
-    mixing = contact_mixing(model.robot, model.torque_joints, recording, unknown)
+    mixing = _mixing(model, recording)
     return whole if mixing is None else mixing.mixed(whole)
+
+
+@lru_cache(maxsize=4)
+def _mixing(model: TorqueModel, recording: Recording) -> ContactMixing | None:
+    """Return how a recording's rows are mixed, with its maps held.
+
+    A study goes along the same few recordings again and again, and finding maps takes
+    longer than all else that is done with them.
+    """
+    unknown = _unknown_rows(model, recording)
+    found = contact_mixing(model.robot, model.torque_joints, recording, unknown)
+    return None if found is None else found.holding()
 
 
 def _unknown_rows(model: TorqueModel, recording: Recording) -> BoolArray | None:

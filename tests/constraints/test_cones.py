@@ -24,6 +24,7 @@ from consistent_id.constraints.cones.programmes import (
     set_rows,
     solve_cones,
 )
+from consistent_id.constraints.cones.quadratic import minimisers
 from consistent_id.constraints.cones.sets import ConicSet, SemidefiniteBlock
 
 
@@ -114,6 +115,37 @@ def test_another_formulation_and_another_solver_agree(seed, formulation):
         rest -= np.tensordot(block.coefficients, multipliers.blocks[0], axes=2)
         assert np.linalg.norm(rest) < 1e-4
     assert certify(problem, theirs, np.zeros(10), reference=0.5).gap < 1e-6
+
+
+def test_programmes_over_one_set_are_each_solved_as_if_alone():
+    rng = np.random.default_rng(5)
+    domain = _projection(0).domain
+    G, g = rng.normal(size=(6, 15, 10)), rng.normal(size=(6, 15))
+    P, q = G.transpose(0, 2, 1) @ G, -np.einsum("krc,kr->kc", G, g)
+    found = minimisers(P, q, domain)
+    for k, u in enumerate(found):
+        alone = solve_least_norm(LeastNorm(G[k], g[k], domain)).u
+        costs = [0.5 * v @ P[k] @ v + q[k] @ v for v in (u, alone)]
+        gap = 1e-8 * max(1.0, abs(costs[1]))  # asked of the solver
+        assert costs[0] == pytest.approx(costs[1], rel=0, abs=3.0 * gap)
+        within = np.sqrt(2.0 * 4.0 * gap / np.linalg.eigvalsh(P[k])[0])
+        assert np.linalg.norm(u - alone) < within
+        assert domain.violation(u) < 1e-7
+
+
+@pytest.mark.parametrize("entry", [np.nan, np.inf])
+def test_quadratic_programmes_are_of_finite_numbers(entry):
+    domain, P = _projection(0).domain, np.eye(10)[None].copy()
+    P[0, 1, 2] = P[0, 2, 1] = entry
+    with pytest.raises(SolverError, match="finite"):
+        minimisers(P, np.ones((1, 10)), domain)
+
+
+def test_a_set_without_a_point_has_no_minimiser():
+    A = np.array([[1.0], [-1.0]])
+    empty = ConicSet.at_most(A, np.array([0.0, -1.0]), ["low", "high"])
+    with pytest.raises(SolverError, match="Infeasible"):
+        minimisers(np.ones((1, 1, 1)), np.zeros((1, 1)), empty)
 
 
 def test_the_next_way_is_taken_when_one_fails(monkeypatch):

@@ -7,7 +7,8 @@ positive semidefinite matrices.  The matrices are small and built anew for each 
 which costs a tenth of the solving itself.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Any, Literal
@@ -119,42 +120,79 @@ def solve_cones(
     from scipy.sparse import csc_matrix
 
     started = perf_counter()
-    settings = clarabel.DefaultSettings()
-    settings.verbose = False
-    settings.max_iter = _ITERATIONS
-    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
-    settings.iterative_refinement_enable = tolerance < COARSE
     size = len(cost)
-    A = _compressed(np.vstack([block.A for block in rows]))
-    b = np.concatenate([block.b for block in rows])
-    # Clarabel calls a programme with an infinite entry solved.
-    if not (np.isfinite(A.data).all() and np.isfinite(b).all()):
-        raise SolverError("the programme has entries that are not finite numbers")
-    cones = [cone for block in rows for cone in _cones(clarabel, block)]
-    try:
-        quadratic = csc_matrix((size, size))
-        solver = clarabel.DefaultSolver(quadratic, cost, A, b, cones, settings)
+    quadratic, data = csc_matrix((size, size)), cone_data(rows)
+    chosen = settings(tolerance, refined=tolerance < COARSE)
+    with panics_as_errors():
+        solver = clarabel.DefaultSolver(quadratic, cost, *data, chosen)
         solved_from = perf_counter()
         solution = solver.solve()
+    ends = np.cumsum([len(block.b) for block in rows])[:-1]
+    return ConePoint(
+        point_of(solution),
+        tuple(np.split(np.asarray(solution.z), ends)),
+        str(solution.status),
+        solved_from - started,
+        perf_counter() - solved_from,
+    )
+
+
+def settings(tolerance: float, *, refined: bool) -> Any:
+    """Return Clarabel's settings; whether it refines solutions of linear systems."""
+    import clarabel
+
+    chosen = clarabel.DefaultSettings()
+    chosen.verbose = False
+    chosen.max_iter = _ITERATIONS
+    chosen.tol_gap_abs = chosen.tol_gap_rel = chosen.tol_feas = tolerance
+    chosen.iterative_refinement_enable = refined
+    return chosen
+
+
+@contextmanager
+def panics_as_errors() -> Iterator[None]:
+    """Turn what Clarabel raises into a `SolverError`."""
+    try:
+        yield
     # Clarabel is written in Rust: its panics are not of class Exception.
     except BaseException as cause:
         if isinstance(cause, KeyboardInterrupt | SystemExit | Terminated):
             raise
         raise SolverError(f"Clarabel failed: {cause}") from None
+
+
+def point_of(solution: Any) -> Vector:
+    """Return the point of a solution of Clarabel's.
+
+    Raises
+    ------
+    SolverError
+        If there is none.
+    """
     x, z = np.asarray(solution.x), np.asarray(solution.z)
     status = str(solution.status)
     # Of a programme said to be infeasible, x and z are a ray, no point.
     ray = status.endswith("Infeasible")
     if ray or not (np.isfinite(x).all() and np.isfinite(z).all()):
         raise SolverError(f"Clarabel ended {status!r} without a point")
-    ends = np.cumsum([len(block.b) for block in rows])[:-1]
-    return ConePoint(
-        x,
-        tuple(np.split(z, ends)),
-        status,
-        solved_from - started,
-        perf_counter() - solved_from,
-    )
+    return x
+
+
+def cone_data(rows: Sequence[ConeRows]) -> tuple[Any, Vector, list[Any]]:
+    """Return ``A``, ``b`` and the cones of rows, as Clarabel wants them.
+
+    Raises
+    ------
+    SolverError
+        If an entry is not finite: Clarabel calls such a programme solved.
+    """
+    import clarabel
+
+    A = _compressed(np.vstack([block.A for block in rows]))
+    b = np.concatenate([block.b for block in rows])
+    if not (np.isfinite(A.data).all() and np.isfinite(b).all()):
+        raise SolverError("the programme has entries that are not finite numbers")
+    return A, b, [cone for block in rows for cone in _cones(clarabel, block)]
 
 
 def _cones(clarabel: Any, rows: ConeRows) -> list[Any]:

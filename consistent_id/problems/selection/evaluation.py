@@ -150,9 +150,7 @@ class Evaluator:
         """
         if choice not in self._evaluated:
             s, factors = self.setting, self.factors(choice)
-            number = range(len(folds()))
-            candidate = self.candidate(choice)
-            fits = fitted(candidate, factors, s.base, s.sigma, number, s.size)
+            fits = fitted(self.candidate(choice), factors, s.sigma, s.size)
             errors = held_out(fits, factors, s.sigma)
             self._evaluated[choice] = Evaluated(choice, fits, errors)
         return self._evaluated[choice]
@@ -168,7 +166,7 @@ class Evaluator:
                 if choice not in self._evaluated:
                     task = choice, self.candidate(choice), self.factors(choice)
                     tasks.append(task)
-        fits = partial(_fitted_or_not, s.base, s.sigma, s.size)
+        fits = partial(_fitted_or_not, s.sigma, s.size)
         found = executor.map(fits, [task[1:] for task in tasks])
         for (choice, candidate, factors), x in zip(tasks, found, strict=True):
             if x is not None:
@@ -237,10 +235,10 @@ class Evaluator:
 
 @single_threaded
 def _fitted_or_not(
-    base: BaseParameters, sigma: Vector, size: float, task: tuple[Candidate, Factors]
+    sigma: Vector, size: float, task: tuple[Candidate, Factors]
 ) -> Matrix | None:
     """Return a candidate's parameters without each fold; None if there is no fit."""
     try:
-        return fitted(*task, base, sigma, range(len(folds())), size).parameters
+        return fitted(*task, sigma, size).parameters
     except ConsistentIdError:
         return None

@@ -9,6 +9,10 @@ from consistent_id.problems.selection.blocks import NUMBERS, left_out
 from consistent_id.problems.selection.factors import Factors, JointFactors
 from consistent_id.problems.selection.models import Candidate, FoldFits
 
+_TIED = 1e-5
+"""Share of the squared error by which a block has to differ to be won or lost: less is
+the solver's rounding, or the block has no rows."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HeldOut:
@@ -43,7 +47,7 @@ class Gain:
     error : float
         Its standard error, from the blocks.
     won : float
-        Share of the blocks on which the error is less.
+        Share of the blocks on which the error is less, of those on which it differs.
     """
 
     share: float
@@ -62,7 +66,9 @@ def gain(before: HeldOut, after: HeldOut) -> Gain:
     error = float(np.mean(np.sqrt(variances)))
     total = max(before.total, 1e-300)
     share = float(less.sum()) / len(NUMBERS) / total
-    return Gain(share, error / total, float(np.mean(less > 0.0)))
+    decided = less[abs(less) > _TIED * total]
+    won = float(np.mean(decided > 0.0)) if len(decided) else 0.0
+    return Gain(share, error / total, won)
 
 
 def held_out(fits: FoldFits, factors: Factors, sigma: Vector) -> HeldOut:

@@ -1,15 +1,13 @@
 """A choice as a torque model with its constraints, ready to be fitted to any fold."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from consistent_id._support.arrays import BoolArray, Matrix, Vector
+from consistent_id._support.arrays import Array, BoolArray, Matrix, Vector
 from consistent_id.constraints import lowered
-from consistent_id.constraints.cones.least_norm import LeastNorm, solve_least_norm
-from consistent_id.constraints.cones.programmes import COARSE
+from consistent_id.constraints.cones.quadratic import minimisers
 from consistent_id.constraints.cones.sets import ConicSet
 from consistent_id.constraints.distances import nominal_distance
 from consistent_id.problems.constraints import constraints_of
@@ -18,7 +16,6 @@ from consistent_id.problems.model import described, drive_of
 from consistent_id.problems.selection.choice import Choice, applied
 from consistent_id.problems.selection.factors import Factors, JointFactors, Key
 from consistent_id.regression.base import BaseParameters
-from consistent_id.regression.regression import triangle
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.scaling import link_scales
 
@@ -90,12 +87,7 @@ class FoldFits:
 
 
 def fitted(
-    candidate: Candidate,
-    factors: Factors,
-    base: BaseParameters,
-    sigma: Vector,
-    folds: Sequence[int],
-    size: float,
+    candidate: Candidate, factors: Factors, sigma: Vector, size: float
 ) -> FoldFits:
     """Fit a candidate under its constraints, one fold after another left out.
 
@@ -103,12 +95,8 @@ def fitted(
     ----------
     candidate : Candidate
     factors : Factors
-    base : BaseParameters
-        Of the bodies.
     sigma : ndarray, shape (torque joints,), [N m or N]
         By which joints' rows are divided.
-    folds : sequence of int
-        Which ones.
     size : float
         Misfit that counts as one, for the prior's sake.
 
@@ -119,18 +107,18 @@ def fitted(
     """
     unit = _units(candidate, factors, sigma)
     distance = nominal_distance(candidate.model, "pullback", unit)
-    prior = np.sqrt(_WEIGHT) * np.column_stack(distance.local(distance.nominal))
-    domain = candidate.domain.normalised(unit)
-    found = []
-    for fold in folds:
-        R = _stacked(candidate, factors, base, sigma, fold) / size
-        G = R[:, :-1] @ _spread(base, candidate)
-        rows = np.column_stack([G * unit, R[:, -1]])
-        whole = triangle(np.asfortranarray(np.vstack([rows, prior])))
-        problem = LeastNorm(whole[:, :-1], whole[:, -1], domain)
-        solution = solve_least_norm(problem, tolerance=COARSE, origin=distance.nominal)
-        found.append(solution.u * unit)
-    return FoldFits(candidate, np.array(found))
+    origin, scales = distance.nominal, np.append(unit, 1.0)
+    # About the nominal robot torque is what that leaves, and the prior asks for zero.
+    squares = np.zeros((len(factors.joints[0].training), len(scales), len(scales)))
+    for joint, s in zip(factors.joints, sigma, strict=True):
+        rows = _all_columns(candidate, joint) * (scales / (s * size))
+        rows[:, :, -1] -= rows[:, :, :-1] @ origin
+        squares += rows.transpose(0, 2, 1) @ rows
+    G = distance.local(origin).G
+    P = squares[:, :-1, :-1] + _WEIGHT * G.T @ G
+    domain = candidate.domain.normalised(unit).moved(origin)
+    steps = minimisers(P, -squares[:, :-1, -1], domain)
+    return FoldFits(candidate, (origin + steps) * unit)
 
 
 def _units(candidate: Candidate, factors: Factors, sigma: Vector) -> Vector:
@@ -148,22 +136,17 @@ def _units(candidate: Candidate, factors: Factors, sigma: Vector) -> Vector:
     return np.concatenate([link_scales(candidate.model.robot).units, drive])
 
 
-def _stacked(
-    candidate: Candidate,
-    factors: Factors,
-    base: BaseParameters,
-    sigma: Vector,
-    fold: int,
-) -> Matrix:
-    """Return one factor of base columns, drive columns and torque."""
-    rows = [
-        np.delete(
-            candidate_columns(candidate, joint, joint.training[fold], base), RATES, 1
-        )
-        for joint in factors.joints
-    ]
-    scaled = [own / s for own, s in zip(rows, sigma, strict=True)]
-    return triangle(np.asfortranarray(np.vstack(scaled)))
+def _all_columns(candidate: Candidate, joint: JointFactors) -> Array:
+    """Return all parameters' columns and torque, without each fold in turn."""
+    R, kept = joint.training, len(joint.expand)
+    first = candidate.model.layout.inertial_size
+    own = np.zeros((*R.shape[:2], len(candidate.model.layout) + 1))
+    own[:, :, :first] = R[:, :, :kept] @ joint.expand
+    for i, key in enumerate(candidate.keys, start=first):
+        if key in joint.places:
+            own[:, :, i] = R[:, :, joint.places[key]]
+    own[:, :, -1] = R[:, :, -1]
+    return own
 
 
 def candidate_columns(
@@ -189,13 +172,3 @@ def candidate_columns(
             own[:, i] = R[:, joint.places[key]]
     own[:, -3:] = R[:, -3:]
     return own
-
-
-def _spread(base: BaseParameters, candidate: Candidate) -> Matrix:
-    """Return base and drive parameters of all parameters."""
-    drive = len(candidate.keys)
-    P = base.projection
-    whole = np.zeros((len(P) + drive, P.shape[1] + drive))
-    whole[: len(P), : P.shape[1]] = P
-    whole[len(P) :, P.shape[1] :] = np.eye(drive)
-    return whole

@@ -28,7 +28,8 @@ _LINE = 64  # bytes of a line of the cache, at which blocks begin
 _ALIKE = 1e-12  # relative difference to LAPACK's numbers that compiled code may have
 _OPTIONS = ("-O3", "-ffp-contract=fast")  # unrolled, and sums fused with products
 
-_SOURCE = """\
+_SOURCE = (
+    """\
 #if defined __AVX512F__
 enum { WIDTH = 8 };
 #elif defined __AVX__
@@ -135,7 +136,9 @@ void extend(double *R, const double *rows, double *block, long width, long heigh
     eliminate(R, block, width);
   }
 }
-""" % _ROWS
+"""
+    % _ROWS
+)
 
 _log = logging.getLogger(__name__)
 _lock = Lock()

@@ -24,8 +24,8 @@ from consistent_id.robot.model import RobotModel
 _CHUNK = 512
 """Samples per chunk: of 18 rows and 130 columns, 10 MB."""
 
-_MOST = 2**28
-"""Bytes of maps that are held: 100 000 samples of 18 rows."""
+_MOST = 2**27
+"""Bytes of maps that are held of a recording: 50 000 samples of 18 rows."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -160,6 +160,15 @@ def test_a_gain_is_the_share_of_the_squared_error_that_is_gone():
     assert found.won == 1.0
 
 
+def test_blocks_without_rows_and_ties_but_for_rounding_are_neither_won_nor_lost():
+    squares = np.full((14, 1), 2.0)
+    squares[3] = 0.0  # no row of this block is kept
+    less = np.array([1, 1, 0, 0, 1, -1, 1e-9, -1e-9, 1, 1, 0, 1, 1, 1])[:, None]
+    found = gain(HeldOut(squares), HeldOut(squares - 0.1 * less))
+    assert found.won == pytest.approx(8 / 9)
+    assert gain(HeldOut(squares), HeldOut(squares)).won == 0.0
+
+
 def test_another_value_needs_half_of_the_blocks_and_another_term_more(begun):
     choice = begun.plain.choice
     brought = Gain(share=0.2, error=0.15, won=8 / 14)
