@@ -89,8 +89,8 @@ def test_friction_that_holds_joints_at_rest_contradicts_no_model():
         pytest.param("zero off by 90 degrees", marks=pytest.mark.slow),
         "zero off by 4 to 10 degrees",
         "torque late by 40 to 100 ms",
-        "torque of one joint zero",
-        "one joint does not move",
+        pytest.param("torque of one joint zero", marks=pytest.mark.slow),
+        pytest.param("one joint does not move", marks=pytest.mark.slow),
     ],
 )
 def test_a_fault_that_only_the_torque_shows_is_found_as_what_it_is(fault):

@@ -16,7 +16,7 @@ def test_late_commands_are_to_be_given_their_delay(tmp_path, late):
     rows = np.loadtxt(log, delimiter=",", skiprows=1)
     rows[late:, 3:] = rows[: len(rows) - late, 3:]  # commands, by 60 ms
     np.savetxt(log, rows, "%.9g", ",", header=head, comments="")
-    problem = draft_problem(urdf, log, gains=GAINS, select=False).problem()
+    problem = draft_problem(urdf, log, gains=GAINS, select=False, cutoff=10.0).problem()
     lags = check_problem(problem).of("lag")
     assert bool(lags) == bool(late)
     assert all("[data.gains]" in f.advice for f in lags)
