@@ -168,6 +168,6 @@ def test_what_judges_is_read_when_the_model_is_fixed(arm, monkeypatch):
 
     monkeypatch.setattr(drafting, "select_model", chosen)
     judge = Watched(arrays_of(log), events)
-    draft_problem(urdf, arrays_of(log), validation=judge)
+    draft_problem(urdf, arrays_of(log), validation=judge, drive=["viscous"])
     assert events[0] == "the model is fixed"
     assert "validation is read" in events[1:]

@@ -212,7 +212,9 @@ def test_check_reads_a_log_as_identify_does(arm, tmp_path, capsys):
 
 def test_a_joint_is_locked_where_the_shell_says(arm, capsys):
     urdf, first, _, _ = arm
-    arguments = ["init", str(urdf), str(first), "--dry-run", "--lock", "elbow=0.5"]
+    plain = ["--no-select", "--cutoff", "10"]
+    arguments = ["init", str(urdf), str(first), *plain, "--dry-run"]
+    arguments += ["--lock", "elbow=0.5"]
     assert main(arguments) == 0
     text = capsys.readouterr().out
     assert "locked = {elbow = 0.5}" in text
