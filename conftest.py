@@ -2,6 +2,7 @@
 
 import gc
 import os
+from contextlib import suppress
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -19,11 +20,19 @@ os.environ.setdefault("CONSISTENT_ID_COMPILED", "0")
 # The same examples on every machine, however slow it is.
 settings.register_profile(
     "repeatable",
+    max_examples=50,
     deadline=None,
     derandomize=True,
     suppress_health_check=[HealthCheck.too_slow],
 )
 settings.load_profile("repeatable")
+
+# Nor do examples change with the numbers that the package's source holds: to read it
+# for them takes each worker almost two seconds in a fresh clone.
+with suppress(ImportError):
+    from hypothesis.internal.conjecture import providers
+
+    providers._get_local_constants = lambda: providers._local_constants
 
 
 @pytest.fixture(autouse=True)

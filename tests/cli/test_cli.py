@@ -136,7 +136,7 @@ def test_every_error_of_the_package_has_one_root():
 
 
 @pytest.mark.parametrize(
-    "form", some_fast(["mjcf", "urdf", "json", "pin", "numpy", "casadi", "c"], 2)
+    "form", some_fast(["mjcf", "urdf", "json", "pin", "numpy", "casadi", "c"])
 )
 def test_an_estimate_is_exported_for_other_programmes(form, rx60_estimate, capsys):
     if form == "mjcf":

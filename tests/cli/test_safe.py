@@ -169,7 +169,8 @@ def test_a_problem_file_of_others_may_name_files_only_with_trust(
 ):
     monkeypatch.delenv("CONSISTENT_ID_DATASETS", raising=False)
     study = tmp_path / "study" / "problem.toml"
-    assert main(["init", *map(str, arm), "--output", str(study)]) == 0
+    plain = ["--no-select", "--cutoff", "10"]
+    assert main(["init", *map(str, arm), *plain, "--output", str(study)]) == 0
     assert f"compare {study} --trust" in capsys.readouterr().out
     assert main(["info", str(study)]) == 2
     assert "--trust" in capsys.readouterr().err

@@ -112,7 +112,7 @@ def test_a_problem_says_what_it_is_about():
 def test_a_design_says_whether_its_limits_are_proven():
     robot = arm(1)
     design = design_trajectory(
-        robot, limits=arm_limits(robot), starts=1, time_limit=0.5, workers=1
+        robot, limits=arm_limits(robot), starts=1, time_limit=0.1, workers=1
     )
     assert repr(design).startswith("ExcitationDesign('arm': all limits proven, ")
     assert read(design._repr_html_())[0] == repr(design)

@@ -93,7 +93,9 @@ def test_a_correction_of_a_prepared_log_is_the_prepared_log_corrected(name):
             assert (error <= size).all(), (correction.statement, channel)
 
 
-@pytest.mark.parametrize("measured", [JOINTS, ("joint2", "joint4")])
+@pytest.mark.parametrize(
+    "measured", [("joint2", "joint4"), pytest.param(JOINTS, marks=pytest.mark.slow)]
+)
 def test_factors_with_changed_torque_are_those_of_the_changed_log(measured):
     model = replace(arm(), torque_joints=measured)
     log, base = logs().prepared(clean_log(1)), base_parameters(model)

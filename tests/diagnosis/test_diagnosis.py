@@ -89,8 +89,8 @@ def test_friction_that_holds_joints_at_rest_contradicts_no_model():
         pytest.param("zero off by 90 degrees", marks=pytest.mark.slow),
         "zero off by 4 to 10 degrees",
         "torque late by 40 to 100 ms",
-        "torque of one joint zero",
-        "one joint does not move",
+        pytest.param("torque of one joint zero", marks=pytest.mark.slow),
+        pytest.param("one joint does not move", marks=pytest.mark.slow),
     ],
 )
 def test_a_fault_that_only_the_torque_shows_is_found_as_what_it_is(fault):
@@ -172,10 +172,10 @@ def test_standard_errors_cover_the_scatter_of_estimates():
     rng = np.random.default_rng(0)
     A = rng.normal(size=(2, 400, 15))
     truth = rng.normal(size=15)
-    fits = [_fitted(A, A @ truth + rng.normal(size=(2, 400))) for _ in range(200)]
+    fits = [_fitted(A, A @ truth + rng.normal(size=(2, 400))) for _ in range(100)]
     scatter = np.std([f.solution for f in fits], axis=0)
     stated = np.sqrt(np.mean([f.errors**2 for f in fits], axis=0))
-    # Two hundred draws know a scatter to 5 %; the jackknife is a little too careful.
+    # A hundred draws know a scatter to 7 %; the jackknife is a little too careful.
     np.testing.assert_allclose(stated / scatter, 1.05, atol=0.2)
 
 

@@ -135,7 +135,7 @@ def test_weights_follow_each_joints_noise_and_reduce_the_scatter():
     rng = np.random.default_rng(7)
     noise = np.array([2.0, 0.02])
     errors = {"plain": [], "weighted": []}
-    for _ in range(40):
+    for _ in range(12):
         noisy = simulate_torque(model, truth, log, noise=noise, rng=rng)
         regression = build_regression(model, noisy)
         # 400 samples: 3.5 %; five of them.

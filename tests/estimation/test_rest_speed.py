@@ -75,7 +75,7 @@ def test_rows_free_of_contact_forces_are_compared_too(tmp_path):
     path = tmp_path / "quadruped.xml"
     path.write_text(quadruped_text())
     robot = ci.load_mjcf(path, base="floating")
-    patterns = np.array([[i != j for j in range(4)] for i in range(4)] * 100)
+    patterns = np.array([[i != j for j in range(4)] for i in range(4)] * 40)
     log = standing(robot, patterns, noise=0.05)
     slow = abs(log.velocity) < np.quantile(abs(log.velocity), 0.1)
     log = replace(log, torque=log.torque + 2.0 * slow)

@@ -1,5 +1,10 @@
 """A small robot and a log of it, as files that a user would have."""
 
+from functools import cache
+from io import StringIO
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
 import numpy as np
 
 from consistent_id import (
@@ -39,12 +44,20 @@ def write_arm(folder):
     """Write ``arm.urdf`` and ``log.csv``; return the two paths."""
     urdf, log = folder / "arm.urdf", folder / "log.csv"
     urdf.write_text(URDF)
-    model = TorqueModel(load_urdf(urdf), DRIVE)
-    recording = moved(model)
-    table = np.column_stack([recording.time, recording.position, recording.torque])
-    header = "time,q_shoulder,q_elbow,tau_shoulder,tau_elbow"
-    np.savetxt(log, table, "%.9g", ",", header=header, comments="")
+    log.write_text(_log())
     return urdf, log
+
+
+@cache
+def _log():
+    with TemporaryDirectory() as folder:
+        urdf = Path(folder, "arm.urdf")
+        urdf.write_text(URDF)
+        recording = moved(TorqueModel(load_urdf(urdf), DRIVE))
+    table = np.column_stack([recording.time, recording.position, recording.torque])
+    header, text = "time,q_shoulder,q_elbow,tau_shoulder,tau_elbow", StringIO()
+    np.savetxt(text, table, "%.9g", ",", header=header, comments="")
+    return text.getvalue()
 
 
 def moved(model, seconds=24.0, rate=100.0, tempo=1.0):

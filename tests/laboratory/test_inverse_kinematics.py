@@ -98,7 +98,10 @@ def test_a_merged_frame_is_where_the_file_puts_it(tmp_path):
             circle(0.1, centre=[0.3, 0.1, 0.3], along=[0, 1, 0], across=[0, 0, 1]),
             marks=pytest.mark.slow,
         ),
-        ellipsoid((0.1, 0.08, 0.06), centre=[0.3, 0.1, 0.4]),
+        pytest.param(
+            ellipsoid((0.1, 0.08, 0.06), centre=[0.3, 0.1, 0.4]),
+            marks=pytest.mark.slow,
+        ),
         pytest.param(
             helix(0.08, 0.1, centre=[0.3, -0.1, 0.35]), marks=pytest.mark.slow
         ),

@@ -6,6 +6,7 @@ from functools import cache
 import msgspec
 import numpy as np
 import pytest
+from rx60 import PROBLEM, truth
 
 from consistent_id import load_problem
 from consistent_id.errors import ProblemError
@@ -29,23 +30,16 @@ from consistent_id.laboratory.reproduction.experiment_tables import (
     experiments_table,
 )
 from consistent_id.problems.laboratory_tables import TaskTable
-from consistent_id.problems.published import check_published
 
-PROBLEM = load_problem("problems/rx60")
 PEN = {"frame": "link3", "duration": 1.0, "rate": 100.0}
 PLACE = {"centre": [0.3, 0.1, 0.4], "along": [0, 1, 0], "across": [0, 0, 1], "turns": 2}
 POINTS = [[0.3, 0, 0.3], [0.35, 0.1, 0.25], [0.3, 0.15, 0.35]]
 
 
 @cache
-def _truth():
-    return check_published(PROBLEM).vectors[0].nearest.parameters
-
-
-@cache
 def _reproduced(friction):
     return reproduce_experiments(
-        PROBLEM, _truth(), friction=friction, experiments=("free", "circle")
+        PROBLEM, truth(), friction=friction, experiments=("free", "circle")
     )
 
 
@@ -88,7 +82,7 @@ def test_a_task_or_a_laboratory_that_is_not_there_is_refused(tmp_path):
     with pytest.raises(ProblemError, match=r"no \[laboratory\] table"):
         laboratory_of(bare, np.zeros(30))
     with pytest.raises(ProblemError, match="'square' is not among"):
-        reproduce_experiments(PROBLEM, _truth(), experiments=("square",))
+        reproduce_experiments(PROBLEM, truth(), experiments=("square",))
     text = (PROBLEM.folder / "problem.toml").read_text()
     (tmp_path / "problem.toml").write_text(
         text.replace("radius = 0.15", "radus = 0.15")
@@ -171,7 +165,7 @@ def test_tables_are_printed_as_in_the_paper():
 
 @pytest.mark.slow
 def test_an_experiment_is_the_same_whatever_others_are_done():
-    alone = reproduce_experiments(PROBLEM, _truth(), experiments=("circle",))
+    alone = reproduce_experiments(PROBLEM, truth(), experiments=("circle",))
     both = _reproduced(True)
     torque = [
         e.log.encoders.torque for e in (alone.experiments[0], both.experiments[1])

@@ -42,7 +42,7 @@ def test_an_extreme_at_an_end_is_found_there():
     assert np.isclose(found.highest[0], np.sin(0.4 * np.pi), atol=2e-6)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(
     st.integers(0, 10**6),
     st.integers(1, 12),

@@ -125,7 +125,7 @@ def test_samples_are_read_as_any_recording(tmp_path, ending):
     same(log, path.recording(100.0).of(["joint_2"]))
 
 
-@settings(REPEATABLE, max_examples=20)
+@settings(REPEATABLE, max_examples=8)
 @given(joints=st.lists(NAMES, min_size=1, max_size=3, unique=True))
 def test_names_of_joints_come_back_from_every_file(tmp_path_factory, joints):
     n = len(joints)

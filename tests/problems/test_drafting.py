@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 from logged import URDF, write_arm
+from some_fast import some_fast
 
 from consistent_id import ProblemError, RecordingError, load_problem
 from consistent_id.problems import preparation as preparation_module
@@ -117,7 +118,8 @@ def test_values_of_every_kind_are_written_as_toml_reads_them(tmp_path):
     assert "shared_motors" not in text
 
 
-def test_a_log_is_read_and_prepared_once(arm, monkeypatch):
+@pytest.mark.parametrize("select", some_fast([False, True]))
+def test_a_log_is_read_and_prepared_once(arm, monkeypatch, select):
     folder, _ = arm
     counts = {"read": 0, "differentiated": 0}
 
@@ -132,7 +134,7 @@ def test_a_log_is_read_and_prepared_once(arm, monkeypatch):
 
     counted("read", problem_module, "read_recording")
     counted("differentiated", preparation_module, "differentiated")
-    draft = draft_problem(folder / "arm.urdf", folder / "log.csv")
+    draft = draft_problem(folder / "arm.urdf", folder / "log.csv", select=select)
     counts.update(differentiated=0)
     problem = draft.problem()
     assert len(problem.training) == len(problem.validation) == 1
@@ -205,7 +207,7 @@ def test_masses_are_free_where_asked_and_where_there_are_none(tmp_path):
 def test_a_joint_that_the_log_does_not_have_is_held(tmp_path):
     urdf, log = write_arm(tmp_path)
     log.write_text(log.read_text().replace("q_elbow", "x").replace("tau_elbow", "y"))
-    draft = draft_problem(urdf, log, select=False)
+    draft = draft_problem(urdf, log, select=False, cutoff=10.0)
     assert (draft.joints, draft.locked) == (("shoulder",), ("elbow",))
     assert draft.problem().model.robot.joint_names == ("shoulder",)
     assert "Locked at zero: elbow." in draft.text(tmp_path)
@@ -213,7 +215,9 @@ def test_a_joint_that_the_log_does_not_have_is_held(tmp_path):
 
 def test_the_part_that_moves_can_be_said(tmp_path):
     urdf, log = write_arm(tmp_path)
-    draft = draft_problem(urdf, log, selection=Selection(tip="upper"), select=False)
+    draft = draft_problem(
+        urdf, log, selection=Selection(tip="upper"), select=False, cutoff=10.0
+    )
     assert draft.problem().model.robot.joint_names == ("shoulder",)
     assert 'tip = "upper"' in draft.text(tmp_path)
 
@@ -221,9 +225,11 @@ def test_the_part_that_moves_can_be_said(tmp_path):
 @pytest.mark.slow
 def test_torque_gains_are_one_or_one_each(tmp_path):
     urdf, log = write_arm(tmp_path)
-    draft = draft_problem(urdf, log, torque_gain=(2.0, 3.0), select=False)
+    draft = draft_problem(urdf, log, torque_gain=(2.0, 3.0), select=False, cutoff=10.0)
     assert "torque_gain = [2.0, 3.0]" in draft.text(tmp_path)
-    plain = draft_problem(urdf, log, torque_gain=(2.0,), select=False).problem()
+    plain = draft_problem(
+        urdf, log, torque_gain=(2.0,), select=False, cutoff=10.0
+    ).problem()
     assert plain.table.data.torque_gain == 2.0
     with pytest.raises(ProblemError, match="3 torque gains for 2 joints"):
         draft_problem(urdf, log, torque_gain=(1.0, 2.0, 3.0))

@@ -54,7 +54,9 @@ def arm(tmp_path_factory):
 
 def test_gains_make_the_torque_of_every_log(arm):
     urdf, logs = arm
-    problem = draft_problem(urdf, logs, gains=GAINS, select=False).problem()
+    problem = draft_problem(
+        urdf, logs, gains=GAINS, select=False, cutoff=10.0
+    ).problem()
     for log, tempo in zip(problem.logs("training"), (1.0, 0.8), strict=True):
         truth = moved(TorqueModel(load_urdf(urdf), DRIVE), tempo=tempo)
         start = np.searchsorted(truth.time, log.time[0])
@@ -94,7 +96,7 @@ def test_free_masses_of_known_bodies_are_refused(arm):
 @pytest.mark.parametrize(("late", "drafted"), [(0.0, 0.0), (0.006, 0.006)])
 def test_the_delay_of_commands_is_drafted(tmp_path, late, drafted):
     urdf, logs = commanded_logs(tmp_path, 1.0, late=late)
-    draft = draft_problem(urdf, logs, gains=GAINS, select=False)
+    draft = draft_problem(urdf, logs, gains=GAINS, select=False, cutoff=10.0)
     found = draft.table(tmp_path).data.gains.delay
     assert found == pytest.approx(drafted, abs=1e-3)
     assert draft.problem().delay_of_commands == found
@@ -102,7 +104,7 @@ def test_the_delay_of_commands_is_drafted(tmp_path, late, drafted):
 
 def test_a_command_reaches_its_drive_before_the_next_is_sent(tmp_path):
     urdf, logs = commanded_logs(tmp_path, 1.0, late=0.017)
-    draft = draft_problem(urdf, logs, gains=GAINS, select=False)
+    draft = draft_problem(urdf, logs, gains=GAINS, select=False, cutoff=10.0)
     assert draft.delay == 0.01
 
 

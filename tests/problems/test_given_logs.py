@@ -57,7 +57,7 @@ def arm(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def read_from_file(arm):
-    (log,) = draft_problem(*arm, select=False).problem().training
+    (log,) = draft_problem(*arm, select=False, cutoff=10.0).problem().training
     return log
 
 
@@ -74,7 +74,9 @@ def read_from_file(arm):
 )
 def test_a_table_in_memory_is_read_as_its_file_is(arm, read_from_file, form):
     (urdf, log), its = arm, read_from_file
-    ours = draft_problem(urdf, form(arrays_of(log)), select=False).problem()
+    ours = draft_problem(
+        urdf, form(arrays_of(log)), select=False, cutoff=10.0
+    ).problem()
     (mine,) = ours.training
     np.testing.assert_allclose(mine.time, its.time, rtol=0, atol=1e-12)
     np.testing.assert_allclose(mine.position, its.position, rtol=0, atol=1e-12)
@@ -86,7 +88,7 @@ def test_a_recording_is_a_log_too(arm):
     model = TorqueModel(load_robot(urdf), DRIVE)
     log = moved(model, 16.0, tempo=1.13)
     assert log.acceleration is not None  # is not of a log, and is differentiated anew
-    problem = draft_problem(urdf, log, select=False).problem()
+    problem = draft_problem(urdf, log, select=False, cutoff=10.0).problem()
     rows = problem.logs("training")[0]
     first = int(np.searchsorted(log.time, rows.time[0]))
     np.testing.assert_array_equal(rows.torque, log.torque[first : first + len(rows)])
@@ -99,7 +101,11 @@ def test_files_tables_and_recordings_go_together(arm):
     urdf, log = arm
     other = moved(TorqueModel(load_robot(urdf), DRIVE), 12.0, tempo=0.89)
     draft = draft_problem(
-        urdf, [log, as_pandas(arrays_of(log))], validation=other, select=False
+        urdf,
+        [log, as_pandas(arrays_of(log))],
+        validation=other,
+        select=False,
+        cutoff=10.0,
     )
     assert [(e.log.name, e.role) for e in draft.recordings] == [
         ("log.csv", "training"),
@@ -162,6 +168,6 @@ def test_what_judges_is_read_when_the_model_is_fixed(arm, monkeypatch):
 
     monkeypatch.setattr(drafting, "select_model", chosen)
     judge = Watched(arrays_of(log), events)
-    draft_problem(urdf, arrays_of(log), validation=judge)
+    draft_problem(urdf, arrays_of(log), validation=judge, drive=["viscous"])
     assert events[0] == "the model is fixed"
     assert "validation is read" in events[1:]

@@ -65,7 +65,7 @@ def arm_with_late_velocity(tmp_path_factory):
 def test_a_draft_differentiates_the_position_instead_and_says_so(
     arm_with_late_velocity,
 ):
-    draft = draft_problem(*arm_with_late_velocity, select=False)
+    draft = draft_problem(*arm_with_late_velocity, select=False, cutoff=10.0)
     assert draft.columns.velocity is None
     assert any("80 ms after the position" in note for note in draft.notes)
     assert "velocity =" not in draft.text(arm_with_late_velocity[0].parent)
@@ -76,5 +76,7 @@ def test_a_draft_differentiates_the_position_instead_and_says_so(
 
 def test_a_velocity_that_the_user_names_is_read(arm_with_late_velocity):
     named = {"velocity": "dq_{joint}"}
-    draft = draft_problem(*arm_with_late_velocity, columns=named, select=False)
+    draft = draft_problem(
+        *arm_with_late_velocity, columns=named, select=False, cutoff=10.0
+    )
     assert draft.columns.velocity == "dq_{joint}"

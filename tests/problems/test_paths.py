@@ -15,7 +15,7 @@ def drafted(tmp_path_factory):
     urdf, log = write_arm(folder)
     with pytest.MonkeyPatch.context() as patch:
         patch.delenv("CONSISTENT_ID_DATASETS", raising=False)
-        text = draft_problem(urdf, log, select=False).text(folder)
+        text = draft_problem(urdf, log, select=False, cutoff=10.0).text(folder)
     (folder / "problem.toml").write_text(text)
     return folder
 

@@ -1,20 +1,13 @@
 """The RX-60: closed-form model, Pinocchio, the paper's tables, no body at all."""
 
-from functools import cache
-
 import numpy as np
 import pinocchio as pin
 import pytest
+import rx60
+from rx60 import PROBLEM
 
-from consistent_id import InertialParameters, TorqueModel, load_problem
-from consistent_id.problems.published import check_published, parametrisation_of
-
-PROBLEM = load_problem("problems/rx60")
-
-
-@cache
-def _report():
-    return check_published(PROBLEM)
+from consistent_id import InertialParameters, TorqueModel
+from consistent_id.problems.published import parametrisation_of
 
 
 def _inertia_matrix(a, q):
@@ -104,7 +97,7 @@ def test_the_datasheet_gives_every_constant_that_the_paper_prints():
 
 
 def test_the_rank_is_14_of_16_and_11_of_13_with_the_two_known_null_directions():
-    report = _report()
+    report = rx60.report()
     assert (len(report.all_columns.columns), report.all_columns.rank) == (16, 14)
     assert (len(report.free_columns.columns), report.free_columns.rank) == (13, 11)
     assert set(report.free_columns.null_directions) == {
@@ -125,12 +118,12 @@ def test_no_torque_changes_along_the_null_directions():
 
 def test_tables_4_and_5_follow_from_table_3_to_the_printed_digits():
     # Half of the last printed digit, twice where a table was rounded before.
-    for name, difference in _report().largest_differences.items():
+    for name, difference in rx60.report().largest_differences.items():
         assert difference <= 1e-4, name
 
 
 def test_no_body_with_the_datasheet_masses_has_any_of_the_published_vectors():
-    report = _report()
+    report = rx60.report()
     assert len(report.vectors) == 7
     for vector in report.vectors:
         assert vector.feasibility.answer == "impossible"
@@ -141,19 +134,19 @@ def test_no_body_with_the_datasheet_masses_has_any_of_the_published_vectors():
 def test_link_3_of_the_mean_violates_the_triangle_inequality_whatever_is_free():
     # In the published vector: B3 > A3 + C3, and both null directions shift both sides
     # alike; so does the largest moment in any axes.
-    body = InertialParameters(_report().mean_links["link3"])
+    body = InertialParameters(rx60.report().mean_links["link3"])
     A, B, C = np.diag(body.central_inertia)
     assert (B, A + C) == pytest.approx((1.246, 0.7597), abs=1e-3)
     moments = np.linalg.eigvalsh(body.central_inertia)
     excess = moments[2] - moments[0] - moments[1]
-    sentence = _report().vectors[0].feasibility.summary
+    sentence = rx60.report().vectors[0].feasibility.summary
     stated = float(sentence.partition(" (proven")[0].rsplit(" ", 1)[1])
     # The statement is made one hundredth of the depth away from the extreme point.
     assert stated == pytest.approx(excess, rel=0.02)
 
 
 def test_the_nearest_consistent_robot_keeps_the_datasheet_and_the_torque():
-    report = _report()
+    report = rx60.report()
     for vector in report.vectors:
         nearest = vector.nearest
         assert nearest.certificate.verdict == "certified"
@@ -171,7 +164,7 @@ def test_the_nearest_consistent_robot_keeps_the_datasheet_and_the_torque():
 
 
 def test_the_torque_change_is_that_of_pinocchios_inverse_dynamics():
-    report = _report()
+    report = rx60.report()
     motion, vector = report.motion, report.vectors[0]
     reference = _pinocchio()
     data = reference.createData()

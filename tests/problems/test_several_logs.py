@@ -41,7 +41,9 @@ def arm(tmp_path_factory):
 
 def test_logs_that_are_named_judge_and_all_others_are_learnt_from(arm):
     urdf, first, second, third = arm
-    draft = draft_problem(urdf, [first, second], validation=[third], select=False)
+    draft = draft_problem(
+        urdf, [first, second], validation=[third], select=False, cutoff=10.0
+    )
     roles = [(entry.log, entry.role) for entry in draft.recordings]
     assert roles == [(first, "training"), (second, "training"), (third, "validation")]
     problem = draft.problem()
@@ -52,7 +54,7 @@ def test_logs_that_are_named_judge_and_all_others_are_learnt_from(arm):
 
 def test_without_logs_to_judge_by_each_keeps_its_last_part_for_that(arm):
     urdf, first, second, _ = arm
-    draft = draft_problem(urdf, [first, second], select=False)
+    draft = draft_problem(urdf, [first, second], select=False, cutoff=10.0)
     assert [e.role for e in draft.recordings] == ["training"] * 2 + ["validation"] * 2
     for learnt, held in zip(draft.recordings[:2], draft.recordings[2:], strict=True):
         assert learnt.log == held.log
@@ -144,7 +146,7 @@ def test_a_score_is_the_error_that_the_comparison_has(arm):
 
 def test_a_raw_log_has_no_score(arm):
     urdf, first, _, _ = arm
-    draft = draft_problem(urdf, first, select=False)
+    draft = draft_problem(urdf, first, select=False, cutoff=10.0)
     model = draft.problem().model
     regression = build_regression(model, draft.problem().training)
     estimate = constrained_least_squares(model, regression)
@@ -185,8 +187,10 @@ def in_degrees(log, folder):
 def test_a_log_in_its_makers_units_is_the_same_log(arm, tmp_path):
     urdf, first, _, _ = arm
     maker = in_degrees(first, tmp_path)
-    ours = draft_problem(urdf, first, select=False)
-    theirs = draft_problem(urdf, maker, torque_gain=[50.0, 20.0], select=False)
+    ours = draft_problem(urdf, first, select=False, cutoff=10.0)
+    theirs = draft_problem(
+        urdf, maker, torque_gain=[50.0, 20.0], select=False, cutoff=10.0
+    )
     mine, other = ours.problem().training[0], theirs.problem().training[0]
     for channel in ("time", "position", "torque"):
         np.testing.assert_allclose(
@@ -208,7 +212,9 @@ def test_check_reads_a_log_as_identify_does(arm, tmp_path, capsys):
 
 def test_a_joint_is_locked_where_the_shell_says(arm, capsys):
     urdf, first, _, _ = arm
-    arguments = ["init", str(urdf), str(first), "--dry-run", "--lock", "elbow=0.5"]
+    plain = ["--no-select", "--cutoff", "10"]
+    arguments = ["init", str(urdf), str(first), *plain, "--dry-run"]
+    arguments += ["--lock", "elbow=0.5"]
     assert main(arguments) == 0
     text = capsys.readouterr().out
     assert "locked = {elbow = 0.5}" in text

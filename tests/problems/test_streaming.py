@@ -109,15 +109,20 @@ UNIFORM = "motion_cutoff = 5.0\ntorque_cutoff = 8.0"
 JITTERED = "resample = 100.0\nmotion_cutoff = 5.0"
 
 
+def slow(*case):
+    """A case all of whose parts are in others, in another mixture."""
+    return pytest.param(*case, marks=pytest.mark.slow)
+
+
 @pytest.mark.parametrize(
     ("form", "jitter", "preparation", "entry"),
     [
         ("csv", 2e-6, UNIFORM, ""),
-        ("parquet", 2e-6, f"{UNIFORM}\ndecimate = 3", ""),
+        slow("parquet", 2e-6, f"{UNIFORM}\ndecimate = 3", ""),
         ("h5", 1e-3, JITTERED, "rows = [201, 5000]\nomit = [5, 900, 901]"),
-        ("mat", 2e-6, UNIFORM, "rows = [300, 5800]"),
-        ("feather", 1e-3, f"{JITTERED}\ntrim_standstill = true", ""),
-        ("parquet", 1e-3, f"{JITTERED}\nleast_speed = 0.2", "rows = [100, 5500]"),
+        slow("mat", 2e-6, UNIFORM, "rows = [300, 5800]"),
+        slow("feather", 1e-3, f"{JITTERED}\ntrim_standstill = true", ""),
+        slow("parquet", 1e-3, f"{JITTERED}\nleast_speed = 0.2", "rows = [100, 5500]"),
         (
             "csv",
             2e-6,

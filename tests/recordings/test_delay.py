@@ -61,7 +61,7 @@ CASES = [
 ]
 
 
-@pytest.mark.parametrize(("first", "second", "rates", "noise"), some_fast(CASES, 3))
+@pytest.mark.parametrize(("first", "second", "rates", "noise"), some_fast(CASES, 2))
 def test_a_delay_is_found_within_a_tenth_of_a_sample(first, second, rates, noise):
     scores = []
     for seed in range(3):

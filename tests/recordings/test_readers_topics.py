@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import ros_topics as ros
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from some_fast import some_fast
 
 import consistent_id as ci
 
@@ -100,7 +101,7 @@ def read(path, columns=None, **beside):
     return ci.read_recording(path, JOINTS, wanted)
 
 
-@pytest.fixture(scope="module", params=["mcap", "ros1"])
+@pytest.fixture(scope="module", params=some_fast(["mcap", "ros1"]))
 def bag(request, tmp_path_factory):
     tmp_path = tmp_path_factory.mktemp("bags")
     topics = {"/joint_states": joints(), "/imu": imu(), "/odom": odometry()}

@@ -21,7 +21,7 @@ from tests.helpers.logged import write_arm
 @pytest.fixture(scope="module")
 def begun(tmp_path_factory):
     folder = tmp_path_factory.mktemp("arm")
-    problem = draft_problem(*write_arm(folder), select=False).problem()
+    problem = draft_problem(*write_arm(folder), select=False, cutoff=10.0).problem()
     return beginning(problem, problem.logs("training"), (), 10.0)
 
 
@@ -78,7 +78,7 @@ def test_a_joint_that_carries_next_to_nothing_has_no_load_friction(tmp_path):
     urdf, log = write_arm(tmp_path)
     text = urdf.read_text().replace('<mass value="2"/>', '<mass value="0.002"/>')
     urdf.write_text(re.sub('(i[xyz]{2})="0.0[13]"', r'\1="1e-5"', text))
-    problem = draft_problem(urdf, log, select=False).problem()
+    problem = draft_problem(urdf, log, select=False, cutoff=10.0).problem()
     begun = beginning(problem, problem.logs("training"), (), 10.0)
     assert begun.evaluator.setting.loaded == ("shoulder",)
 
@@ -92,7 +92,7 @@ def test_friction_that_comes_late_is_no_delay_of_all_torque(tmp_path):
     sign = np.tanh(rate * np.gradient(q, axis=0) / 0.02)
     table[:, 3:] += levels * (np.roll(sign, late, axis=0) - sign)
     np.savetxt(log, table, "%.9g", ",", header=names, comments="")
-    problem = draft_problem(urdf, log, select=False).problem()
+    problem = draft_problem(urdf, log, select=False, cutoff=10.0).problem()
     begun = beginning(problem, problem.logs("training"), (), 10.0)
     plain, setting = begun.plain, begun.evaluator.setting
     factors = begun.evaluator.factors(plain.choice)

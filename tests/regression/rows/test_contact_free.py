@@ -90,7 +90,7 @@ def test_bodies_are_recovered_without_force_sensors(robot, patterns):
 
 def test_bodies_are_recovered_with_force_sensors(robot):
     """Measured wrenches belong to the other side of the same equations."""
-    log = standing(robot, np.array(EVERY * 400))
+    log = standing(robot, np.array(EVERY * 100))
     for rows in ((), BASE_ROWS, robot.joint_names):
         model = TorqueModel(robot, torque_joints=rows)
         found = least_squares(model, build_regression(model, log))
@@ -118,14 +118,14 @@ def test_the_structure_of_rows_is_found_once_for_each_model(robot):
 
 def test_noise_levels_weigh_rows_before_they_are_mixed(robot):
     """With right levels the regression is that of white noise of level one."""
-    log = standing(robot, np.array(THREE * 500), noise=0.3, seed=1)
+    log = standing(robot, np.array(THREE * 200), noise=0.3, seed=1)
     model = contact_free_model(TorqueModel(robot))
     levels = row_levels(robot, force=1e-3, moment=1e-3, joints=0.3)
     base = contact_free_base(model, log.contacts)
     regression = contact_free_regression(model, log, sigma=levels)
     found = least_squares(model, regression, base=base)
     # Nine rows are left of 18; those without noise bring their own.
-    assert regression.counts == (2000 * 9,)
+    assert regression.counts == (800 * 9,)
     off = (found.base_values - base.projection @ robot.nominal) / found.standard_errors
     assert np.sqrt(np.mean(off**2)) == pytest.approx(1.0, abs=0.3)
 
