@@ -15,6 +15,7 @@ from consistent_id import load_problem
 from consistent_id._support.tables import Table
 from consistent_id.laboratory.reproduction import PaperStudy, reproduce
 from consistent_id.laboratory.reproduction import section_tables as part
+from consistent_id.laboratory.reproduction.experiment_tables import inertia_table
 from consistent_id.laboratory.reproduction.paper_sections import sections_of
 from consistent_id.laboratory.reproduction.paper_study import (
     REPEATED,
@@ -39,9 +40,7 @@ def blocks(study: PaperStudy) -> dict[str, str]:
         "exciting": _exciting(study),
         "shrunk": _plain(part.shrunk_table(study)),
         "constraints": _plain(_only(part.constraints_table(study), SHOWN)),
-        "inertia": _plain(
-            _only(part.inertia_table(study, study.inertia[2]), ("link2",))
-        ),
+        "inertia": _plain(_only(inertia_table(study, study.inertia[2]), ("link2",))),
         "verification": _verification(study),
     }
 

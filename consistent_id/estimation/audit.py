@@ -11,7 +11,7 @@ from consistent_id.estimation.determination import determinations
 from consistent_id.estimation.estimate import Certificate, Estimate
 from consistent_id.estimation.fit import fit_of
 from consistent_id.estimation.scaled_fit import ScaledFit
-from consistent_id.regression.base import BaseParameters, linear_combination
+from consistent_id.regression.base import BaseParameters, open_combinations
 from consistent_id.regression.mass_matrix import (
     POSES,
     least_mass_eigenvalue,
@@ -89,10 +89,7 @@ def audited(
             known=scaled.constraints.A_eq,
             elsewhere="prior",
         ),
-        undetermined=tuple(
-            linear_combination(direction, base.names)
-            for direction in solution.null_space.T
-        ),
+        undetermined=open_combinations(solution, base.names),
         sigma=residual_sigma(regression, x, len(base)),
         certificate=_certificate(proof, least if consistent else None, figures),
         notes=(note, *_edges(links)),

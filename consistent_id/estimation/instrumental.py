@@ -22,7 +22,7 @@ from consistent_id.recordings.recording import Recording, several
 from consistent_id.regression.base import (
     BaseParameters,
     base_parameters,
-    linear_combination,
+    open_combinations,
     parameter_origins,
 )
 from consistent_id.regression.correlation import correlation_length
@@ -77,9 +77,7 @@ def instrumental_variables(
     rows = instrumented(model, recordings, instruments, base)
     solution = solve_linear(rows.projected, rows.projected_torque)
     parameters = base.lift(solution.x)
-    undetermined = tuple(
-        linear_combination(direction, base.names) for direction in solution.null_space.T
-    )
+    undetermined = open_combinations(solution, base.names)
     sigma = rows.sigma * np.sqrt(rows.misfit(solution.x) / rows.freedom)
     notes = ["standard errors are for white noise on the torque", *base.near]
     if undetermined:

@@ -19,7 +19,7 @@ from consistent_id.estimation.method import Method
 from consistent_id.regression.base import (
     BaseParameters,
     base_parameters,
-    linear_combination,
+    open_combinations,
 )
 from consistent_id.regression.linear import LinearSolution, solve_linear
 from consistent_id.regression.noise import joint_noise, residual_sigma
@@ -74,9 +74,7 @@ def least_squares(
     redundant = sum(regression.counts) > solution.rank
     noise = residual_noise(regression, base)
     covariance = _covariance(noise, solution) if redundant else None
-    undetermined = tuple(
-        linear_combination(direction, base.names) for direction in solution.null_space.T
-    )
+    undetermined = open_combinations(solution, base.names)
     return Estimate(
         method=method,
         model=model,

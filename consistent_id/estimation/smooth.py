@@ -37,7 +37,7 @@ from consistent_id.estimation.smooth_fit import SmoothFit, smooth_fit
 from consistent_id.regression.base import (
     BaseParameters,
     base_parameters,
-    linear_combination,
+    open_combinations,
 )
 from consistent_id.regression.linear import solve_linear
 from consistent_id.regression.noise import residual_sigma
@@ -118,10 +118,7 @@ def smooth_least_squares(
             known=lowered(constraints, model).A_eq,
             elsewhere="prior",
         ),
-        undetermined=tuple(
-            linear_combination(direction, base.names)
-            for direction in solution.null_space.T
-        ),
+        undetermined=open_combinations(solution, base.names),
         sigma=residual_sigma(regression, x, len(base)),
         certificate=_certificate(fit, _proof(scaled, variables, fit.u)),
         notes=("what the data do not determine is near the start of the search",),

@@ -6,8 +6,8 @@ from typing import NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Array, Vector, freeze_arrays
-from consistent_id.errors import ProblemError, RecordingError
-from consistent_id.recordings.recording import Recording
+from consistent_id.errors import ProblemError
+from consistent_id.recordings.recording import Recording, states
 from consistent_id.regression.mass_matrix import mass_matrices
 from consistent_id.regression.regressor import TorqueModel
 
@@ -60,14 +60,7 @@ class Controller:
 
     def feedforward(self, motion: Recording) -> Array:
         """Return the model's torque for a motion, shape (samples, joints)."""
-        if motion.velocity is None or motion.acceleration is None:
-            raise RecordingError(
-                f"{motion.name} has no velocity or no acceleration to follow; sample a "
-                "path, or call signals.differentiated first"
-            )
-        return self.model.predict(
-            self.parameters, motion.position, motion.velocity, motion.acceleration
-        )
+        return self.model.predict(self.parameters, *states(motion))
 
     def gains(self, motion: Recording) -> ControllerGains:
         """Return the gains for a motion."""

@@ -15,7 +15,7 @@ import numpy as np
 from consistent_id._support.arrays import Array, Matrix, Vector
 from consistent_id.constraints.cones.sets import ConicSet
 from consistent_id.errors import ProblemError
-from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.recording import Recording, states
 from consistent_id.regression.regression import triangle
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.parameters import did_you_mean
@@ -115,18 +115,12 @@ class Parametrisation:
         Without torque the last column is zero.
         """
         measured = recording.of(self.model.torque_joints).torque
-        recording = recording.of(self.model.robot.joint_names)
-        if recording.velocity is None or recording.acceleration is None:
-            raise ProblemError(f"{recording.name} has no velocity or no acceleration")
+        motion = states(recording.of(self.model.robot.joint_names))
         R = np.zeros((0, len(self) + 1))
         step = 4096
         for start in range(0, len(recording), step):
             part = slice(start, start + step)
-            Y = self.regressor(
-                recording.position[part],
-                recording.velocity[part],
-                recording.acceleration[part],
-            )
+            Y = self.regressor(*(values[part] for values in motion))
             tau = np.zeros((Y.shape[2], len(Y)))
             if measured is not None:
                 tau = measured[part]

@@ -20,9 +20,7 @@ from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.noise import joint_noise
 from consistent_id.regression.regression import Regression, build_regression
 from consistent_id.regression.rows.contact_free import base_of_recordings
-from consistent_id.regression.segments import (
-    segment_regressions,
-)
+from consistent_id.regression.segments import segment_regressions
 
 
 def identify(

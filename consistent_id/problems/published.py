@@ -25,7 +25,7 @@ from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import (
     BaseParameters,
     base_parameters,
-    linear_combination,
+    open_combinations,
 )
 from consistent_id.regression.linear import solve_linear
 from consistent_id.regression.regression import Regression, build_regression
@@ -201,9 +201,7 @@ def _rank(R: Matrix, mine: Parametrisation, columns: list[int]) -> RankReport:
         columns=names,
         rank=solution.rank,
         singular_values=solution.singular_values / solution.singular_values[0],
-        null_directions=tuple(
-            linear_combination(direction, names) for direction in solution.null_space.T
-        ),
+        null_directions=open_combinations(solution, names),
     )
 
 

@@ -16,7 +16,7 @@ from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import (
     BaseParameters,
     base_parameters,
-    linear_combination,
+    open_combinations,
     parameter_origins,
 )
 from consistent_id.regression.drive.drive_terms import DriveTerms
@@ -73,9 +73,7 @@ def published_least_squares(
         origins=parameter_origins(
             solution.row_space @ mine.matrix[free], known.A_eq, elsewhere="convention"
         ),
-        undetermined=tuple(
-            linear_combination(direction, names) for direction in solution.null_space.T
-        ),
+        undetermined=open_combinations(solution, names),
         sigma=residual_sigma(regression, x, solution.rank),
         certificate=stationarity_certificate(R[:, free], target, solution),
         notes=(

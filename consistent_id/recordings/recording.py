@@ -308,6 +308,16 @@ def several(recordings: Recording | Sequence[Recording]) -> list[Recording]:
     return [recordings] if isinstance(recordings, Recording) else list(recordings)
 
 
+def states(recording: Recording) -> tuple[Matrix, Matrix, Matrix]:
+    """Return position, velocity and acceleration, of which none may be missing."""
+    if recording.velocity is None or recording.acceleration is None:
+        raise RecordingError(
+            f"{recording.name} has no velocity or no acceleration; sample a path, or "
+            "call signals.differentiated first"
+        )
+    return recording.position, recording.velocity, recording.acceleration
+
+
 def joined_in_time(parts: Sequence[Recording]) -> Recording:
     """Return consecutive recordings of the same joints and channels as one.
 

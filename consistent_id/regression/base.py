@@ -18,6 +18,7 @@ from consistent_id.regression.independent_columns import (
     ColumnSplit,
     split_at_gap,
 )
+from consistent_id.regression.linear import LinearSolution
 from consistent_id.regression.random_rows import random_rows
 from consistent_id.regression.row_model import RowModel
 from consistent_id.robot.parameters import ParameterLayout
@@ -248,6 +249,13 @@ def _part_in_row_space(A: Matrix) -> Vector:
     _, s, Vt = np.linalg.svd(A / np.where(norms > 0.0, norms, 1.0), full_matrices=False)
     rows = Vt[s > STRUCTURAL_TOLERANCE * s[0]]
     return np.asarray(np.sum(rows**2, axis=0))
+
+
+def open_combinations(
+    solution: LinearSolution, names: tuple[str, ...]
+) -> tuple[str, ...]:
+    """Return the combinations of unknowns that a solution leaves open, in words."""
+    return tuple(linear_combination(v, names) for v in solution.null_space.T)
 
 
 def linear_combination(

@@ -6,7 +6,7 @@ from consistent_id.regression.base import (
     BaseParameters,
     ConditionNumber,
     condition_number,
-    linear_combination,
+    open_combinations,
 )
 from consistent_id.regression.linear import solve_linear
 from consistent_id.regression.regression import Regression
@@ -48,8 +48,5 @@ def excitation_of(regression: Regression, base: BaseParameters) -> Excitation:
             )
             for unit in (False, True)
         ),
-        undetermined=tuple(
-            linear_combination(direction, base.names)
-            for direction in solution.null_space.T
-        ),
+        undetermined=open_combinations(solution, base.names),
     )

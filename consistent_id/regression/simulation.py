@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import frozen
-from consistent_id.errors import ProblemError, RecordingError
-from consistent_id.recordings.recording import Recording
+from consistent_id.errors import ProblemError
+from consistent_id.recordings.recording import Recording, states
 from consistent_id.regression.regressor import TorqueModel
 
 
@@ -35,14 +35,7 @@ def simulate_torque(
         Needed for noise.
     """
     motion = motion.of(model.robot.joint_names)
-    if motion.velocity is None or motion.acceleration is None:
-        raise RecordingError(
-            f"{motion.name} has no velocity or no acceleration; call "
-            "signals.differentiated(recording) first"
-        )
-    torque = replace(model, torque_joints=()).predict(
-        parameters, motion.position, motion.velocity, motion.acceleration
-    )
+    torque = replace(model, torque_joints=()).predict(parameters, *states(motion))
     shape = torque.shape[1:] if np.ndim(noise) else ()
     sigma = frozen(noise, shape, "noise")
     if sigma.any():

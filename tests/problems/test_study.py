@@ -6,6 +6,7 @@ import pytest
 
 from consistent_id import load_problem
 from consistent_id.estimation.method import Method
+from consistent_id.problems import problem_estimates as estimates_module
 from consistent_id.problems import study as study_module
 from consistent_id.problems.problem_estimates import identify
 from consistent_id.problems.study import Study, run_study
@@ -36,8 +37,11 @@ def calls(monkeypatch):
         return run
 
     for name in (*PARTS, "build_regression", "constrained_least_squares"):
-        work = getattr(study_module, name)
-        monkeypatch.setattr(study_module, name, counted(name, work))
+        users = [m for m in (study_module, estimates_module) if hasattr(m, name)]
+        assert users
+        for module in users:
+            work = getattr(module, name)
+            monkeypatch.setattr(module, name, counted(name, work))
     return counts
 
 

@@ -13,11 +13,12 @@ import numpy as np
 from consistent_id._support.arrays import Array, IntArray, Matrix, Vector
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.cones.sets import ConicSet, SemidefiniteBlock
-from consistent_id.errors import ModelError, NotExcitedError, ProblemError
+from consistent_id.errors import ModelError, NotExcitedError
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import BaseParameters, column_kinds
 from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.independent_columns import split_at_gap
+from consistent_id.regression.motion_arrays import predicted_torque
 from consistent_id.regression.random_rows import random_rows
 from consistent_id.regression.regression import Regression, build_regression
 from consistent_id.regression.regressor import TorqueModel
@@ -143,18 +144,8 @@ class LoadedRobot:
         ProblemError
             If the recording has no velocity or acceleration.
         """
-        log = recording.of(self.bare.robot.joint_names)
-        if log.velocity is None or log.acceleration is None:
-            raise ProblemError(
-                f"{recording.name}: torques need velocity and acceleration; call "
-                "signals.differentiated(recording) first"
-            )
-        return self.torque_model(loaded=loaded).predict(
-            self.parameters(x, loaded=loaded),
-            log.position,
-            log.velocity,
-            log.acceleration,
-        )
+        bare = self.parameters(x, loaded=loaded)
+        return predicted_torque(self.torque_model(loaded=loaded), bare, recording)
 
     def residuals(
         self, x: Vector, unloaded: Sequence[Recording], loaded: Sequence[Recording]

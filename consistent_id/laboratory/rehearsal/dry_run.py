@@ -232,13 +232,7 @@ def dry_run(
     if rivals:
         other: Objective = "D" if aim.objective == "condition" else "condition"
         rival = designed(replace(aim, objective=other), (design.form,))
-        names = [f"{stage.objective} alone" for stage in rival.stages[:1]]
-        names += [f"{other} first, then {s.objective}" for s in rival.stages[1:]]
-        paths |= {
-            name: [stage.trajectory]
-            for name, stage in zip(names, rival.stages, strict=True)
-        }
-        paths |= _simple_motions(design, aim, seed)
+        paths |= _stages(rival, other) | _simple_motions(design, aim, seed)
     known = None if rehearsed.parameters is None else rehearsed.parameters[0]
     planted = [
         planted_robot(
@@ -311,6 +305,18 @@ def _with_noise(aim: Aim, model: TorqueModel, limits: MotionLimits) -> Aim:
     if aim.noise is not None or aim.objective == "condition":
         return aim if aim.noise is not None else replace(aim, noise=noise)
     return replace(aim, noise=noise, assumed_noise=assumed.assumed_noise)
+
+
+def _stages(
+    rival: ExcitationDesign, objective: Objective
+) -> dict[str, list[FourierTrajectory]]:
+    """Return what each stage of a rival's search ended with."""
+    names = [f"{stage.objective} alone" for stage in rival.stages[:1]]
+    names += [f"{objective} first, then {s.objective}" for s in rival.stages[1:]]
+    return {
+        name: [stage.trajectory]
+        for name, stage in zip(names, rival.stages, strict=True)
+    }
 
 
 def _simple_motions(

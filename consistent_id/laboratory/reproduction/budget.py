@@ -19,7 +19,7 @@ from consistent_id.laboratory.reproduction.experiments import Reproduction
 from consistent_id.problems.parametrisation import Parametrisation
 from consistent_id.problems.problem import Problem
 from consistent_id.problems.published import parametrisation_of, published_table
-from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.recording import Recording, states
 from consistent_id.recordings.signals.clocks import uniform_rate
 from consistent_id.regression.linear import solve_linear
 from consistent_id.regression.mass_matrix import mass_matrices
@@ -117,9 +117,7 @@ def _account(
 ) -> tuple[Array, Vector]:
     """Return parts, shape (causes, joints, combinations), and noise's errors."""
     recording = recording.of(laboratory.robot.joints)
-    if recording.velocity is None or recording.acceleration is None:
-        raise ProblemError(f"{recording.name} has no velocity or no acceleration")
-    q, dq, ddq = recording.position, recording.velocity, recording.acceleration
+    q, dq, ddq = states(recording)
     free = [i for i in range(len(mine)) if i not in mine.places(fixed)]
     Y = mine.regressor(q, dq, ddq)[:, free]
     joints, _, samples = Y.shape

@@ -32,7 +32,11 @@ from consistent_id.problems.problem import Problem
 from consistent_id.problems.published import parametrisation_of, published_table
 from consistent_id.problems.published_fit import published_least_squares
 from consistent_id.recordings.recording import Recording
-from consistent_id.regression.base import base_parameters, linear_combination
+from consistent_id.regression.base import (
+    base_parameters,
+    linear_combination,
+    open_combinations,
+)
 from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.linear import solve_linear
 from consistent_id.regression.regression import build_regression
@@ -318,9 +322,7 @@ def _excitation(
         rank=rank,
         condition=float(s[0] / s[rank - 1]),
         open_directions=directions,
-        undetermined=tuple(
-            linear_combination(direction, names) for direction in solution.null_space.T
-        ),
+        undetermined=open_combinations(solution, names),
         weakest=_weakest(R, rank, names),
     )
 

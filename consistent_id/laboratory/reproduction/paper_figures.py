@@ -107,14 +107,20 @@ def budget_figure(study: PaperStudy) -> Any:
 
 def assumptions_figure(study: PaperStudy) -> Any:
     """Return the most scattered parameter's scatter over guesses and over the tempo."""
-    place, drawn, tempo = (
-        study.place.most_scattered,
-        study.error_analysis.varied,
-        study.error_analysis.tempo,
-    )
-    printed = printed_deviation(study)[place]
     figure = _figure(9.0, 3.4)
     left, right = figure.subplots(1, 2, sharey=True)
+    _draw_guesses(left, study)
+    _draw_tempo(right, study)
+    printed = printed_deviation(study)[study.place.most_scattered]
+    for axis in (left, right):
+        axis.axhline(printed, color=_GREY, lw=1, ls="--", label="printed")
+    right.legend(fontsize=8, frameon=False)
+    return figure
+
+
+def _draw_guesses(axis: Any, study: PaperStudy) -> None:
+    """Draw the scatter for friction as in the file, and for guesses around it."""
+    place, drawn = study.place.most_scattered, study.error_analysis.varied
     guesses = {
         "noise alone": drawn.noise,
         "tasks drawn": drawn.tasks,
@@ -124,32 +130,24 @@ def assumptions_figure(study: PaperStudy) -> Any:
     for k, scatter in enumerate(guesses.values()):
         values = scatter[:, place]
         spread = np.linspace(-0.25, 0.25, len(values))
-        left.semilogy(k + spread, values, ".", color=_COLOURS[k], ms=4, alpha=0.6)
-    left.set_xticks(range(len(guesses)), guesses, fontsize=8)
-    left.set_ylabel(f"scatter of {drawn.names[place]} [{_unit(study, place)}]")
-    left.set_title("friction as in the file, and guesses around it", fontsize=9)
-    right.loglog(
-        tempo.slowness,
-        tempo.scatter[:, place],
-        "o-",
-        color=_COLOURS[0],
-        label="friction that printed errors allow",
-    )
-    right.loglog(
-        tempo.slowness,
-        tempo.noise[:, place],
-        "o-",
-        color=_COLOURS[1],
-        label="noise alone",
-    )
-    right.set_xticks(tempo.slowness, [f"{value:g}" for value in tempo.slowness])
-    right.minorticks_off()
-    right.set_xlabel("tasks take this many times longer")
-    right.set_title("friction no larger than errors allow", fontsize=9)
-    for axis in (left, right):
-        axis.axhline(printed, color=_GREY, lw=1, ls="--", label="printed")
-    right.legend(fontsize=8, frameon=False)
-    return figure
+        axis.semilogy(k + spread, values, ".", color=_COLOURS[k], ms=4, alpha=0.6)
+    axis.set_xticks(range(len(guesses)), guesses, fontsize=8)
+    axis.set_ylabel(f"scatter of {drawn.names[place]} [{_unit(study, place)}]")
+    axis.set_title("friction as in the file, and guesses around it", fontsize=9)
+
+
+def _draw_tempo(axis: Any, study: PaperStudy) -> None:
+    """Draw the scatter over the tempo of the tasks."""
+    place, tempo = study.place.most_scattered, study.error_analysis.tempo
+    for colour, label, scatter in (
+        (_COLOURS[0], "friction that printed errors allow", tempo.scatter),
+        (_COLOURS[1], "noise alone", tempo.noise),
+    ):
+        axis.loglog(tempo.slowness, scatter[:, place], "o-", color=colour, label=label)
+    axis.set_xticks(tempo.slowness, [f"{value:g}" for value in tempo.slowness])
+    axis.minorticks_off()
+    axis.set_xlabel("tasks take this many times longer")
+    axis.set_title("friction no larger than errors allow", fontsize=9)
 
 
 def motions_figure(study: PaperStudy) -> Any:

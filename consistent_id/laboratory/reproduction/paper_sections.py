@@ -10,6 +10,8 @@ from consistent_id.laboratory.reproduction import section_tables as part
 from consistent_id.laboratory.reproduction.experiment_tables import (
     deviations_table,
     experiments_table,
+    inertia_table,
+    verification_table,
 )
 from consistent_id.laboratory.reproduction.paper_study import PaperStudy
 from consistent_id.problems.published import published_table
@@ -100,7 +102,7 @@ def _inertia(study: PaperStudy) -> PaperSection:
         "inertia",
         "Inertias with their uncertainty",
         ("What the paper's table of inertias lacks: the uncertainty of each entry.",),
-        tuple(part.inertia_table(study, table) for table in study.inertia),
+        tuple(inertia_table(study, table) for table in study.inertia),
     )
 
 
@@ -199,10 +201,10 @@ def _verification(study: PaperStudy) -> PaperSection:
         "Verification",
         ("Performed and predicted motions; nothing was identified from them.",),
         (
-            part.verification_table(
+            verification_table(
                 study, study.verification, "Mean squared errors, a robot with friction"
             ),
-            part.verification_table(
+            verification_table(
                 study,
                 study.verification_without_friction,
                 "Mean squared errors, a robot without",

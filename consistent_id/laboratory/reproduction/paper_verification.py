@@ -12,6 +12,7 @@ from consistent_id.laboratory.reproduction.experiments import Reproduction
 from consistent_id.problems.problem import Problem
 from consistent_id.problems.published import published_table
 from consistent_id.recordings.recording import Recording
+from consistent_id.regression.motion_arrays import predicted_torque
 from consistent_id.regression.regressor import TorqueModel
 
 
@@ -33,14 +34,7 @@ class Predictor:
 
     def predict(self, recording: Recording) -> Array:
         """Return torques, shape (samples, joints), [N m or N]."""
-        motion = recording.of(self.model.robot.joint_names)
-        velocity, acceleration = motion.velocity, motion.acceleration
-        return self.model.predict(
-            self.parameters,
-            motion.position,
-            np.zeros_like(motion.position) if velocity is None else velocity,
-            np.zeros_like(motion.position) if acceleration is None else acceleration,
-        )
+        return predicted_torque(self.model, self.parameters, recording)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

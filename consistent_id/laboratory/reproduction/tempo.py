@@ -13,12 +13,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector
-from consistent_id.errors import ProblemError
 from consistent_id.laboratory import Laboratory
 from consistent_id.laboratory.reproduction.budget import error_budget, unmodelled_torque
 from consistent_id.problems.problem import Problem
 from consistent_id.problems.published import parametrisation_of, published_table
-from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.recording import Recording, states
 
 SLOWNESS = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0)
 
@@ -158,7 +157,4 @@ def printed_spread(problem: Problem, most_scattered: int) -> PrintedSpread:
 
 def _states(problem: Problem) -> tuple[Array, Array, Array]:
     motion = problem.motion(published_table(problem).motion)
-    motion = motion.of(problem.model.robot.joint_names)
-    if motion.velocity is None or motion.acceleration is None:
-        raise ProblemError(f"{motion.name} has no velocity or no acceleration")
-    return motion.position, motion.velocity, motion.acceleration
+    return states(motion.of(problem.model.robot.joint_names))
