@@ -1,12 +1,13 @@
 """A trunk told by a designed motion on its feet, and by one made by hand.
 
-``CONSISTENT_ID_DATASETS=... python benchmarks/standing.py [--robot humanoid]`` takes some
-six minutes of a processor, of the humanoid fifteen.  Both motions take Go2's trunk, or
-G1's torso, twenty seconds over the feet in MuJoCo, as in benchmarks/quadruped.py, with
-contact, friction, noise, and a box on the trunk that no model knows; legs are known.  The
-motion by hand is that benchmark's: three sinusoids of each coordinate, of G1 the arms'
-too.  To each log torque noise of several levels is added, many times.  Samples next to
-touch-down and lift-off are left out, and joints at rest.
+``CONSISTENT_ID_DATASETS=... python benchmarks/standing.py [--robot humanoid]`` takes
+some six minutes of a processor, of the humanoid fifteen.  Both motions take Go2's
+trunk, or G1's torso, twenty seconds over the feet in MuJoCo, as in
+benchmarks/quadruped.py, with contact, friction, noise, and a box on the trunk that no
+model knows; legs are known.  The motion by hand is that benchmark's: three sinusoids of
+each coordinate, of G1 the arms' too.  To each log torque noise of several levels is
+added, many times.  Samples next to touch-down and lift-off are left out, and joints at
+rest.
 """
 
 import argparse

@@ -8,9 +8,9 @@ from consistent_id.estimation.constrained import constrained_least_squares
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.method import Method
 from consistent_id.problems.problem import Problem
+from consistent_id.problems.sensor_drift_preparation import regression_of
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.noise import joint_noise
-from consistent_id.regression.regression import build_regression
 
 
 def refitted(
@@ -32,7 +32,7 @@ def refitted(
         As of the estimate that was judged.
     """
     model, base = problem.model, judged.base
-    regression = build_regression(model, recordings)
+    regression = regression_of(problem.table, model, recordings)
     if judged.method == Method.WEIGHTED_CONSTRAINED:
         regression = regression.weighted(joint_noise(model, regression, base=base))
     estimate = constrained_least_squares(

@@ -38,16 +38,19 @@ from consistent_id.problems.published import (
     check_published,
     published_least_squares,
 )
+from consistent_id.problems.sensor_drift_preparation import (
+    regression_of,
+    segments_of_problem,
+)
 from consistent_id.recordings.finding import Finding
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.data_rank import Excitation, excitation_of
 from consistent_id.regression.noise import joint_noise
-from consistent_id.regression.regression import Regression, build_regression
+from consistent_id.regression.regression import Regression
 from consistent_id.regression.rows.contact_free import base_of_recordings
 from consistent_id.regression.segments import (
     merged,
-    segment_regressions,
     segment_sources,
 )
 
@@ -101,7 +104,8 @@ class Study:
     @cached_property
     def segments(self) -> tuple[Regression, ...]:
         """The training data in consecutive segments, compressed."""
-        return segment_regressions(self.problem.model, self.training)
+        problem = self.problem
+        return segments_of_problem(problem.table, problem.model, self.training)
 
     @cached_property
     def regression(self) -> Regression:
@@ -350,9 +354,9 @@ def identify(
     training = problem.training if training is None else training
     base = base_of_recordings(model, training) if base is None else base
     if regression is None:
-        regression = build_regression(model, training)
+        regression = regression_of(problem.table, model, training)
     if path is None:
-        segments = segment_regressions(model, training)
+        segments = segments_of_problem(problem.table, model, training)
         path = regularisation_path(problem, segments, base=base)
     penalty = _penalty(problem, path)
     weighted = regression.weighted(joint_noise(model, regression, base=base))
