@@ -1,23 +1,30 @@
 """A trunk told by a designed motion on its feet, and by one made by hand.
 
-``python benchmarks/standing.py [--robot humanoid]`` (with the recordings) takes some
-six minutes of a processor, of the humanoid fifteen.  Both motions take Go2's trunk, or
-G1's torso, twenty seconds over the feet in MuJoCo, as in benchmarks/quadruped.py, with
-contact, friction, noise, and a box on the trunk no model knows; legs are known.  The
-motion by hand is that benchmark's: three sinusoids of each coordinate, of G1 the arms'
-too.  To each log torque noise of several levels is added, many times.  Samples next to
-touch-down and lift-off are left out, and joints at rest.
+``CONSISTENT_ID_DATASETS=... python benchmarks/standing.py [--robot humanoid]`` takes
+some six minutes of a processor, of the humanoid fifteen.  Both motions take Go2's
+trunk, or G1's torso, twenty seconds over the feet in MuJoCo, as in
+benchmarks/quadruped.py, with contact, friction, noise, and a box on the trunk that no
+model knows; other bodies and rotors are known.  The motion by hand is that benchmark's:
+three sinusoids of each coordinate.  Controllers of joints add the torque that the model
+without the box asks for.  To each log torque noise of several levels is added, many
+times.  Samples next to touch-down and lift-off are left out, and joints at rest.
 """
 
 import argparse
 from dataclasses import replace
 
 import numpy as np
-from quadruped import DRIVE, REACH, SIGNS, moving_rows, trunk_errors
+from quadruped import DRIVE, REACH, SIGNS, trunk_errors
 from standing_robots import ROBOTS, StandingRobot
-from standing_simulation import CUTOFF, SETTLE, prepared, simulated
+from standing_simulation import CUTOFF, RATE, SETTLE, prepared, simulated
 
 import consistent_id as ci
+from consistent_id.excitation.standing import trunk_errors as predictions
+from consistent_id.excitation.standing.standing_motion import (
+    StandingMotion,
+    standing_motion,
+)
+from consistent_id.excitation.standing.trunk_errors import REST, relative_size
 from consistent_id.robot.inertia import INERTIAL_NAMES
 
 SECONDS = 20.0
@@ -25,12 +32,12 @@ LIMITS = {  # rad/s, N m: of Go2's hips; G1's file has its own
     "quadruped": ci.StandingLimits(velocity=4.0, effort=23.0),
     "humanoid": ci.StandingLimits(),
 }
-RESTS = {"quadruped": None, "humanoid": 0.03}  # rad/s; found in the log where None
+WAYS = "by hand", "designed"
 NOISE = 0.0, 1.0  # N m, over the simulation's own of 0.05
 
 
-class Sway:
-    """A designed path as the simulation takes one: places and rotation vectors."""
+class Played:
+    """A path as the simulation takes one: places and rotation vectors."""
 
     def __init__(self, path: ci.TrunkPath, joints: int) -> None:
         self.path, self.still = path, np.zeros(joints)
@@ -41,6 +48,21 @@ class Sway:
         motion = self.path.motion(np.array([t]), np.zeros(3))
         turn = _vector(motion.base.rotation[0])
         return np.concatenate([motion.place[0], turn, self.still])
+
+
+def by_hand(robot: StandingRobot, seed: int = 0) -> ci.TrunkPath:
+    """Return three sinusoids of each coordinate, near those of a robot's sway."""
+    rng, sway = np.random.default_rng(seed), robot.sway
+    tones = len(sway.frequencies)
+    around = rng.uniform(0.85, 1.15, (tones, 6))
+    phases = rng.uniform(0, 2 * np.pi, (tones, 6))
+    sizes = np.repeat(np.array([sway.places, sway.turns]).T, 3, axis=1)
+    coefficients = np.zeros((2, tones, 6, 6))
+    own = np.arange(6)
+    coefficients[0][:, own, own] = sizes * np.cos(phases)
+    coefficients[1][:, own, own] = sizes * np.sin(phases)
+    frequencies = (np.array(sway.frequencies)[:, None] * around).ravel()
+    return ci.TrunkPath(frequencies, coefficients.reshape(2, -1, 6), SECONDS)
 
 
 def _vector(R: np.ndarray) -> np.ndarray:
@@ -69,12 +91,19 @@ def designed(
     )
 
 
+def trunk_error_sizes(design: ci.StandingDesign, motion: StandingMotion) -> str:
+    """Return predicted errors for noise of 1 N m at the log's rate."""
+    errors = predictions.trunk_errors(
+        design.stance, design.model, motion, RATE, design.link
+    )
+    return ", ".join(f"{error:.2g}" for error in errors)
+
+
 def trunks(
     robot: StandingRobot,
     raw: ci.Recording,
     noise: float,
     draws: int,
-    rests: float | None,
 ) -> np.ndarray:
     """Return errors of the trunk's ten parameters, shape (draws, 10)."""
     model = ci.contact_free_model(ci.TorqueModel(robot.nominal, DRIVE))
@@ -85,10 +114,7 @@ def trunks(
         torque = raw.torque + noise * rng.normal(size=raw.torque.shape)
         whole = prepared(replace(raw, torque=torque))
         log = ci.without_impacts(whole, ci.impact_guard(CUTOFF))
-        if rests is None:
-            moving = moving_rows(model, log, constraints).log
-        else:
-            moving = ci.without_rests(log, rests, reach=REACH)
+        moving = ci.without_rests(log, REST, reach=REACH)
         regression = ci.contact_free_regression(model, moving)
         found = ci.constrained_least_squares(
             model, regression, constraints=constraints, base=base
@@ -101,7 +127,7 @@ def trunks(
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--draws", type=int, default=6, help="of noise, each level")
+    parser.add_argument("--draws", type=int, default=12, help="of noise, each level")
     parser.add_argument("--candidates", type=int, default=320)
     parser.add_argument("--robot", choices=list(ROBOTS), default="quadruped")
     options = parser.parse_args()
@@ -111,16 +137,25 @@ def main() -> None:
     for use in design.checked.uses:
         print(f"  {use.what} of {use.of}: {use.share:.0%} at {use.time:.2f} s")
     sizes = {}
-    for name, plan in (
-        ("by hand", None),
-        ("designed", Sway(design.path, len(robot.nominal))),
-    ):
-        raw = simulated(robot, 0, SECONDS, plan=plan)
+    for name, path in (("by hand", by_hand(robot)), ("designed", design.path)):
+        time = np.arange(int(SECONDS * RATE) + 1) / RATE
+        motion = standing_motion(design.stance, design.limits, path, time)
+        predicted = trunk_error_sizes(design, motion)
+        print(f"{name}, predicted: {predicted}; largest use {motion.largest:.0%}")
+        raw = simulated(
+            robot,
+            0,
+            SECONDS,
+            plan=Played(path, len(robot.nominal)),
+            feedforward=motion.ground.torque,
+        )
         for noise in NOISE:
             print(f"{name}:")
-            rests = RESTS[options.robot]
-            errors = trunks(robot, raw, noise, options.draws, rests)
+            errors = trunks(robot, raw, noise, options.draws)
             sizes[name, noise] = np.sqrt(np.mean(np.square(errors), axis=0))
+    for noise in NOISE:
+        relative = [relative_size(sizes[n, noise], robot.true_trunk) for n in WAYS]
+        print(f"{noise:g} N m added: relative size of errors {relative}")
     for noise in NOISE:
         ratios = sizes["by hand", noise] / sizes["designed", noise]
         said = ", ".join(

@@ -34,8 +34,13 @@ def simulated(
     *,
     dry_friction: bool = True,
     plan: Plan | None = None,
+    feedforward: np.ndarray | None = None,
 ) -> ci.Recording:
-    """Log a robot while its trunk sways over its feet, as a plan or by chance."""
+    """Log a robot while its trunk sways over its feet, as a plan or by chance.
+
+    Controllers add `feedforward`, shape (samples at `RATE`, joints of the nominal
+    robot), to what they make of errors; it begins after `SETTLE` seconds.
+    """
     import mujoco
 
     model = _model(robot, dry_friction=dry_friction)
@@ -48,18 +53,32 @@ def simulated(
     data.qpos[7:] = joints[0]
     slopes = np.gradient(joints, 1.0 / RATE, axis=0)
     rows, (kp, kd) = [], robot.gains
+    added = _added(robot, model, feedforward, len(joints))
     for step in range(int((seconds + SETTLE) * RATE)):
         for part in range(PARTS):
             t = part / PARTS  # steps that the log's clock does not see have no jumps
             wanted = (1 - t) * joints[step] + t * joints[step + 1]
             slope = (1 - t) * slopes[step] + t * slopes[step + 1]
             error = wanted - data.qpos[7:]
-            data.ctrl[:] = kp * error + kd * (slope - data.qvel[6:])
+            data.ctrl[:] = kp * error + kd * (slope - data.qvel[6:]) + added[step]
             if part == 0 and step >= SETTLE * RATE:
                 mujoco.mj_forward(model, data)  # all of it at one time
                 rows.append(_sample(robot, model, data))
             mujoco.mj_step(model, data)
     return _recording(robot, model, np.array(rows), rng)
+
+
+def _added(
+    robot: StandingRobot, model: Any, torque: np.ndarray | None, steps: int
+) -> np.ndarray:
+    """Return what controllers add at each step, in MuJoCo's order of joints."""
+    added = np.zeros((steps, model.nu))
+    if torque is not None:
+        names = robot.nominal.joint_names
+        places = [model.joint(name).dofadr[0] - 6 for name in names]
+        at = np.clip(np.arange(steps) - SETTLE * RATE, 0, len(torque) - 1)
+        added[:, places] = torque[at]
+    return added
 
 
 def prepared(log: ci.Recording) -> ci.Recording:

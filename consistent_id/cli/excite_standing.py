@@ -35,6 +35,7 @@ STANDING = Group(
             "--stance JOINT=POSITION ...",
             "the pose (default: keyframe home, or bent knees)",
         ),
+        Option("--link NAME", "the body that is not known (default: the base)"),
         Option("--sole LENGTH,WIDTH", "of feet that are flat, m", _sides),
         Option("--friction NUMBER", "of feet on the ground", positive, default=0.6),
         Option("--effort NUMBER", "limit of all joints, N m", positive),
@@ -90,6 +91,7 @@ def _design(options: argparse.Namespace) -> "StandingDesign":
         StandingLimits(
             friction=options.friction, velocity=options.velocity, effort=options.effort
         ),
+        link=options.link,
         duration=options.duration or 20.0,
         candidates=options.candidates,
         seed=options.seed,
@@ -113,6 +115,6 @@ def _refuse_others(options: argparse.Namespace) -> None:
     if given:
         raise ProblemError(
             f"--{given[0].replace('_', '-')} is of arms; a motion on feet takes "
-            "--duration, --velocity, --effort, --friction, --stance, --sole, "
+            "--duration, --velocity, --effort, --friction, --stance, --sole, --link, "
             "--candidates and --seed"
         )

@@ -46,7 +46,9 @@ def what_moves(problem: Problem, parameters: ArrayLike | None = None) -> Moved:
     table = problem.table.wrist_sensor
     if table is None or problem.arm is None:
         return Moved(problem.model, None, parameters, ())
-    sensor = SensorRows(problem.model, problem.arm, table.frame)
+    # a bias that drifts is unknown in each recording, that of this motion included
+    told = replace(problem.model, wrench_bias=table.bias)
+    sensor = SensorRows(told, problem.arm, table.frame)
     tool = _tool(problem, parameters)
     if tool is None:
         name = problem.model.robot.link_names[0]

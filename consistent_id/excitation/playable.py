@@ -19,10 +19,11 @@ from consistent_id.excitation.verification import Demands, Proof
 from consistent_id.motion.move import Move
 from consistent_id.motion.move_along import move_along
 from consistent_id.problems.problem import Problem
+from consistent_id.problems.sensor_drift_preparation import drift_of, regression_of
 from consistent_id.recordings.trajectory import FourierTrajectory
 from consistent_id.regression.base import base_parameters
 from consistent_id.regression.noise import joint_noise
-from consistent_id.regression.regression import Regression, build_regression
+from consistent_id.regression.regression import Regression
 from consistent_id.regression.same_model import require_same_model
 
 TRAINING, VALIDATION = "trajectory", "validation"
@@ -90,6 +91,11 @@ def playable_design(
     """
     request, moved = design_request(problem), what_moves(problem, parameters)
     known = [*earlier, *([_training(problem)] if sequential else [])]
+    if known and drift_of(problem.table) != "none":
+        raise ProblemError(
+            "[wrist_sensor] drift: what recordings without their biases tell is not "
+            "counted yet; leave out --sequential and --earlier"
+        )
     aim = _with_recordings(problem, request.aim, known) if known else request.aim
     design = design_trajectory(
         moved.torque,
@@ -177,7 +183,7 @@ def _training(problem: Problem) -> Regression:
             f"problem {problem.name!r} has no recordings to go on from; leave out "
             "sequential, or add a [data] table"
         )
-    return build_regression(problem.model, problem.training)
+    return regression_of(problem.table, problem.model, problem.training)
 
 
 def _with_recordings(problem: Problem, aim: Aim, known: Sequence[Regression]) -> Aim:

@@ -65,6 +65,7 @@ class WristSensorTable(Table, frozen=True, kw_only=True):
     frame: str
     tool: str = "tool"
     bias: bool = True
+    drift: Literal["none", "recordings", "linear"] = "none"
 
 
 def beside_columns(

@@ -112,7 +112,7 @@ def behind_sensor(table: ProblemTable, model: TorqueModel) -> TorqueModel:
     Raises
     ------
     ProblemError
-        If the sensor has no columns.
+        If the sensor has no columns, or has no bias and one that drifts.
     """
     sensor = table.wrist_sensor
     if sensor is None:
@@ -123,7 +123,13 @@ def behind_sensor(table: ProblemTable, model: TorqueModel) -> TorqueModel:
             f"[wrist_sensor] is at {sensor.frame!r}, but no [[data.wrenches]] names "
             f'its columns; add one with frame = "{sensor.frame}"'
         )
-    tool = tool_model(sensor.tool, bias=sensor.bias, gravity=model.robot.gravity)
+    if sensor.drift != "none" and not sensor.bias:
+        raise ProblemError(
+            f"[wrist_sensor] bias = false says that the sensor has none, drift = "
+            f'"{sensor.drift}" that each recording has its own; leave one of them out'
+        )
+    one = sensor.bias and sensor.drift == "none"  # else each recording has its own
+    tool = tool_model(sensor.tool, bias=one, gravity=model.robot.gravity)
     return replace(tool, robot=described(tool.robot, table))
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 
 from consistent_id._support.run import require_trusted
@@ -31,7 +31,7 @@ from consistent_id.problems.model import assumed, behind_sensor, torque_model
 from consistent_id.problems.motions import sampled_motion
 from consistent_id.problems.paths import expanded, names_outside, require_there
 from consistent_id.problems.preparation import Log, check_data, joined
-from consistent_id.problems.robot_preparation import EstimatedRests, with_robot
+from consistent_id.problems.robot_preparation import FromTraining, with_robot
 from consistent_id.recordings.readers import read_recording, read_track
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import DriveCalibration, PDGains, Track
@@ -255,15 +255,14 @@ class Problem:
         return data
 
     def _recordings(self, role: str) -> tuple[Recording, ...]:
-        return self._rests.left_out(self._parts(role))
+        return self._estimated.left_out(self._parts(role))
 
     def _parts(self, role: str) -> list[Recording]:
         return [p for log, span in self._logged(role) for p in log.prepared(*span)]
 
     @cached_property
-    def _rests(self) -> EstimatedRests:
-        table, training = self._data().preparation, partial(self._parts, "training")
-        return EstimatedRests.of(table, self.model, training, self.constraints)
+    def _estimated(self) -> FromTraining:
+        return FromTraining.of(self.table, self.model, self._parts, self.constraints)
 
     def _logged(self, role: str) -> Iterator[tuple[Log, tuple[float, float]]]:
         """Yield logs, and the times between which they count."""

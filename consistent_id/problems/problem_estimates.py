@@ -15,12 +15,15 @@ from consistent_id.estimation.least_squares import least_squares
 from consistent_id.estimation.method import Method
 from consistent_id.estimation.robust import huber
 from consistent_id.problems.problem import Problem
+from consistent_id.problems.sensor_drift_preparation import (
+    regression_of,
+    segments_of_problem,
+)
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.noise import joint_noise
-from consistent_id.regression.regression import Regression, build_regression
+from consistent_id.regression.regression import Regression
 from consistent_id.regression.rows.contact_free import base_of_recordings
-from consistent_id.regression.segments import segment_regressions
 
 
 def identify(
@@ -56,9 +59,9 @@ def identify(
     training = problem.training if training is None else training
     base = base_of_recordings(model, training) if base is None else base
     if regression is None:
-        regression = build_regression(model, training)
+        regression = regression_of(problem.table, model, training)
     if path is None:
-        segments = segment_regressions(model, training)
+        segments = segments_of_problem(problem.table, model, training)
         path = regularisation_path(problem, segments, base=base)
     penalty = penalty_of(problem, path)
     weighted = regression.weighted(joint_noise(model, regression, base=base))
@@ -120,7 +123,7 @@ def refitted(
         As of the estimate that was judged.
     """
     model, base = problem.model, judged.base
-    regression = build_regression(model, recordings)
+    regression = regression_of(problem.table, model, recordings)
     if judged.method == Method.WEIGHTED_CONSTRAINED:
         regression = regression.weighted(joint_noise(model, regression, base=base))
     estimate = constrained_least_squares(

@@ -2,13 +2,14 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import reduce
+from functools import partial, reduce
 
 from consistent_id._support.arrays import Vector
 from consistent_id.constraints import Constraint
 from consistent_id.estimation.rest_speed import rest_speed
 from consistent_id.problems.file import PreparationTable, ProblemTable
 from consistent_id.problems.preparation import rest_reach
+from consistent_id.problems.sensor_drift_preparation import SensorDrift
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import without_rests
 from consistent_id.regression.elastic_joints import as_rigid
@@ -73,3 +74,28 @@ class EstimatedRests:
         if self.speed == 0.0:
             return tuple(parts)
         return tuple(without_rests(p, self.speed, reach=self.reach) for p in parts)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FromTraining:
+    """What preparation takes from the training data: rests, and a sensor's drift."""
+
+    rests: EstimatedRests
+    drift: SensorDrift
+
+    @staticmethod
+    def of(
+        table: ProblemTable,
+        model: TorqueModel,
+        parts: Callable[[str], Sequence[Recording]],
+        constraints: Sequence[Constraint],
+    ) -> "FromTraining":
+        """Find what the file asks for; `parts` are recordings of a role."""
+        training = partial(parts, "training")
+        how = PreparationTable() if table.data is None else table.data.preparation
+        rests = EstimatedRests.of(how, model, training, constraints)
+        return FromTraining(rests, SensorDrift.of(table, model, training))
+
+    def left_out(self, parts: Sequence[Recording]) -> tuple[Recording, ...]:
+        """Return recordings without rests and drift."""
+        return self.drift.left_out(self.rests.left_out(parts))

@@ -27,6 +27,7 @@ from consistent_id.problems.problem_estimates import (
 )
 from consistent_id.problems.published import PublishedReport, check_published
 from consistent_id.problems.published_fit import published_least_squares
+from consistent_id.problems.sensor_drift_preparation import segments_of_problem
 from consistent_id.recordings.finding import Finding
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import BaseParameters
@@ -35,7 +36,6 @@ from consistent_id.regression.regression import Regression
 from consistent_id.regression.rows.contact_free import base_of_recordings
 from consistent_id.regression.segments import (
     merged,
-    segment_regressions,
     segment_sources,
 )
 
@@ -89,7 +89,8 @@ class Study:
     @cached_property
     def segments(self) -> tuple[Regression, ...]:
         """The training data in consecutive segments, compressed."""
-        return segment_regressions(self.problem.model, self.training)
+        problem = self.problem
+        return segments_of_problem(problem.table, problem.model, self.training)
 
     @cached_property
     def regression(self) -> Regression:

@@ -5,10 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from quadrupeds import CORNERS, FEET, FOOT, quadruped_text
+from some_fast import some_fast
 from walking import walk, write_csv
 
 import consistent_id as ci
 from consistent_id.problems.study import Study, run_study
+from consistent_id.regression.rows.sensor_drift import driftless_regression
 
 BOX = ci.InertialParameters.from_central(2.0, [0.05, 0.02, 0.1], 0.02 * np.eye(3))
 HEAD = """
@@ -277,3 +279,51 @@ def test_below_which_speed_joints_rest_is_estimated_from_training(folder):
         (one,), (other,) = getattr(plain, role), getattr(found, role)
         expected = ci.without_rests(one, speed, reach=reach).torque_known
         assert np.array_equal(other.torque_known, expected)
+
+
+def _drifting(wrist, folder, rate=0.0):
+    """The problem of the wrist whose two logs have biases of their own [N, N m]."""
+    for name, sign in (("training", 1.0), ("validation", -1.0)):
+        lines = (wrist.folder / f"{name}.csv").read_text().splitlines()
+        header, rows = lines[0].split(","), np.loadtxt(lines[1:], delimiter=",")
+        since = rows[:, :1] - rows[0, 0]
+        own = sign * np.array([4.0, 3.0, -2.0, 0.2, 0.1, -0.3])
+        places = [header.index(n) for n in ("fx", "fy", "fz", "nx", "ny", "nz")]
+        rows[:, places] += own * (1.0 + rate * since)
+        write_csv(
+            folder / f"{name}.csv",
+            {n: rows[:, k] for k, n in enumerate(header)},
+        )
+
+
+@pytest.mark.parametrize(
+    ("drift", "rate"), some_fast([("recordings", 0.0), ("linear", 0.3)])
+)
+def test_a_sensor_whose_bias_drifts_tells_the_tool_all_the_same(
+    wrist, tmp_path, drift, rate
+):
+    _drifting(wrist, tmp_path, rate)
+    text = WRIST.replace('tool = "gripper"', f'tool = "gripper"\ndrift = "{drift}"')
+    (tmp_path / "problem.toml").write_text(text)
+    study = Study(ci.load_problem(tmp_path))
+    tool = ci.InertialParameters(study.constrained.links[0])
+    assert study.verdict.usable
+    assert tool.mass == pytest.approx(GRIPPER.mass, rel=5e-3)
+    assert np.linalg.norm(tool.com - GRIPPER.com) < 1e-3
+    # What is held out is predicted up to noise, its own bias being taken out of it.
+    assert study.recommended.held_out_error < 0.05
+    # Segments are those of the whole, and biases cost what they tell.
+    again = driftless_regression(study.problem.model, study.training, drift)
+    assert study.regression.counts == again.counts
+    for one, other in zip(study.regression.factors, again.factors, strict=True):
+        assert np.allclose(one.T @ one, other.T @ other, rtol=1e-9, atol=1e-9)
+    plain = ci.build_regression(study.problem.model, study.training)
+    errors = [ci.least_squares(study.problem.model, r) for r in (plain, again)]
+    assert errors[1].standard_errors[0] > 1.05 * errors[0].standard_errors[0]
+
+
+def test_a_bias_that_drifts_and_is_not_there_is_refused(wrist, tmp_path):
+    keys = 'tool = "gripper"\nbias = false\ndrift = "linear"'
+    (tmp_path / "problem.toml").write_text(WRIST.replace('tool = "gripper"', keys))
+    with pytest.raises(ci.ProblemError, match="leave one of them out"):
+        ci.load_problem(tmp_path)

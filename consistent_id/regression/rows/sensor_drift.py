@@ -25,6 +25,7 @@ from consistent_id.regression.joint_fit import JointFit, joint_fit
 from consistent_id.regression.motion_arrays import motion_of
 from consistent_id.regression.regression import Regression, triangle
 from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.segments import SEGMENTS, cuts
 
 Drift = Literal["none", "recordings", "linear"]
 """Of a bias: one for all recordings, one for each, or one for each that changes at a
@@ -69,26 +70,68 @@ def driftless_regression(
     NotExcitedError
         If a recording is no longer than what is taken out of it.
     """
+    _require_no_bias(model, drift)
+    parts = [_rows_without_drift(model, log, drift) for log in recordings]
+    return _compressed(model, parts)
+
+
+def driftless_segments(
+    model: TorqueModel,
+    recordings: Sequence[Recording],
+    drift: Drift,
+    *,
+    count: int = SEGMENTS,
+) -> tuple[Regression, ...]:
+    """Cut the rows of `driftless_regression` into segments; compress each.
+
+    Their sum is the regression of the whole: see `segment_regressions`.
+    """
+    _require_no_bias(model, drift)
+    parts = [_rows_without_drift(model, log, drift) for log in recordings]
+    length = max(sum(part.rows.shape[1] for part in parts) / count, 2.0)
+    pieces = [
+        _Rows(part.rows[:, start:stop], 0 if start else part.lost)
+        for part in parts
+        for start, stop in cuts(part.rows.shape[1], length)
+    ]
+    found = [_compressed(model, [piece], noise=False) for piece in pieces]
+    noise = _compressed(model, parts).noise
+    if noise is None:
+        return tuple(found)
+    total = sum(sum(one.counts) for one in found)
+    return tuple(
+        replace(one, noise=noise.share(sum(one.counts) / total)) for one in found
+    )
+
+
+def _require_no_bias(model: TorqueModel, drift: Drift) -> None:
     if model.wrench_bias:
         raise ProblemError(
             f"drift is {drift!r}, so that each recording has a bias of its own, but "
             "the model has one for all; give tool_model(bias=False)"
         )
-    parts = [_rows_without_drift(model, log, drift) for log in recordings]
+
+
+def _compressed(
+    model: TorqueModel, parts: "Sequence[_Rows]", *, noise: bool = True
+) -> Regression:
+    """Compress rows, shape (6, samples, parameters + 1) each."""
     of_rows = zip(*(part.rows for part in parts), strict=True)
     factors = tuple(triangle(np.asfortranarray(np.vstack(rows))) for rows in of_rows)
-    count = sum(part.rows.shape[1] - part.lost for part in parts)
+    count = sum(max(part.rows.shape[1] - part.lost, 1) for part in parts)
     counts = (count,) * len(factors)
-    fit = joint_fit(factors, counts)
-    return Regression(
+    found = Regression(
         layout=model.layout,
         joints=model.torque_joints,
         factors=factors,
         counts=counts,
         fingerprint=model.fingerprint,
         peaks=np.max([abs(part.rows[:, :, -1]).max(axis=1) for part in parts], axis=0),
-        noise=joined_noise([_noise(part.rows, fit) for part in parts]),
     )
+    if not noise:
+        return found
+    fit = joint_fit(factors, counts)
+    return replace(found, noise=joined_noise([_noise(p.rows, fit) for p in parts]))
 
 
 def bias_along(
