@@ -28,7 +28,9 @@ _LINE = 64  # bytes of a line of the cache, at which blocks begin
 _ALIKE = 1e-12  # relative difference to LAPACK's numbers that compiled code may have
 _OPTIONS = ("-O3", "-ffp-contract=fast")  # unrolled, and sums fused with products
 
-_SOURCE = """\
+_SOURCE = (
+    f"enum {{ ROWS = {_ROWS} }};"
+    + """
 #if defined __AVX512F__
 enum { WIDTH = 8 };
 #elif defined __AVX__
@@ -36,7 +38,7 @@ enum { WIDTH = 4 };
 #else
 enum { WIDTH = 2 };
 #endif
-enum { ROWS = %d, HEIGHT = ROWS / WIDTH, SIDE = 4 };
+enum { HEIGHT = ROWS / WIDTH, SIDE = 4 };
 typedef double lane __attribute__((vector_size(8 * WIDTH), aligned(8)));
 #define AT(column, i) (*(lane *)((column) + (i) * WIDTH))
 
@@ -135,7 +137,8 @@ void extend(double *R, const double *rows, double *block, long width, long heigh
     eliminate(R, block, width);
   }
 }
-""" % _ROWS
+"""
+)
 
 _log = logging.getLogger(__name__)
 _lock = Lock()
