@@ -93,8 +93,8 @@ def measured(samples: int, runs: int, chunk: int) -> str:
         lines.append(f"| {name} | {a:.2f} | {b:.2f} | {a / b:.2f} |")
     for step, cost in paid.items():
         lines.append(
-            f"\nTo {step} a robot's recursion: {1e3 * cost:.0f} ms, as much as it saves "
-            f"in {1e6 * cost / saved:,.0f} samples."
+            f"\nTo {step} a robot's recursion: {1e3 * cost:.0f} ms, as much as it "
+            f"saves in {1e6 * cost / saved:,.0f} samples."
         )
     return "\n".join(lines)
 

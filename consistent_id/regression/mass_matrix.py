@@ -1,22 +1,22 @@
-"""The joint-space mass matrix over many poses, by composite bodies [Featherstone2008]_.
+"""The joint-space mass matrix over many poses, and its least eigenvalue."""
 
-All in the base frame.  A unit rate of joint ``j`` moves the links behind it, taken as
-one body of mass ``m``, first moment ``h`` and second moment ``Sigma``, with the twist
-``(e, v)``.  That body's momentum is ``f = m v + e x h`` and
-``n = tr(Sigma) e - Sigma e + h x v``, and for ``i`` on the way from the base to ``j``
-``M_ij = e_i.n_j + v_i.f_j``.
-"""
-
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from consistent_id._support.arrays import Array, BoolArray, IntArray, Matrix, Vector
+from consistent_id.regression.compiled.masses import mass_entries
+from consistent_id.regression.compiled.sines import sine_and_cosine
+from consistent_id.regression.composite_bodies import (
+    entries_by_numpy,
+    moments_of,
+    tree_of,
+)
 from consistent_id.regression.drive_entries import drive_entries
 from consistent_id.regression.regressor import CHUNK, TorqueModel
 from consistent_id.robot.inertia import pseudo_inertia
 from consistent_id.robot.kinematics import ancestors
-from consistent_id.robot.model import Joint, RobotModel
+from consistent_id.robot.model import RobotModel
 
 POSES = 10_000
 """Random poses at which mass matrices are examined."""
@@ -53,14 +53,47 @@ def _blocks(
     """Return blocks of mass matrices, each shape (joints, joints, poses)."""
     links = parameters[: model.layout.inertial_size].reshape(-1, 10)
     drives = _of_drives(model, parameters)
-    blocks = [np.empty((len(group), len(group), len(q))) for group in groups]
+    blocks = [
+        np.repeat(drives[np.ix_(group, group)][:, :, None], len(q), axis=2)
+        for group in groups
+    ]
+    places = {
+        a: (block, i)
+        for block, group in zip(blocks, groups, strict=True)
+        for i, a in enumerate(group.tolist())
+    }
+    for part, a, b, values in _of_links(model.robot, links, q):
+        (block, i), (_, j) = places[a], places[b]
+        block[i, j, part] += values
+        if i != j:
+            block[j, i, part] += values
+    return blocks
+
+
+def _of_links(
+    robot: RobotModel, links: Array, q: Array
+) -> Iterator[tuple[slice, int, int, Vector]]:
+    """Yield ``(poses, a, b, values)`` of coordinates that share links.
+
+    Values of the same coordinates add up; of ``(a, b)`` and ``(b, a)`` one comes.
+    """
+    moves = robot.transmissions
+    moving = [k for k, moved in enumerate(moves) if moved.ratio]
+    tree, moments = tree_of(robot, moving), moments_of(links[moving])
+    entries_of = mass_entries(len(q), entries_by_numpy)
     for start in range(0, len(q), CHUNK):
         part = slice(start, start + CHUNK)
-        M = _of_links(model.robot, links, q[part])
-        for block, group in zip(blocks, groups, strict=True):
-            own = np.ix_(group, group)
-            np.add(M[own], drives[own][:, :, None], out=block[:, :, part])
-    return blocks
+        x = robot.joint_positions(q[part]).T[moving]
+        positions = np.empty((len(moving), 3, x.shape[1]))
+        positions[:, 0] = x
+        for row in positions:
+            sine_and_cosine(row[0], row[1:])
+        entries = entries_of(tree, moments, positions)
+        for (i, j), values in zip(tree.pairs, entries, strict=True):
+            first, second = moves[moving[i]], moves[moving[j]]
+            a, b = first.coordinate, second.coordinate
+            both = first.ratio * second.ratio * (2.0 if a == b and i != j else 1.0)
+            yield part, a, b, values if both == 1.0 else both * values
 
 
 def least_mass_eigenvalue(model: TorqueModel, parameters: Vector, q: Array) -> float:
@@ -122,91 +155,3 @@ def _of_drives(model: TorqueModel, parameters: Vector) -> Matrix:
     for j, column, values in drive_entries(model, rest, rest, unit, loads):
         torque[j] += parameters[column] * values
     return np.asarray(torque[:, :n] - torque[:, n:])
-
-
-def _of_links(robot: RobotModel, links: Array, q: Array) -> Array:
-    """Return the links' part, shape (joints, joints, poses)."""
-    every = _of_all_joints(
-        robot, links, np.ascontiguousarray(robot.joint_positions(q).T)
-    )
-    if len(robot) == len(robot.joints):
-        return every
-    G = robot.joint_rates
-    return np.asarray(np.einsum("ia,ijn,jb->abn", G, every, G, optimize=True))
-
-
-def _of_all_joints(robot: RobotModel, links: Array, q: Array) -> Array:
-    """Return the links' part as if every joint moved by itself."""
-    n = len(robot.joints)
-    M = np.zeros((n, n, q.shape[1]))
-    masses = links[:, 0].tolist()
-    poses: list[Array] = []
-    twists: list[Array] = []
-    moments: list[Array] = []
-    for joint, x, position in zip(robot.joints, links, q, strict=True):
-        pose = _relative_pose(joint, position)
-        if joint.parent >= 0:
-            R, p = poses[joint.parent][:, :3], poses[joint.parent][:, 3]
-            pose = np.einsum("abn,bcn->acn", R, pose)
-            pose[:, 3] += p
-        poses.append(pose)
-        moments.append(_moments(x, pose))
-        twists.append(_twist(joint, pose))
-    for j in reversed(range(n)):
-        momentum = _momentum(masses[j], moments[j], twists[j])
-        path = list(ancestors(robot, j))
-        M[path, j] = M[j, path] = np.einsum(
-            "ian,an->in", [twists[i] for i in path], momentum
-        )
-        parent = robot.joints[j].parent
-        if parent >= 0:
-            masses[parent] += masses[j]
-            moments[parent] += moments[j]
-    return M
-
-
-def _relative_pose(joint: Joint, q: Array) -> Array:
-    """Return rotation and translation ``[R p]`` to the parent, shape (3, 4, poses)."""
-    pose = np.empty((3, 4, len(q)))
-    if joint.kind == "prismatic":
-        pose[:, :3] = joint.rotation[:, :, None]
-        pose[:, 3] = joint.translation[:, None] + np.outer(
-            joint.rotation @ joint.axis, q
-        )
-        return pose
-    K = np.cross(np.eye(3), joint.axis)  # ``K u = axis x u``, of Rodrigues' formula
-    parts = [joint.rotation @ part for part in (np.eye(3) + K @ K, K, -K @ K)]
-    waves = [np.ones(len(q)), np.sin(q), np.cos(q)]
-    pose[:, :3] = np.stack(parts, axis=2) @ np.array(waves)
-    pose[:, 3] = joint.translation[:, None]
-    return pose
-
-
-def _moments(x: Vector, pose: Array) -> Array:
-    """Return a link's second and first moments ``[Sigma h]``, shape (3, 4, poses)."""
-    half = pseudo_inertia(x) @ pose
-    second = np.einsum("acn,dcn->adn", half, pose)
-    return np.concatenate([second, half[:, 3:]], axis=1)
-
-
-def _twist(joint: Joint, pose: Array) -> Array:
-    """Return ``(e, v)`` of a unit rate, shape (6, poses)."""
-    axis = np.einsum("abn,b->an", pose[:, :3], joint.axis)
-    if joint.kind == "prismatic":
-        return np.concatenate([np.zeros_like(axis), axis])
-    return np.concatenate([axis, _cross(pose[:, 3], axis)])
-
-
-def _momentum(m: float, moments: Array, twist: Array) -> Array:
-    """Return ``(n, f)``, shape (6, poses)."""
-    S, h, e, v = moments[:, :3], moments[:, 3], twist[:3], twist[3:]
-    n = np.einsum("aan->n", S) * e - np.einsum("abn,bn->an", S, e)
-    n += _cross(h, v)
-    return np.concatenate([n, m * v + _cross(e, h)])
-
-
-def _cross(a: Array, b: Array) -> Array:
-    """Return the cross product of vectors, shape (3, poses)."""
-    x, y, z = a
-    u, v, w = b
-    return np.stack([y * w - z * v, z * u - x * w, x * v - y * u])

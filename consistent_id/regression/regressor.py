@@ -312,9 +312,12 @@ class TorqueModel:
         waves: Array,
     ) -> None:
         rooms = iter(waves)
-        motion = link_motions(
-            self.robot, state, lambda x: sine_and_cosine(x, next(rooms)), base
-        )
+
+        def both(x: Array) -> tuple[Array, Array]:
+            sine, cosine = sine_and_cosine(x, next(rooms))
+            return sine, cosine
+
+        motion = link_motions(self.robot, [*state], both, base)
         gravity = floats(self.robot.gravity)
         row = rows_of(self)
         q, dq, ddq = state

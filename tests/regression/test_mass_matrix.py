@@ -8,6 +8,8 @@ import pytest
 from robots import random_robot
 
 from consistent_id import DHRow, DriveTerms, GearCoupling, TorqueModel, from_modified_dh
+from consistent_id.regression.compiled import compiler, masses
+from consistent_id.regression.composite_bodies import entries_by_numpy
 from consistent_id.regression.mass_matrix import (
     _limbs,
     least_mass_eigenvalue,
@@ -112,6 +114,47 @@ def test_limbs_have_eigenvalues_of_their_own_unless_rotors_couple_them(coupled):
     )
     expected = np.linalg.eigvalsh(mass_matrices(model, x, q)).min()
     assert least_mass_eigenvalue(model, x, q) == pytest.approx(expected, abs=1e-12)
+
+
+@pytest.mark.skipif(compiler._compiler() is None, reason="there is no C compiler here")
+@pytest.mark.parametrize("seed", range(4))
+def test_compiled_mass_matrices_are_those_of_pinocchio(seed, tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setenv(compiler.SWITCH, "1")
+    masses._found.cache_clear()
+    rng = np.random.default_rng(seed)
+    reference, robot = random_robot(rng, 7)
+    model = TorqueModel(robot)
+    q = random_poses(model, masses.LEAST + 2000 * seed + 3, seed)
+    found, data = mass_matrices(model, robot.nominal, q), reference.createData()
+    assert masses.mass_entries(len(q), entries_by_numpy) is not entries_by_numpy
+    masses._found.cache_clear()
+    for n in (0, 7, 8, 2047, len(q) - 1):
+        upper = np.triu(pin.crba(reference, data, q[n]))
+        expected = upper + np.triu(upper, 1).T
+        np.testing.assert_allclose(found[n], expected, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("tree", [False, True])
+def test_mass_matrices_are_the_same_with_and_without_compiled_code(tree, monkeypatch):
+    rng = np.random.default_rng(3)
+    _, robot = random_robot(rng, 8, tree=tree)
+    model = TorqueModel(robot)
+    x, q = rng.normal(size=len(model.layout)), random_poses(model, 5000, seed=0)
+    found = mass_matrices(model, x, q)
+    monkeypatch.setenv(compiler.SWITCH, "0")
+    truth = mass_matrices(model, x, q)
+    np.testing.assert_allclose(found, truth, rtol=0, atol=1e-12 * abs(truth).max())
+
+
+def test_a_compiled_mass_matrix_that_is_wrong_is_not_used(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    wrong = masses._SOURCE.replace("behind->m += x->m", "behind->m -= x->m")
+    assert wrong != masses._SOURCE
+    monkeypatch.setattr(masses, "_SOURCE", wrong)
+    masses._found.cache_clear()
+    assert masses.mass_entries(masses.LEAST, entries_by_numpy) is entries_by_numpy
+    masses._found.cache_clear()
 
 
 def test_a_single_pose_has_a_least_eigenvalue():

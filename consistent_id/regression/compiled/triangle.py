@@ -29,7 +29,8 @@ _ALIKE = 1e-12  # relative difference to LAPACK's numbers that compiled code may
 _OPTIONS = ("-O3", "-ffp-contract=fast")  # unrolled, and sums fused with products
 
 _SOURCE = (
-    """\
+    f"enum {{ ROWS = {_ROWS} }};"
+    + """
 #if defined __AVX512F__
 enum { WIDTH = 8 };
 #elif defined __AVX__
@@ -37,7 +38,7 @@ enum { WIDTH = 4 };
 #else
 enum { WIDTH = 2 };
 #endif
-enum { ROWS = %d, HEIGHT = ROWS / WIDTH, SIDE = 4 };
+enum { HEIGHT = ROWS / WIDTH, SIDE = 4 };
 typedef double lane __attribute__((vector_size(8 * WIDTH), aligned(8)));
 #define AT(column, i) (*(lane *)((column) + (i) * WIDTH))
 
@@ -137,7 +138,6 @@ void extend(double *R, const double *rows, double *block, long width, long heigh
   }
 }
 """
-    % _ROWS
 )
 
 _log = logging.getLogger(__name__)
