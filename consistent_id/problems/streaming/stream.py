@@ -9,6 +9,7 @@ import msgspec
 import numpy as np
 
 from consistent_id._support.executors import Executor, tree_reduced
+from consistent_id._support.progress import counted, stages
 from consistent_id.errors import NotExcitedError, ProblemError, RecordingError
 from consistent_id.problems.data_columns import columns_of
 from consistent_id.problems.file import DataTable, PreparationTable, RecordingTable
@@ -44,6 +45,7 @@ def stream_regression(
     *,
     role: str = "training",
     executor: str | Executor = "serial",
+    progress: bool = False,
 ) -> Regression:
     """Compress the recordings of a problem file window by window.
 
@@ -67,6 +69,8 @@ def stream_regression(
         ``"serial"``, ``"processes"`` or ``"processes:4"``, ``"dask"`` or
         ``"dask:tcp://host:port"``; the result is the same to the last bit on one kind
         of processor.
+    progress : bool
+        Say on the standard error how far it is.
 
     Returns
     -------
@@ -89,17 +93,21 @@ def stream_regression(
     save_regression, build_regression
     """
     executor = Executor.named(executor)
-    parts = list(_parts(problem, role, executor))
+    with stages(1, progress) as begin:
+        begin(f"looking through the {role} logs of {problem.name}")
+        parts = list(_parts(problem, role, executor))
     tasks = [(problem.model, task) for part in parts for task in part.tasks]
     seen: list[Compressed] = []  # without regressions
+    with counted(len(tasks), "parts of the logs", progress) as count:
 
-    def regressions() -> Iterator[Regression]:
-        for found in executor.map(compressed, tasks):
-            seen.append(replace(found, regression=None))
-            if found.regression is not None:
-                yield found.regression
+        def regressions() -> Iterator[Regression]:
+            for found in executor.map(compressed, tasks):
+                seen.append(replace(found, regression=None))
+                count(len(seen))
+                if found.regression is not None:
+                    yield found.regression
 
-    whole = tree_reduced(regressions(), Regression.__add__)
+        whole = tree_reduced(regressions(), Regression.__add__)
     if whole is None:
         raise NotExcitedError(f"problem {problem.name!r}: no sample counts")
     middles, samples, left = list[Recording](), list[int](), iter(seen)
@@ -154,11 +162,11 @@ def compressed(task: tuple[TorqueModel, KeptWindows | WholeLog]) -> Compressed:
     counts: list[int] = []
 
     def regressions() -> Iterator[Regression]:
-        for part, counted in windows.recordings():
-            counts.append(int(counted.sum()))
+        for part, counts_in in windows.recordings():
+            counts.append(int(counts_in.sum()))
             if counts[-1]:
-                weights = np.repeat(counted[:, None], len(model.torque_joints), axis=1)
-                rows = None if counted.all() else [weights.astype(np.float64)]
+                weights = np.repeat(counts_in[:, None], len(model.torque_joints), 1)
+                rows = None if counts_in.all() else [weights.astype(np.float64)]
                 yield build_regression(model, part, row_weights=rows, noise=False)
 
     return Compressed(tree_reduced(regressions(), Regression.__add__), tuple(counts))
