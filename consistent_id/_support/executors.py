@@ -11,6 +11,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import islice
+from pathlib import Path
 from time import sleep
 from typing import Any, Literal, Self, TypeVar, get_args
 
@@ -64,6 +65,14 @@ class Executor:
                 f"executor {self.kind!r} with {self.workers} workers, expected serial, "
                 "processes or dask, and a number of workers"
             )
+
+    @property
+    def place(self) -> Path | None:
+        """Where files must be that workers are to see; None for temporary ones.
+
+        A cluster sees the folder that the work was called from.
+        """
+        return Path.cwd() if self.address else None
 
     @classmethod
     def named(cls, name: "str | Executor") -> Self:

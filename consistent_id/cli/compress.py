@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from consistent_id.cli.answers import Answer, show
+from consistent_id.cli.answers import Answer, show, shows_progress
 from consistent_id.cli.option import Option
 from consistent_id.cli.options import (
     EXECUTOR,
@@ -59,7 +59,10 @@ def run_compress(options: argparse.Namespace) -> int:
         require_writable_file(options.output)
     problem = load_problem(options.problem)
     regression = stream_regression(
-        problem, role=options.role, executor=options.executor
+        problem,
+        role=options.role,
+        executor=options.executor,
+        progress=shows_progress(options),
     )
     columns = zip(
         regression.joints,

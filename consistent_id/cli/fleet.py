@@ -5,7 +5,7 @@ import glob
 from pathlib import Path
 from typing import Any
 
-from consistent_id.cli.answers import show, tables_answer
+from consistent_id.cli.answers import show, shows_progress, tables_answer
 from consistent_id.cli.option import Option
 from consistent_id.cli.options import EXECUTOR, OUTPUT, TIME_LIMIT, add_command
 
@@ -46,13 +46,19 @@ def add_fleet(commands: Any) -> None:
 def run_fleet(options: argparse.Namespace) -> int:
     """Identify a fleet; return the exit code."""
     from consistent_id._support.files import require_writable
+    from consistent_id._support.progress import counted
     from consistent_id.problems.fleet.fleet import identify_fleet
     from consistent_id.problems.problem import load_problem
 
     if options.output is not None and not options.dry_run:
         require_writable(options.output)
-    problems = [load_problem(file) for file in _files(options.problem)]
-    fleet = identify_fleet(problems, executor=options.executor)
+    files, shown = _files(options.problem), shows_progress(options)
+    problems = []
+    with counted(len(files), "problem files", shown) as count:
+        for file in files:
+            problems.append(load_problem(file))
+            count(len(problems))
+    fleet = identify_fleet(problems, executor=options.executor, progress=shown)
     payloads = fleet.payload_table()
     tables = [
         fleet.headline(),

@@ -137,7 +137,11 @@ def _identify_streamed(options: argparse.Namespace) -> Answer:
     if options.output is not None and not options.dry_run:
         require_writable(options.output)
     problem = load_problem(options.problem)
-    estimate = stream_estimate(problem, executor=options.executor or "serial")
+    estimate = stream_estimate(
+        problem,
+        executor=options.executor or "serial",
+        progress=shows_progress(options),
+    )
     verdict = estimate.verdict
     head = Table(f"{problem.name}: {verdict.word}", (), (), verdict.brief)
     record = {**verdict.to_dict(), "estimates": [estimate.to_dict()]}

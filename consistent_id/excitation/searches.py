@@ -8,7 +8,6 @@ run.
 from collections.abc import Sequence
 from contextlib import closing
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 
@@ -54,7 +53,7 @@ def run_searches(
     """
     dealt = [list(starts[k::lanes]) for k in range(min(lanes, len(starts)))]
     with (
-        report_folder(_place(executor)) as folder,
+        report_folder(None if executor is None else executor.place) as folder,
         counted(len(starts), "starts", progress) as count,
     ):
 
@@ -85,11 +84,6 @@ def _here(executor: Executor | None, lanes: int) -> int:
     if executor is None:
         return 1
     return lanes if executor.kind == "serial" else 0
-
-
-def _place(executor: Executor | None) -> Path | None:
-    """Return where workers report: for those of a cluster, where they may look."""
-    return Path.cwd() if executor is not None and executor.address else None
 
 
 def lane_work(

@@ -1,14 +1,13 @@
 """Robots of one type: shared bodies, own friction, outliers."""
 
 import json
-from dataclasses import replace
 from types import SimpleNamespace
 
 import cvxpy as cp
 import numpy as np
 import pytest
 from excited import arm
-from logged import moved, write_arm
+from fleet_folders import FILE, write_robots
 from scipy.optimize import lsq_linear
 
 import consistent_id as ci
@@ -247,60 +246,10 @@ def test_what_does_not_make_a_fleet_is_refused(model):
         ci.identify_fleet([])
 
 
-_FILE = """
-name = "{name}"
-[model]
-urdf = "arm.urdf"
-[drive]
-viscous = true
-coulomb = "tanh"
-velocity_scale = 0.02
-offset = true
-rotor_inertia = {rotor}
-[constraints]
-masses = "free"
-[data]
-columns = {{torque = "tau_{{joint}}"}}
-preparation = {{motion_cutoff = 10.0, torque_cutoff = 10.0}}
-[[data.recordings]]
-file = "log.csv"
-role = "training"
-"""
-
-
 @pytest.fixture(scope="module")
 def folders(tmp_path_factory):
     """Problem files of five robots, one of which carries something."""
-    root = tmp_path_factory.mktemp("fleet")
-    for k in range(5):
-        folder = root / f"robot{k}"
-        folder.mkdir()
-        urdf, log = write_arm(folder)
-        model = ci.TorqueModel(
-            ci.load_urdf(urdf),
-            ci.DriveTerms(viscous=True, coulomb="tanh", velocity_scale=0.02),
-        )
-        motion = replace(moved(replace_offset(model), tempo=1.0 + 0.1 * k), torque=None)
-        x = np.concatenate([np.ravel(model.robot.nominal), [2, 0.5 + k / 9, 1.0, 1.5]])
-        x[10:20] += ci.InertialParameters.from_central(
-            0.5 * (k == 2) + 1e-9, (0.3, 0.1, 0), 1e-12 * np.eye(3)
-        ).vector
-        rng = np.random.default_rng(k)
-        made = ci.simulate_torque(model, x, motion, noise=0.1, rng=rng)
-        table = np.column_stack([made.time, made.position, made.torque])
-        header = "time,q_shoulder,q_elbow,tau_shoulder,tau_elbow"
-        np.savetxt(log, table, "%.12g", ",", header=header, comments="")
-        text = _FILE.format(name=f"robot{k}", rotor="false")
-        (folder / "problem.toml").write_text(text)
-    return root
-
-
-def replace_offset(model):
-    """The model with the offset that `moved` wants."""
-    drive = ci.DriveTerms(
-        viscous=True, coulomb="tanh", velocity_scale=0.02, offset=True
-    )
-    return ci.TorqueModel(model.robot, drive)
+    return write_robots(tmp_path_factory.mktemp("fleet"))
 
 
 def test_the_shell_names_the_robot_that_carries_something(folders, tmp_path, capsys):
@@ -357,22 +306,12 @@ def test_a_file_says_what_its_robot_carries(folders, tmp_path, capsys):
 
 def test_robots_of_two_types_are_refused(folders, tmp_path, capsys):
     other = folders / "robot1" / "other.toml"
-    other.write_text(_FILE.format(name="other", rotor="true"))
+    other.write_text(FILE.format(name="other", rotor="true"))
     assert main(["fleet", str(folders / "robot0"), str(other)]) == 2
     assert "another model" in capsys.readouterr().err
     same = str(folders / "robot0" / "problem.toml")
     assert main(["fleet", same, str(tmp_path / "none*")]) == 2
     assert "no such file" in capsys.readouterr().err
-
-
-@pytest.mark.slow
-def test_processes_give_the_same_fleet(folders):
-    problems = [ci.load_problem(folders / f"robot{k}") for k in range(5)]
-    here = ci.identify_fleet(problems)
-    there = ci.identify_fleet(problems, executor="processes:2")
-    np.testing.assert_array_equal(here.bodies.parameters, there.bodies.parameters)
-    for one, other in zip(here.robots, there.robots, strict=True):
-        np.testing.assert_array_equal(one.parameters, other.parameters)
 
 
 def test_the_shell_compresses_recordings(folders, tmp_path, capsys):

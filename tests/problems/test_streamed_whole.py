@@ -10,7 +10,6 @@ import consistent_id as ci
 from consistent_id.errors import ProblemError, RecordingError
 from consistent_id.problems.streaming import obstacle, windows
 
-START = 1_700_000_000_000_000_000  # ns
 FILTERED = "motion_cutoff = 5.0"
 
 
@@ -82,7 +81,6 @@ def assert_same(streamed, whole):
 
 MEASURED = 'position = "q_{joint}"\ntorque = "tau_{joint}"\nvelocity = "dq_{joint}"'
 TOLD = 'position = "q_{joint}"\nposition_command = "told_{joint}"'
-STATES = 'time = "header.stamp"\nposition = "position"\ntorque = "effort"'
 GAINS = "kp = [200.0, 200.0], kd = [0.0, 0.0]"
 TRACK = (
     '[[data.recordings.tracks]]\nfile = "log.npz"\nchannel = "torque"\n'
@@ -113,34 +111,6 @@ def test_what_takes_a_whole_log_is_read_whole(folder, caplog, reason):
         streamed = ci.stream_regression(given)
     assert f"read as a whole: {reason}" in caplog.text or reason in caplog.text
     assert_same(streamed, ci.build_regression(given.model, given.training))
-
-
-def test_bags_are_read_whole(folder):
-    pytest.importorskip("rosbags")
-    from ros_topics import header, write_mcap
-
-    log = moved(ci.TorqueModel(ci.load_urdf(folder / "arm.urdf"), DRIVE))
-    stamps = START + np.rint(log.time * 1e9).astype(np.int64)
-    messages = [
-        (
-            stamp,
-            {
-                "header": header(stamp),
-                "name": list(log.joints),
-                "position": q,
-                "velocity": np.zeros(2),
-                "effort": tau,
-            },
-        )
-        for stamp, q, tau in zip(stamps, log.position, log.torque, strict=True)
-    ]
-    write_mcap(
-        folder / "bag", {"/joint_states": ("sensor_msgs/msg/JointState", messages)}
-    )
-    given = problem(folder, file="bag", columns=STATES)
-    assert_same(
-        ci.stream_regression(given), ci.build_regression(given.model, given.training)
-    )
 
 
 def test_logs_of_both_kinds_add_up(folder):

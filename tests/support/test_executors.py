@@ -3,13 +3,13 @@
 import os
 import signal
 import socket
-import threading
 import time
 from contextlib import closing, suppress
 from itertools import accumulate
 
 import numpy as np
 import pytest
+from killing import killing, loky_workers
 
 from consistent_id._support.executors import Executor, tree_reduced
 from consistent_id._support.run import Run, current_run, running
@@ -95,20 +95,11 @@ def test_a_worker_that_is_killed_changes_nothing(executor, tmp_path):
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
 def test_workers_are_killed_at_any_time():
-    from loky import get_reusable_executor
-
-    def kill():
-        for _ in range(3):
-            time.sleep(0.45)
-            for process in list(get_reusable_executor(2)._processes)[:1]:
-                os.kill(process, signal.SIGKILL)
-
-    killer = threading.Thread(target=kill)
-    work = Executor.named("processes:2").map(_slow, range(23))
-    first = next(work)
-    killer.start()
-    found = tree_reduced([first, *work], _joined)
-    killer.join()
+    pytest.importorskip("psutil")
+    with killing(loky_workers, 3) as killed:
+        work = Executor.named("processes:2").map(_slow, range(23))
+        found = tree_reduced(work, _joined)
+    assert len(killed) == 3
     np.testing.assert_array_equal(found, _reduced(Executor()))
 
 

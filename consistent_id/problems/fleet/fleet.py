@@ -7,7 +7,7 @@ constraints on them are kept.
 """
 
 import tempfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from time import perf_counter
@@ -16,6 +16,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Matrix
 from consistent_id._support.executors import Executor
+from consistent_id._support.progress import Counter, counted
 from consistent_id._support.threads import single_threaded
 from consistent_id.constraints import Constraint, lowered
 from consistent_id.constraints.priors import Prior
@@ -67,7 +68,10 @@ from consistent_id.robot.parameters import did_you_mean
 
 
 def identify_fleet(
-    problems: Sequence[Problem], *, executor: str | Executor = "serial"
+    problems: Sequence[Problem],
+    *,
+    executor: str | Executor = "serial",
+    progress: bool = False,
 ) -> Fleet:
     """Identify robots of one type from a problem file each.
 
@@ -83,6 +87,8 @@ def identify_fleet(
     executor : str or Executor
         Where the recordings are compressed, a robot at a time; the result does not
         depend on it.
+    progress : bool
+        Say on the standard error how far it is.
 
     Raises
     ------
@@ -117,7 +123,9 @@ def identify_fleet(
     fleet = fleet_model(first.model)
     shares = Executor.named(executor).map(partial(_share_of, fleet), problems)
     given = first.constraints, first.prior
-    return _identified(fleet, shares, payloads, *given, started)
+    with counted(len(problems), "robots", progress) as count:
+        told = _told(shares, count)
+        return _identified(fleet, told, payloads, *given, started)
 
 
 def fleet_estimate(
@@ -161,6 +169,13 @@ def _share_of(fleet: FleetModel, problem: Problem) -> RobotShare:
         return robot_share(problem.name, fleet, regression)
     except NotExcitedError as cause:  # which says joints, but not of which robot
         raise NotExcitedError(f"{problem.name}: {cause}") from None
+
+
+def _told(shares: Iterable[RobotShare], count: Counter) -> Iterator[RobotShare]:
+    """Yield robots' shares; say how many there are, and whose was the last."""
+    for done, share in enumerate(shares, start=1):
+        count(done, f"({share.name})")
+        yield share
 
 
 @single_threaded

@@ -3,6 +3,7 @@
 from consistent_id._support.inputs import GIBIBYTE, memory_of_this_computer
 from consistent_id._support.run import current_run
 from consistent_id.errors import RecordingError
+from consistent_id.problems.data_columns import columns_of
 from consistent_id.problems.file import PreparationTable, RecordingTable
 from consistent_id.problems.problem import Problem
 from consistent_id.recordings.log_formats import LOG_FORMATS, log_format
@@ -43,9 +44,15 @@ def reason_for_whole(problem: Problem, entry: RecordingTable) -> str:
     if entry.tracks:
         return "tracks are joined with whole recordings"
     path = problem.log_file(entry.file)
-    if not log_format(path).in_pieces(path):
-        known = ", ".join(known.name for known in LOG_FORMATS if known.streams)
-        return f"piece by piece are read {known} (of version 7.3)"
+    known = log_format(path)
+    if known.holds == "joint states":
+        if data is not None and columns_of(data, path).beside.names:
+            return "topics beside the joint states are read as a whole"
+        if entry.omit:
+            return "omit counts rows, which messages do not have"
+    elif not known.in_pieces(path):
+        names = ", ".join(known.name for known in LOG_FORMATS if known.streams)
+        return f"piece by piece are read {names} (of version 7.3) and bags"
     return "" if data is None else _of_preparation(data.preparation)
 
 

@@ -4,11 +4,14 @@ import logging
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import msgspec
 import numpy as np
 
 from consistent_id._support.executors import Executor, tree_reduced
+from consistent_id._support.progress import counted, stages
 from consistent_id.errors import NotExcitedError, ProblemError, RecordingError
 from consistent_id.problems.file import DataTable, PreparationTable, RecordingTable
 from consistent_id.problems.log_entries import columns_of, require_rows, rows_of
@@ -21,7 +24,9 @@ from consistent_id.problems.streaming.obstacle import (
 )
 from consistent_id.problems.streaming.stretches import survey
 from consistent_id.problems.streaming.windows import prepared_stretches
-from consistent_id.recordings.readers.log_rows import LogRows
+from consistent_id.recordings.log_formats import log_format
+from consistent_id.recordings.readers.log_rows import LogRows, RowSource
+from consistent_id.recordings.readers.spooled_states import spooled_states
 from consistent_id.recordings.recording import Recording, joined_in_time
 from consistent_id.regression.motion_arrays import motion_of
 from consistent_id.regression.recorded_noise import SHOWN, with_noise
@@ -37,6 +42,7 @@ def stream_regression(
     *,
     role: str = "training",
     executor: str | Executor = "serial",
+    progress: bool = False,
 ) -> Regression:
     """Compress the recordings of a problem file window by window.
 
@@ -46,20 +52,25 @@ def stream_regression(
     where they began.  A first pass reads the times alone; speeds, if the file asks for
     ``trim_standstill`` or ``least_speed``, take another one.
 
+    Bags are decoded once, into a temporary file of about the same size.
+
     A log that cannot be read piece by piece is read as a whole, if it fits into memory,
-    one after another, and a warning says why: bags, NPZ and older MATLAB files, tracks,
+    one after another, and a warning says why: NPZ and older MATLAB files, tracks,
     gains, bases that float, wrench sensors, ``least_joint_speed``, delays that are
     estimated, the methods ``smoother`` and ``fourier``.
 
     Parameters
     ----------
     problem : Problem
-        With recordings in CSV, Parquet, Feather, HDF5 or MATLAB 7.3 to be streamed.
+        With recordings in CSV, Parquet, Feather, HDF5, MATLAB 7.3 or bags of joint
+        states to be streamed.
     role : {"training", "validation"}
     executor : str or Executor
         ``"serial"``, ``"processes"`` or ``"processes:4"``, ``"dask"`` or
         ``"dask:tcp://host:port"``; the result is the same to the last bit on one kind
         of processor.
+    progress : bool
+        Say on the standard error how far it is.
 
     Returns
     -------
@@ -82,17 +93,30 @@ def stream_regression(
     save_regression, build_regression
     """
     executor = Executor.named(executor)
-    parts = list(_parts(problem, role, executor))
+    with TemporaryDirectory(prefix="consistent-id-", dir=executor.place) as folder:
+        spool = Path(folder)
+        return _streamed(problem, role, executor, spool, progress)
+
+
+def _streamed(
+    problem: Problem, role: str, executor: Executor, spool: Path, progress: bool
+) -> Regression:
+    """Compress what is streamed; bags are decoded into a folder."""
+    with stages(1, progress) as begin:
+        begin(f"looking through the {role} logs of {problem.name}")
+        parts = list(_parts(problem, role, executor, spool))
     tasks = [(problem.model, task) for part in parts for task in part.tasks]
     seen: list[Compressed] = []  # without regressions
+    with counted(len(tasks), "parts of the logs", progress) as count:
 
-    def regressions() -> Iterator[Regression]:
-        for found in executor.map(compressed, tasks):
-            seen.append(replace(found, regression=None))
-            if found.regression is not None:
-                yield found.regression
+        def regressions() -> Iterator[Regression]:
+            for found in executor.map(compressed, tasks):
+                seen.append(replace(found, regression=None))
+                count(len(seen))
+                if found.regression is not None:
+                    yield found.regression
 
-    whole = tree_reduced(regressions(), Regression.__add__)
+        whole = tree_reduced(regressions(), Regression.__add__)
     if whole is None:
         raise NotExcitedError(f"problem {problem.name!r}: no sample counts")
     middles, samples, left = list[Recording](), list[int](), iter(seen)
@@ -149,11 +173,11 @@ def compressed(task: tuple[TorqueModel, KeptWindows | WholeLog]) -> Compressed:
     counts: list[int] = []
 
     def regressions() -> Iterator[Regression]:
-        for part, counted in windows.recordings():
-            counts.append(int(counted.sum()))
+        for part, counts_in in windows.recordings():
+            counts.append(int(counts_in.sum()))
             if counts[-1]:
-                weights = np.repeat(counted[:, None], len(model.torque_joints), axis=1)
-                rows = None if counted.all() else [weights.astype(np.float64)]
+                weights = np.repeat(counts_in[:, None], len(model.torque_joints), 1)
+                rows = None if counts_in.all() else [weights.astype(np.float64)]
                 yield build_regression(model, part, row_weights=rows, noise=False)
 
     return Compressed(tree_reduced(regressions(), Regression.__add__), tuple(counts))
@@ -174,20 +198,20 @@ def _compressed_whole(model: TorqueModel, log: WholeLog) -> Compressed:
 class _Source:
     """A log, what its entry says of it, and how it is prepared."""
 
-    log: LogRows
+    log: RowSource
     entry: RecordingTable
     table: PreparationTable
 
 
 def _parts(
-    problem: Problem, role: str, executor: Executor
+    problem: Problem, role: str, executor: Executor, spool: Path
 ) -> Iterator[KeptRows | WholeLog]:
     """Yield the parts of the logs of a role: what counts, or logs as a whole."""
     data = problem.table.data
     reason = obstacle(problem)
     if reason or data is None:
         raise ProblemError(f"the recordings cannot be streamed: {reason}")
-    for entry in data.recordings:
+    for number, entry in enumerate(data.recordings):
         if entry.role != role:
             continue
         reason = reason_for_whole(problem, entry)
@@ -198,19 +222,21 @@ def _parts(
             table = msgspec.structs.replace(problem.table, data=alone)
             yield WholeLog(replace(problem, table=table), role)
         else:
-            yield from _kept(_source(problem, data, entry), executor)
+            log = _rows_of(problem, data, entry, spool / f"{number}.rows")
+            yield from _kept(_Source(log, entry, data.preparation), executor)
 
 
-def _source(problem: Problem, data: DataTable, entry: RecordingTable) -> _Source:
-    path = problem.log_file(entry.file)
-    log = LogRows(
-        path,
-        problem.model.robot.joint_names,
-        columns_of(data, path),
-        data.torque_gain,
-        tuple(entry.omit),
-    )
-    return _Source(log, entry, data.preparation)
+def _rows_of(
+    problem: Problem, data: DataTable, entry: RecordingTable, spool: Path
+) -> RowSource:
+    """Return what rows of a log are read from; bags are decoded into a file."""
+    path, joints = problem.log_file(entry.file), problem.model.robot.joint_names
+    columns, gain = columns_of(data, path), data.torque_gain
+    if log_format(path).holds == "joint states":
+        return spooled_states(
+            path, joints, columns, spool, torque_gain=gain, topic=data.topic
+        )
+    return LogRows(path, joints, columns, gain, tuple(entry.omit))
 
 
 def _kept(source: _Source, executor: Executor) -> Iterator[KeptRows]:

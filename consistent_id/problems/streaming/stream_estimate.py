@@ -21,7 +21,7 @@ from consistent_id.regression.regression import Regression
 
 @single_threaded
 def stream_estimate(
-    problem: Problem, *, executor: str | Executor = "serial"
+    problem: Problem, *, executor: str | Executor = "serial", progress: bool = False
 ) -> Estimate:
     """Estimate all parameters under a problem's constraints, window by window.
 
@@ -36,6 +36,8 @@ def stream_estimate(
         See `stream_regression`.
     executor : str or Executor
         Where windows are compressed.
+    progress : bool
+        Say on the standard error how far it is.
 
     Returns
     -------
@@ -50,7 +52,7 @@ def stream_estimate(
         See `constrained_least_squares`.
     """
     model = problem.model
-    regression = stream_regression(problem, executor=executor)
+    regression = stream_regression(problem, executor=executor, progress=progress)
     base = base_parameters(model)
     estimate = constrained_least_squares(
         model,
@@ -62,7 +64,9 @@ def stream_estimate(
     )
     data, errors = problem.table.data, []
     if data is not None and any(e.role == "validation" for e in data.recordings):
-        unseen = stream_regression(problem, role="validation", executor=executor)
+        unseen = stream_regression(
+            problem, role="validation", executor=executor, progress=progress
+        )
         errors.append(_error(estimate, unseen))
     evidence = replace(evidence_of(estimate), held_out=tuple(errors))
     seen = ", ".join(f"{error.stacked:.2%} of the torque" for error in errors)

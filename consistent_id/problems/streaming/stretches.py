@@ -8,7 +8,7 @@ import numpy as np
 from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.errors import RecordingError
 from consistent_id.problems.file import PreparationTable
-from consistent_id.recordings.readers.log_rows import LogRows
+from consistent_id.recordings.readers.log_rows import RowSource
 from consistent_id.recordings.signals.clocks import (
     jitter,
     largest_gap,
@@ -108,7 +108,7 @@ class ClockSurvey:
 
 
 def survey(
-    log: LogRows, table: PreparationTable, wanted: tuple[int, ...] = ()
+    log: RowSource, table: PreparationTable, wanted: tuple[int, ...] = ()
 ) -> ClockSurvey:
     """Read the times of a log once, cut it at gaps, and find the clock of each part.
 

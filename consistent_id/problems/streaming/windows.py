@@ -16,7 +16,7 @@ from consistent_id._support.arrays import IntArray
 from consistent_id.problems.file import PreparationTable
 from consistent_id.problems.preparation import filtered, moving
 from consistent_id.problems.streaming.stretches import Stretch
-from consistent_id.recordings.readers.log_rows import LogRows
+from consistent_id.recordings.readers.log_rows import RowSource
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.butterworth import settling
 from consistent_id.recordings.signals.clocks import onto_clock
@@ -43,7 +43,7 @@ class PreparedStretch:
         Samples that delays take from the beginning.
     """
 
-    log: LogRows
+    log: RowSource
     stretch: Stretch
     table: PreparationTable
     lead: int = 0
@@ -109,7 +109,7 @@ class PreparedStretch:
 
 
 def prepared_stretches(
-    log: LogRows, stretches: Iterable[Stretch], table: PreparationTable
+    log: RowSource, stretches: Iterable[Stretch], table: PreparationTable
 ) -> tuple[PreparedStretch, ...]:
     """Return stretches ready to be prepared window by window."""
     return tuple(

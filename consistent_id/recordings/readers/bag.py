@@ -6,9 +6,10 @@ Bags are folders, and bare MCAP, SQLite and ROS 1 files.
 import struct
 import sys
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,7 +25,6 @@ from consistent_id.recordings.readers.topic_fields import (
 )
 from consistent_id.robot.parameters import did_you_mean
 
-_Read = TypeVar("_Read")
 _TYPE = "sensor_msgs/msg/JointState"
 # What the library lets through when a file is cut or overwritten.
 _UNREADABLE = (
@@ -73,7 +73,21 @@ def read_messages(
         If the file is no bag, or there is no such topic.
     """
     wanted = [topic_field(name, str(path)) for name in beside]
-    return _opened(path, lambda bag: _content(path, bag, topic, wanted))
+    with _opened(path) as bag:
+        return _content(path, bag, topic, wanted)
+
+
+def each_message(path: Path, topic: str | None) -> Iterator[JointMessage]:
+    """Yield the joint states of a topic in the order of the log, one at a time.
+
+    Parameters and errors are those of `read_messages`.
+    """
+    with _opened(path) as bag:
+        chosen = _topic(path, bag, topic)
+        connections = [c for c in bag.connections if c.topic == chosen]
+        decode = _decoder(path, connections)
+        for connection, log_time, raw in bag.messages(connections=connections):
+            yield _state(log_time, decode(raw, connection.msgtype))
 
 
 def topic_kinds(path: Path) -> dict[str, str]:
@@ -84,11 +98,13 @@ def topic_kinds(path: Path) -> dict[str, str]:
     RecordingError
         If the file is no bag.
     """
-    return _opened(path, lambda bag: {c.topic: c.msgtype for c in bag.connections})
+    with _opened(path) as bag:
+        return {c.topic: c.msgtype for c in bag.connections}
 
 
-def _opened(path: Path, use: Callable[[Any], _Read]) -> _Read:
-    """Return what is read of a bag, whatever the library says of a faulty one."""
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    """Yield a bag to read, whatever the library says of a faulty one."""
     import rosbags.rosbag1
     import rosbags.rosbag2
     from rosbags.serde import SerdeError
@@ -104,7 +120,7 @@ def _opened(path: Path, use: Callable[[Any], _Read]) -> _Read:
     of_library = (library.ReaderError, SerdeError, TypesysError)
     try:
         with library.Reader(path) as bag:
-            return use(bag)
+            yield bag
     except (*of_library, *_UNREADABLE, *_of_storage()) as cause:
         raise RecordingError(f"{path}: not readable as ROS bag: {cause}") from None
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from consistent_id._support.arrays import Matrix
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers.columns import CHANNELS, Columns, at_least_one
-from consistent_id.recordings.readers.merging import Layout, merged, seconds
+from consistent_id.recordings.readers.merging import Layout, Merged, merged, seconds
 from consistent_id.recordings.readers.named_arrays import gained
 from consistent_id.recordings.readers.topic_clock import JointClock, with_topics
 from consistent_id.recordings.readers.topic_fields import TopicSignal
@@ -94,9 +94,7 @@ def recording_of_messages(
     if by_log_time:
         messages = [message._replace(stamp=message.log_time) for message in messages]
     in_log = columns.in_log(joints)
-    layouts = _layouts(messages, in_log, tuple(fields.values()), where)
-    _check_clocks(layouts, in_log, where)
-    stamps, values = merged(layouts, in_log, where)
+    stamps, values = samples_of(messages, in_log, tuple(fields.values()), where)
     time = (stamps - stamps[0]) / 1e9
     channels = dict(zip(fields, values, strict=True))
     recording = gained(
@@ -112,6 +110,24 @@ def recording_of_messages(
         return recording
     clock = JointClock(int(stamps[0]), by_log_time)
     return with_topics(recording, clock, signals or {}, columns.beside, where)
+
+
+def samples_of(
+    messages: Sequence[JointMessage],
+    joints: Sequence[str],
+    fields: Sequence[str],
+    where: str,
+) -> Merged:
+    """Return the samples that messages make, with the fields of the joints.
+
+    Raises
+    ------
+    RecordingError
+        See `recording_of_messages`.
+    """
+    layouts = _layouts(messages, joints, fields, where)
+    _check_clocks(layouts, joints, where)
+    return merged(layouts, joints, where)
 
 
 def _layouts(

@@ -4,6 +4,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,6 +21,23 @@ from consistent_id.recordings.readers.named_arrays import (
 from consistent_id.recordings.readers.recording_file import reader_of, wanted_of
 from consistent_id.recordings.readers.units import factors
 from consistent_id.recordings.recording import Recording
+
+
+class RowSource(Protocol):
+    """What rows of a log are read from."""
+
+    @property
+    def path(self) -> Path:
+        """The log."""
+
+    def times(self) -> Iterator[Vector]:
+        """Yield the times of all rows, some at a time [s]."""
+
+    def windows(self, rows: Iterable[tuple[int, int]]) -> Iterator[Recording]:
+        """Yield the recording of each range of rows, ``first <= row < last``.
+
+        Neither the first nor the last rows of the ranges may decrease.
+        """
 
 
 @dataclass(frozen=True)
