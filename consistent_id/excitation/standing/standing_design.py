@@ -185,11 +185,14 @@ def design_standing(
 
     Parameters
     ----------
+    stance : Stance
     model : TorqueModel
         Whose drive terms are unknown beside the trunk.
+    limits : StandingLimits, optional
     duration : float, [s]
     candidates : int
         How many paths are tried.
+    seed : int
     tell : callable, optional
         Given how many candidates were tried, and the best mean of errors so far.
 
