@@ -15,7 +15,7 @@ from consistent_id.regression.random_rows import random_rows
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import residual_noise
-from consistent_id.regression.row_names import in_newton
+from consistent_id.regression.row_names import rows_in_newton
 
 ROW_MATTERS = 0.05
 """Torque over that of the strongest row of its unit, below which a row is left out."""
@@ -70,7 +70,7 @@ def guessed_share(
 
 def _matters(model: TorqueModel, torque: Vector) -> BoolArray:
     """Return the rows whose torque is not small beside others of its unit."""
-    forces = np.array([in_newton(model.robot, name) for name in model.torque_joints])
+    forces = rows_in_newton(model.robot, model.torque_joints)
     matters = np.zeros(len(torque), dtype=bool)
     for kind in (forces, ~forces):
         largest = torque[kind].max(initial=0.0)

@@ -309,7 +309,7 @@ def _constrained(
 def _excitation(
     mine: Parametrisation, fixed: Sequence[str], recording: Recording
 ) -> ExperimentExcitation:
-    free = [i for i in range(len(mine)) if i not in mine.places(fixed)]
+    free = mine.others(fixed)
     names = tuple(mine.names[i] for i in free)
     R = mine.factor(recording)[:, free]
     solution = solve_linear(R, np.zeros(len(R)))
