@@ -31,9 +31,9 @@ from consistent_id.export.repair.cause_search import (
     ranked_causes,
     worth_a_search,
 )
-from consistent_id.export.repair.consistent_inertia import second_moments
 from consistent_id.export.repair.fault_causes import shifted
 from consistent_id.export.repair.file_evidence import FileEvidence
+from consistent_id.robot.inertia import second_moments
 from consistent_id.robot.loaders.urdf_inertial import inertia_attributes, inertia_matrix
 from consistent_id.robot.loaders.xml import parse
 

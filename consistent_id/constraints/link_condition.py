@@ -6,7 +6,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Array, Vector
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.robot.inertia import InertialParameters
+from consistent_id.robot.inertia import InertialParameters, second_moments
 from consistent_id.robot.scaling import link_scales
 
 _CONSISTENT = 1e-9  # eigenvalues of J, per typical link, above -this are >= 0
@@ -72,9 +72,7 @@ def _edge(body: InertialParameters, mass: float, moment: float) -> str:
     """
     if body.mass <= _EDGE * mass:
         return _NO_MASS
-    inertia = body.central_inertia
-    sigma = np.trace(inertia) / 2 * np.eye(3) - inertia
-    moments, axes = np.linalg.eigh(sigma)
+    moments, axes = np.linalg.eigh(second_moments(body.central_inertia))
     gone = int((moments <= _EDGE * moment).sum())
     if gone == 0:
         return ""

@@ -18,10 +18,11 @@ from itertools import accumulate
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector
+from consistent_id.regression.linear import column_sizes, smallest_solution
 from consistent_id.regression.regression import triangle
 
 _SEGMENTS = 20
-_RANK = 1e-6  # of the largest singular value, of unit columns
+RANK = 1e-6  # of the largest singular value, of unit columns
 _LOST = 1e-6  # squared share in the null space from which a parameter is lost
 _TINY = 1e-300  # instead of an error of zero, by which one could not divide
 
@@ -64,10 +65,12 @@ class Jackknife:
         are the roots of ``(G - 1) / G sum_g (x_g - x)^2``.
         """
         A, z = self.whole[:, columns], self.whole[:, -1]
-        _, s, Vt = np.linalg.svd(A / _sizes(A), full_matrices=False)
-        kept = Vt[s > _RANK * s.max(initial=0.0)]
-        x = solution(A, z)
-        moves = [solution(F[:, columns], F[:, -1]) - x for F in self.others]
+        _, s, Vt = np.linalg.svd(A / column_sizes(A), full_matrices=False)
+        kept = Vt[s > RANK * s.max(initial=0.0)]
+        x = smallest_solution(A, z, RANK)
+        moves = [
+            smallest_solution(F[:, columns], F[:, -1], RANK) - x for F in self.others
+        ]
         share = (len(moves) - 1) / len(moves)
         errors = np.sqrt(share * np.sum(np.square(moves), axis=0))
         lost = 1.0 - np.sum(kept**2, axis=0) > _LOST
@@ -91,7 +94,7 @@ class Jackknife:
             for F in (self.whole, *self.others)
         ]
         sizes = np.linalg.norm(rest, axis=0)
-        left = np.linalg.norm(eliminated[0], axis=0) > _RANK * sizes
+        left = np.linalg.norm(eliminated[0], axis=0) > RANK * sizes
         left[-1] = True
         whole, *others = (F * left for F in eliminated)
         return Jackknife(whole, tuple(others))
@@ -118,18 +121,6 @@ def jackknife(A: Array, z: Matrix, phase: Vector | None = None) -> Jackknife:
     return Jackknife(before[-1], others)
 
 
-def solution(A: Matrix, z: Vector) -> Vector:
-    """Return the least-squares solution, rank decided on unit columns."""
-    sizes = _sizes(A)
-    return np.asarray(np.linalg.lstsq(A / sizes, z, rcond=_RANK)[0] / sizes)
-
-
-def _sizes(A: Matrix) -> Vector:
-    """Return the norms of columns, one where they are zero."""
-    norms = np.linalg.norm(A, axis=0)
-    return np.where(norms > 0.0, norms, 1.0)
-
-
 def _factor(*rows: Matrix) -> Matrix:
     return triangle(np.asfortranarray(np.vstack(rows)))
 
@@ -138,7 +129,7 @@ def _independent(columns: Matrix) -> list[int]:
     """Return columns that span all of them."""
     from scipy.linalg import qr
 
-    R, order = qr(columns / _sizes(columns), mode="r", pivoting=True)
+    R, order = qr(columns / column_sizes(columns), mode="r", pivoting=True)
     size = abs(np.diag(R))
-    rank = int((size > _RANK * size.max(initial=0.0)).sum())
+    rank = int((size > RANK * size.max(initial=0.0)).sum())
     return sorted(int(i) for i in order[:rank])

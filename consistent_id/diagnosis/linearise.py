@@ -9,12 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector
-from consistent_id.diagnosis.jackknife import Jackknife, jackknife, solution
+from consistent_id.diagnosis.jackknife import RANK, Jackknife, jackknife
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.butterworth import zero_phase
 from consistent_id.recordings.signals.period import estimated_period
 from consistent_id.regression.base import BaseParameters
+from consistent_id.regression.linear import smallest_solution
 from consistent_id.regression.regression import triangle
 from consistent_id.regression.regressor import TorqueModel
 
@@ -185,6 +186,6 @@ def _misfits(rows: Array, torque: Matrix) -> Vector:
     weighted = np.concatenate([rows, torque[:, :, None]], axis=2)
     weighted = (weighted / scale[:, None, None]).reshape(-1, weighted.shape[2])
     R = triangle(np.asfortranarray(weighted))
-    rest = torque - rows @ solution(R[:, :-1], R[:, -1])
+    rest = torque - rows @ smallest_solution(R[:, :-1], R[:, -1], RANK)
     misfit = np.sqrt(np.mean(rest**2, axis=1))
     return np.asarray(np.maximum(misfit, _LEAST * scale))

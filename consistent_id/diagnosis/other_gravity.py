@@ -10,7 +10,7 @@ from consistent_id.diagnosis.channel_factors import channel_factors
 from consistent_id.diagnosis.corrections import Cause
 from consistent_id.diagnosis.explain import Candidate, FittedLog
 from consistent_id.diagnosis.findings import Finding
-from consistent_id.diagnosis.jackknife import solution
+from consistent_id.diagnosis.jackknife import RANK
 from consistent_id.diagnosis.torque_parts import (
     TorqueParts,
     nominal_parts,
@@ -18,6 +18,7 @@ from consistent_id.diagnosis.torque_parts import (
 )
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import base_parameters
+from consistent_id.regression.linear import smallest_solution
 from consistent_id.regression.regressor import TorqueModel
 
 _THRESHOLD = 1.3  # ratio of misfits, as in the table of corrections
@@ -130,4 +131,4 @@ def gravity_in(model: TorqueModel, recording: Recording) -> Vector:
         scale = float(np.sqrt(np.mean(tau**2))) or 1.0
         rows.append((seen - Q @ (Q.T @ seen)) / scale)
         right.append((tau - Q @ (Q.T @ tau)) / scale)
-    return solution(np.vstack(rows), np.concatenate(right))
+    return smallest_solution(np.vstack(rows), np.concatenate(right), RANK)

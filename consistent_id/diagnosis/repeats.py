@@ -10,7 +10,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Array, Vector
 from consistent_id.diagnosis.findings import Finding
-from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.recording import Recording, positions_at
 
 _SAME = 2e-3  # of a joint's range, within which two positions are the same
 _MOVED = 10.0  # times that, by which some joint must move within a span
@@ -98,7 +98,7 @@ def repeated_share(validation: Recording, training: Recording) -> float:
     moving = hits = 0
     for start in starts:
         lapse = np.linspace(0.0, length, _POINTS)
-        span = _at(validation.of(training.joints), start + lapse)
+        span = positions_at(validation.of(training.joints), start + lapse)
         if (np.ptp(span, axis=0) > _MOVED * tolerance).any():
             moving += 1
             hits += _occurs(span, lapse, training, tolerance)
@@ -125,7 +125,7 @@ def _lies_on(
     for _ in range(3):
         if not training.time[0] - lapse[1] <= start <= last + lapse[1]:
             return False
-        there = _at(training, start + lapse)
+        there = positions_at(training, start + lapse)
         if (abs(there - span) <= tolerance).all():
             return True
         rate = np.gradient(there, lapse, axis=0) / tolerance
@@ -134,10 +134,3 @@ def _lies_on(
             return False
         start += float(np.sum(rate * (span - there) / tolerance)) / size
     return False
-
-
-def _at(recording: Recording, times: Vector) -> Array:
-    """Return positions between samples, shape (times, joints)."""
-    return np.column_stack(
-        [np.interp(times, recording.time, q) for q in recording.position.T]
-    )

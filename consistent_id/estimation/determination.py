@@ -11,7 +11,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.regression.base import BaseParameters, parameter_origins
-from consistent_id.regression.linear import solve_linear
+from consistent_id.regression.linear import null_space, solve_linear
 from consistent_id.regression.noise import base_solution
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
@@ -111,7 +111,7 @@ def linear_errors(base: BaseParameters, noise: ResidualNoise, known: Matrix) -> 
     solution, and means nothing.
     """
     M = np.linalg.pinv(noise.steps) @ base.projection
-    T = _null_space(known, M.shape[1])
+    T = null_space(known, _NULL)
     A = M @ T
     norms = np.linalg.norm(A, axis=0)
     if not norms.any():
@@ -120,12 +120,3 @@ def linear_errors(base: BaseParameters, noise: ResidualNoise, known: Matrix) -> 
     values, axes = np.linalg.eigh(noise.scatter)
     root = axes * np.sqrt(np.maximum(values, 0.0))
     return np.asarray(np.linalg.norm(T @ inverse @ root, axis=1))
-
-
-def _null_space(rows: Matrix, width: int) -> Matrix:
-    """Return an orthonormal basis of the steps that rows do not see."""
-    if not rows.any():
-        return np.eye(width)
-    norms = np.linalg.norm(rows, axis=1, keepdims=True)
-    _, s, Vt = np.linalg.svd(rows / np.where(norms > 0.0, norms, 1.0))
-    return np.asarray(Vt[int((s > _NULL * s[0]).sum()) :].T)

@@ -16,6 +16,7 @@ from consistent_id.errors import ProblemError
 from consistent_id.estimation.instrumental import instrumented
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import BaseParameters, base_parameters
+from consistent_id.regression.linear import column_sizes
 from consistent_id.regression.regressor import TorqueModel
 
 _RANK = 1e-9  # of unit columns, relative to the largest singular value
@@ -101,8 +102,7 @@ def endogeneity_test(
 
 def _left(A: Matrix, b: Vector) -> tuple[int, float]:
     """Return the rank of columns, and the square that they leave of a vector."""
-    norms = np.linalg.norm(A, axis=0)
-    U, s, _ = np.linalg.svd(A / np.where(norms > 0.0, norms, 1.0), full_matrices=False)
+    U, s, _ = np.linalg.svd(A / column_sizes(A), full_matrices=False)
     rank = int((s > _RANK * s[0]).sum())
     rest = b - U[:, :rank] @ (U[:, :rank].T @ b)
     return rank, float(rest @ rest)

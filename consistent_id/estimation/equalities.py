@@ -7,7 +7,11 @@ import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.constraints import Constraint, lowered
-from consistent_id.regression.linear import DATA_RANK_TOLERANCE
+from consistent_id.regression.linear import (
+    DATA_RANK_TOLERANCE,
+    column_sizes,
+    smallest_solution,
+)
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
 
@@ -43,8 +47,7 @@ class FreeParameters:
     def determined(self, regression: Regression) -> "FreeParameters":
         """Return what data determine of what is free, in independent directions."""
         A = regression.stacked()[:, :-1] @ self.directions
-        scale = np.linalg.norm(A, axis=0)
-        unit = np.where(scale > 0.0, scale, 1.0)
+        unit = column_sizes(A)
         _, s, Vt = np.linalg.svd(A / unit, full_matrices=False)
         kept = Vt[s > DATA_RANK_TOLERANCE * s[0]].T if len(s) else Vt.T
         return FreeParameters(self.start, self.directions @ (kept / unit[:, None]))
@@ -76,6 +79,4 @@ class FreeParameters:
 
 def least_squares(A: Matrix, b: Vector) -> Vector:
     """Return the smallest solution in unit columns."""
-    scale = np.linalg.norm(A, axis=0)
-    unit = np.where(scale > 0.0, scale, 1.0)
-    return np.asarray(np.linalg.lstsq(A / unit, b, rcond=_RANK)[0] / unit)
+    return smallest_solution(A, b, _RANK)

@@ -16,7 +16,7 @@ from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.noise import base_solution
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.regression.row_names import in_newton
+from consistent_id.regression.row_names import rows_in_newton
 
 _ALONE = ("misfit", "floor", "excess", "drive_share", "correlation", "spare", "guessed")
 _PER_JOINT = tuple(
@@ -235,7 +235,7 @@ def _on_nominal(model: TorqueModel, regression: Regression) -> dict[str, Array]:
 
 def _shares(model: TorqueModel, size: Vector) -> Vector:
     """Return each joint's torque over the largest of those that move alike."""
-    slides = np.array([in_newton(model.robot, name) for name in model.torque_joints])
+    slides = rows_in_newton(model.robot, model.torque_joints)
     shares = np.empty(len(size))
     for kind in (False, True):
         shares[slides == kind] = size[slides == kind] / size[slides == kind].max(

@@ -7,6 +7,7 @@ import numpy as np
 
 from consistent_id._support.arrays import IntArray, Matrix, Vector
 from consistent_id.errors import SolverError
+from consistent_id.regression.linear import column_sizes
 from consistent_id.regression.regression import Regression
 
 _OPEN = 1e-6  # singular value, of unit columns, below which a direction counts as open
@@ -110,8 +111,7 @@ def _start(rows: Currents, linear: Vector) -> Vector:
 
 def _told(fit: Fit) -> Matrix:
     """Return a basis of the directions of log gains that are identifiable."""
-    sizes = np.linalg.norm(fit.raw, axis=0)
-    sizes = np.where(sizes > 0.0, sizes, 1.0)
+    sizes = column_sizes(fit.raw)
     _, s, Vt = np.linalg.svd(fit.jacobian / sizes, full_matrices=False)
     null = (Vt[s <= _OPEN] / sizes).T
     Q, _ = np.linalg.qr(np.hstack([null, np.eye(len(sizes))]))
@@ -120,8 +120,7 @@ def _told(fit: Fit) -> Matrix:
 
 def _solved(A: Matrix, b: Vector) -> tuple[Matrix, Vector]:
     """Return an orthonormal basis of unit columns, and the least-squares solution."""
-    norms = np.linalg.norm(A, axis=0)
-    unit = np.where(norms > 0.0, norms, 1.0)
+    unit = column_sizes(A)
     U, s, Vt = np.linalg.svd(A / unit, full_matrices=False)
     kept = s > 1e-10 * s[0]
     Q = U[:, kept]

@@ -10,12 +10,12 @@ import numpy as np
 
 from consistent_id._support.arrays import BoolArray, Matrix, Vector
 from consistent_id.regression.base import BaseParameters
-from consistent_id.regression.linear import DATA_RANK_TOLERANCE
+from consistent_id.regression.linear import DATA_RANK_TOLERANCE, null_space
 from consistent_id.regression.random_rows import random_rows
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import residual_noise
-from consistent_id.regression.row_names import in_newton
+from consistent_id.regression.row_names import rows_in_newton
 
 ROW_MATTERS = 0.05
 """Torque over that of the strongest row of its unit, below which a row is left out."""
@@ -55,7 +55,7 @@ def guessed_share(
     unit = 1.0 / np.where(rows.norms > 0.0, rows.norms, 1.0)
     u = x / unit  # torque on other motions that each parameter makes
     noise = residual_noise(regression, base)
-    free = _null(known * unit)
+    free = null_space(known * unit, DATA_RANK_TOLERANCE)
     seen = np.linalg.pinv(noise.steps) @ base.projection * unit @ free
     told = np.linalg.solve(noise.root.T, seen)  # in standard errors
     prior = 1.0 / max(float(np.mean(u**2)), np.finfo(float).tiny)
@@ -68,18 +68,9 @@ def guessed_share(
     return float(min(share.max(initial=0.0), 1.0))
 
 
-def _null(rows: Matrix) -> Matrix:
-    """Return an orthonormal basis of the parameters that equalities leave free."""
-    norms = np.linalg.norm(rows, axis=1, keepdims=True)
-    if not norms.any():
-        return np.eye(rows.shape[1])
-    _, s, right = np.linalg.svd(rows / np.where(norms > 0.0, norms, 1.0))
-    return np.asarray(right[int((s > DATA_RANK_TOLERANCE * s[0]).sum()) :].T)
-
-
 def _matters(model: TorqueModel, torque: Vector) -> BoolArray:
     """Return the rows whose torque is not small beside others of its unit."""
-    forces = np.array([in_newton(model.robot, name) for name in model.torque_joints])
+    forces = rows_in_newton(model.robot, model.torque_joints)
     matters = np.zeros(len(torque), dtype=bool)
     for kind in (forces, ~forces):
         largest = torque[kind].max(initial=0.0)

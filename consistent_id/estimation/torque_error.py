@@ -13,7 +13,7 @@ from consistent_id.recordings.recording import Recording
 from consistent_id.regression.motion_arrays import Motion, motion_of
 from consistent_id.regression.regression import build_regression
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.regression.row_names import in_newton
+from consistent_id.regression.row_names import rows_in_newton
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,7 +107,7 @@ def stacked_of_kinds(model: TorqueModel, error: Vector, torque: Vector) -> float
     Forces in N and torques in N m do not add.  `error` and `torque` are sums of
     squares, of each row.
     """
-    slides = np.array([in_newton(model.robot, name) for name in model.torque_joints])
+    slides = rows_in_newton(model.robot, model.torque_joints)
     kinds = [kind for kind in (slides, ~slides) if torque[kind].any()]
     squares = [error[kind].sum() / torque[kind].sum() for kind in kinds]
     return float(np.sqrt(np.mean(squares)))

@@ -136,6 +136,11 @@ class Parametrisation:
                 raise ProblemError(f"no combination named {name!r}; {near}")
         return [self.names.index(name) for name in names]
 
+    def others(self, names: Sequence[str]) -> list[int]:
+        """Return the places of all combinations but those named."""
+        named = self.places(names)
+        return [i for i in range(len(self)) if i not in named]
+
     def parameters(self, alpha: Vector, known: ConicSet) -> Vector:
         """Return the smallest parameters with these combinations and known values.
 

@@ -137,8 +137,7 @@ def check_published(problem: Problem) -> PublishedReport:
     _require_lengths(table, mine)
     motion = problem.motion(table.motion)
     R = mine.factor(motion)[:, :-1]
-    fixed = mine.places(table.fixed)
-    free = [i for i in range(len(mine)) if i not in fixed]
+    free = mine.others(table.fixed)
     mean, deviation = experiments.mean(axis=0), experiments.std(axis=0, ddof=1)
     known = lowered((FixedMasses(), FixedCentresOfMass()), problem.model)
     printed_mean = np.array(table.mean) if table.mean else mean

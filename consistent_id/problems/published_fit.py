@@ -51,8 +51,7 @@ def published_least_squares(
         mine = _with_drive(mine, drive)
     model = mine.model
     known = lowered((FixedMasses(), FixedCentresOfMass()), model)
-    fixed = mine.places(table.fixed)
-    free = [i for i in range(len(mine)) if i not in fixed]
+    fixed, free = mine.places(table.fixed), mine.others(table.fixed)
     alpha = mine.matrix @ mine.parameters(np.zeros(len(mine)), known)
     R = mine.factor(recording)
     target = R[:, -1] - R[:, fixed] @ alpha[fixed]

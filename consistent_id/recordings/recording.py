@@ -318,6 +318,19 @@ def states(recording: Recording) -> tuple[Matrix, Matrix, Matrix]:
     return recording.position, recording.velocity, recording.acceleration
 
 
+def velocities(recording: Recording) -> Matrix:
+    """Return velocities, as measured or else by differences of position."""
+    if recording.velocity is not None:
+        return recording.velocity
+    return np.gradient(recording.position, recording.time, axis=0)
+
+
+def positions_at(recording: Recording, times: Vector) -> Matrix:
+    """Return positions at other times, on straight lines between samples."""
+    joints = recording.position.T
+    return np.column_stack([np.interp(times, recording.time, q) for q in joints])
+
+
 def joined_in_time(parts: Sequence[Recording]) -> Recording:
     """Return consecutive recordings of the same joints and channels as one.
 

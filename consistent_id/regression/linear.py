@@ -6,7 +6,7 @@ from itertools import permutations
 
 import numpy as np
 
-from consistent_id._support.arrays import Matrix, Vector
+from consistent_id._support.arrays import Array, Matrix, Vector
 from consistent_id.errors import NotExcitedError
 
 DATA_RANK_TOLERANCE = 1e-10
@@ -74,6 +74,36 @@ def solve_linear(
         basis, _ = np.linalg.qr(null)
         inverse = inverse - basis @ (basis.T @ inverse)
     return LinearSolution(inverse @ b, inverse, null, Vt[:rank] * unit, s)
+
+
+def column_sizes(A: Matrix) -> Vector:
+    """Return the norms of columns, one where they are zero."""
+    norms = np.linalg.norm(A, axis=0)
+    return np.where(norms > 0.0, norms, 1.0)
+
+
+def smallest_solution(A: Matrix, b: Array, tolerance: float | None = None) -> Array:
+    """Return the smallest least-squares solution in unit columns.
+
+    Without what else `solve_linear` says.
+
+    Parameters
+    ----------
+    b : ndarray, shape (rows,) or (rows, right-hand sides)
+    tolerance : float, optional
+        Of rank, relative to the largest singular value; by default numpy's.
+    """
+    sizes = column_sizes(A)
+    y = np.linalg.lstsq(A / sizes, b, rcond=tolerance)[0]
+    return np.asarray((y.T / sizes).T)
+
+
+def null_space(rows: Matrix, tolerance: float) -> Matrix:
+    """Return an orthonormal basis of what rows, made of unit size, do not see."""
+    if not rows.any():
+        return np.eye(rows.shape[1])
+    _, s, Vt = np.linalg.svd(rows / column_sizes(rows.T)[:, None])
+    return np.asarray(Vt[int((s > tolerance * s[0]).sum()) :].T)
 
 
 def _readable(null: Matrix) -> Matrix:

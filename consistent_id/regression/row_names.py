@@ -1,5 +1,10 @@
 """Names of rows that are no joint's torque: those of a floating base."""
 
+from collections.abc import Sequence
+
+import numpy as np
+
+from consistent_id._support.arrays import BoolArray
 from consistent_id.robot.model import RobotModel
 
 BASE_ROWS = ("base.fx", "base.fy", "base.fz", "base.nx", "base.ny", "base.nz")
@@ -18,6 +23,11 @@ CONTACT_FREE = "contact-free"
 def row_names(robot: RobotModel) -> tuple[str, ...]:
     """Return the names of all rows: of a floating base, then of the joints."""
     return (*BASE_ROWS, *robot.joint_names) if robot.floating else robot.joint_names
+
+
+def rows_in_newton(robot: RobotModel, names: Sequence[str]) -> BoolArray:
+    """Return which rows are forces, in N; the others are torques, in N m."""
+    return np.array([in_newton(robot, name) for name in names], dtype=bool)
 
 
 def in_newton(robot: RobotModel, name: str) -> bool:

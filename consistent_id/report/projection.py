@@ -13,7 +13,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector
 from consistent_id.recordings.recording import Recording
-from consistent_id.robot.inertia import InertialParameters
+from consistent_id.robot.inertia import InertialParameters, second_moments
 from consistent_id.robot.kinematics import link_places
 from consistent_id.robot.model import RobotModel
 
@@ -52,8 +52,7 @@ def equimomental(body: InertialParameters) -> InertiaEllipsoid | None:
     """
     if body.mass <= 0.0:
         return None
-    inertia = body.central_inertia
-    Q = 5.0 / body.mass * (np.trace(inertia) / 2 * np.eye(3) - inertia)
+    Q = 5.0 / body.mass * second_moments(body.central_inertia)
     least, *_, largest = np.linalg.eigvalsh(Q)
     if least < -1e-6 * abs(largest):
         return None

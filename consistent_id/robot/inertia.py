@@ -68,6 +68,11 @@ def pseudo_inertia(vector: ArrayLike) -> Array:
     return np.tensordot(array, PSEUDO_INERTIA_BASIS, axes=1)
 
 
+def second_moments(inertia: Matrix) -> Matrix:
+    """Return ``S = tr(I)/2 1 - I``; consistent iff it is positive semidefinite."""
+    return np.asarray(np.trace(inertia) / 2 * np.eye(3) - inertia)
+
+
 def inertial_vector(matrix: ArrayLike) -> Array:
     """Return the parameter vectors of pseudo-inertias: the inverse of `pseudo_inertia`.
 

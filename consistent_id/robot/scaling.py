@@ -6,7 +6,7 @@ from functools import lru_cache
 import numpy as np
 
 from consistent_id._support.arrays import Array, Vector, freeze_arrays, frozen
-from consistent_id.robot.inertia import InertialParameters
+from consistent_id.robot.inertia import InertialParameters, second_moments
 from consistent_id.robot.model import RobotModel
 
 _MASSLESS = 1e-3  # mass of a link stated to have none, over the mean of the others
@@ -96,8 +96,7 @@ def _known_mass(robot: RobotModel, k: int) -> float | None:
 
 def _thickened(body: InertialParameters, m: float, d: float) -> InertialParameters:
     """Give a body's vanishing extents a tenth of a length `d`."""
-    inertia = body.central_inertia
-    sigma = np.trace(inertia) / 2 * np.eye(3) - inertia
+    sigma = second_moments(body.central_inertia)
     moments, axes = np.linalg.eigh(sigma)
     flat = moments < m * (_FLAT * d) ** 2
     sigma = axes @ np.diag(np.where(flat, m * (_THICK * d) ** 2, moments)) @ axes.T

@@ -11,8 +11,9 @@ from urdf_torques import DECORATED
 
 from consistent_id import ModelError, lint_urdf, nearest_inertia, repair_urdf
 from consistent_id.cli import main
-from consistent_id.export.repair.consistent_inertia import THINNEST, second_moments
+from consistent_id.export.repair.consistent_inertia import THINNEST
 from consistent_id.export.repair.repair_report import repair_record, repair_table
+from consistent_id.robot.inertia import second_moments
 
 INERTIA = 'ixx="0.02" ixy="0.001" ixz="0.002" iyy="0.03" iyz="0.003" izz="0.025"'
 TOO_LONG = INERTIA.replace('izz="0.025"', 'izz="0.09"')

@@ -28,12 +28,12 @@ def test_segments_add_up_to_the_whole_regression():
 
 @given(st.integers(2, 3000), st.integers(2, 60))
 def test_every_sample_is_in_exactly_one_segment_of_two_or_more(samples, count):
-    cuts = cuts(samples, max(samples / count, 2.0))
-    assert [i for cut in cuts for i in range(*cut)] == list(range(samples))
-    lengths = [stop - start for start, stop in cuts]
+    found = cuts(samples, max(samples / count, 2.0))
+    assert [i for cut in found for i in range(*cut)] == list(range(samples))
+    lengths = [stop - start for start, stop in found]
     assert min(lengths) >= 2
     assert max(lengths) - min(lengths) <= 2
-    assert len(cuts) == count or len(cuts) == max(samples // 2, 1) < count
+    assert len(found) == count or len(found) == max(samples // 2, 1) < count
 
 
 def test_no_segment_has_samples_of_two_recordings():

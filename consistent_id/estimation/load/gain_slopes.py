@@ -4,6 +4,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Matrix
 from consistent_id.regression.base import BaseParameters
+from consistent_id.regression.linear import smallest_solution
 from consistent_id.regression.regression import Regression
 
 
@@ -30,6 +31,4 @@ def gain_slopes(regression: Regression, base: BaseParameters) -> Matrix:
     for place, own in enumerate(scaled):
         torque[first : first + len(own), place] = own[:, -1]
         first += len(own)
-    norms = np.linalg.norm(A, axis=0)
-    unit = np.where(norms > 0.0, norms, 1.0)
-    return np.asarray(np.linalg.lstsq(A / unit, torque, rcond=None)[0] / unit[:, None])
+    return smallest_solution(A, torque)

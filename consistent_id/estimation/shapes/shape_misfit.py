@@ -10,11 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from consistent_id._support.arrays import Array, Matrix, Vector
+from consistent_id._support.arrays import Array, Vector
 from consistent_id.errors import NotExcitedError
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.friction_shape_regression import ShapeRegression
 from consistent_id.regression.friction_shapes import Shape, with_shapes
+from consistent_id.regression.linear import smallest_solution
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
 
@@ -103,7 +104,7 @@ class ShapeMisfit:
         regression = self.data.regression(model, columns).weighted(self.sigma)
         R, base = regression.stacked(), list(self.base.independent)
         x = np.zeros(len(model.layout))
-        x[base] = _best(R[:, base], R[:, -1])
+        x[base] = smallest_solution(R[:, base], R[:, -1])
         size = float(np.linalg.norm(R @ np.append(x, -1.0)))
         if size <= 1e-14 * np.linalg.norm(R[:, -1]):
             raise NotExcitedError("the fit is exact: shapes are not identifiable")
@@ -143,10 +144,3 @@ class ShapeMisfit:
             for group, value in zip(self.groups, log_values, strict=True)
             for shape in group.members
         }
-
-
-def _best(A: Matrix, b: Vector) -> Vector:
-    """Return a least-squares solution, columns scaled to units."""
-    norms = np.linalg.norm(A, axis=0)
-    unit = np.where(norms > 0.0, norms, 1.0)
-    return np.asarray(np.linalg.lstsq(A / unit, b, rcond=None)[0] / unit)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
+from consistent_id.robot.inertia import second_moments
 
 ROUNDING = 1e-12  # of the largest moment: printed numbers may be off by so much
 THINNEST = 1e-3  # thickness of a repaired link, over its own size
@@ -25,11 +26,6 @@ class NearestInertia:
 
     inertia: Matrix
     change: float
-
-
-def second_moments(inertia: Matrix) -> Matrix:
-    """Return ``S = tr(I)/2 1 - I``; consistent iff it is positive semidefinite."""
-    return np.asarray(np.trace(inertia) / 2 * np.eye(3) - inertia)
 
 
 def is_consistent(inertia: Matrix, least: float = 0.0) -> bool:

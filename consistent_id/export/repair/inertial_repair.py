@@ -12,7 +12,6 @@ from consistent_id.export.repair.consistent_inertia import (
     is_consistent,
     nearest_inertia,
     point_mass,
-    second_moments,
 )
 from consistent_id.export.repair.fault_causes import Candidate
 from consistent_id.export.repair.file_evidence import FileEvidence, Remedy
@@ -22,6 +21,7 @@ from consistent_id.export.repair.stated_inertial import (
     moments_in_words,
     stated_inertial,
 )
+from consistent_id.robot.inertia import second_moments
 from consistent_id.robot.loaders.splice import Document, Edit
 from consistent_id.robot.loaders.urdf_inertial import inertia_attributes, number
 from consistent_id.robot.loaders.xml import Element

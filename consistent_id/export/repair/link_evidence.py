@@ -13,8 +13,8 @@ from itertools import product
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
-from consistent_id.export.repair.consistent_inertia import second_moments
 from consistent_id.export.repair.link_solid import LinkSolid
+from consistent_id.robot.inertia import second_moments
 
 SCALE = 0.43  # of ln(second moments over those of the solid), mean of three
 FORM = 0.34  # of the same, entries of what differs from the mean

@@ -118,7 +118,7 @@ def _account(
     """Return parts, shape (causes, joints, combinations), and noise's errors."""
     recording = recording.of(laboratory.robot.joints)
     q, dq, ddq = states(recording)
-    free = [i for i in range(len(mine)) if i not in mine.places(fixed)]
+    free = mine.others(fixed)
     Y = mine.regressor(q, dq, ddq)[:, free]
     joints, _, samples = Y.shape
     rows = Y.transpose(0, 2, 1).reshape(joints * samples, len(free))

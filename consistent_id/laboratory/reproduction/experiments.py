@@ -38,7 +38,7 @@ from consistent_id.regression.base import (
     open_combinations,
 )
 from consistent_id.regression.drive.drive_terms import DriveTerms
-from consistent_id.regression.linear import solve_linear
+from consistent_id.regression.linear import column_sizes, solve_linear
 from consistent_id.regression.regression import build_regression
 from consistent_id.regression.regressor import TorqueModel
 
@@ -309,7 +309,7 @@ def _constrained(
 def _excitation(
     mine: Parametrisation, fixed: Sequence[str], recording: Recording
 ) -> ExperimentExcitation:
-    free = [i for i in range(len(mine)) if i not in mine.places(fixed)]
+    free = mine.others(fixed)
     names = tuple(mine.names[i] for i in free)
     R = mine.factor(recording)[:, free]
     solution = solve_linear(R, np.zeros(len(R)))
@@ -328,8 +328,7 @@ def _excitation(
 
 
 def _weakest(R: Matrix, rank: int, names: tuple[str, ...]) -> str:
-    norms = np.linalg.norm(R, axis=0)
-    _, _, Vt = np.linalg.svd(R / np.where(norms > 0.0, norms, 1.0))
+    _, _, Vt = np.linalg.svd(R / column_sizes(R))
     direction = Vt[rank - 1] / Vt[rank - 1][abs(Vt[rank - 1]).argmax()]
     large = np.where(abs(direction) > _PART, direction, 0.0)
     return linear_combination(large, names, digits=2)

@@ -11,6 +11,7 @@ from consistent_id.laboratory.reproduction.experiments import Reproduction
 from consistent_id.problems.problem import Problem
 from consistent_id.problems.published import central_inertia_of
 from consistent_id.regression.base import base_parameters
+from consistent_id.regression.linear import null_space
 
 _SILENT = 1e-9  # part of a unit vector in a null space that is rounding alone
 ENTRIES = ("A", "B", "C", "D", "E", "F")
@@ -93,9 +94,8 @@ def _identifiable(problem: Problem) -> BoolArray:
     model = problem.model
     known = lowered((FixedMasses(), FixedCentresOfMass()), model)
     rows = np.vstack([base_parameters(model).projection, known.A_eq])
-    _, s, Vt = np.linalg.svd(rows / np.linalg.norm(rows, axis=1, keepdims=True))
-    null = Vt[int((s > _SILENT * s[0]).sum()) :].T
-    moves = np.linalg.norm(null, axis=1)[: model.layout.inertial_size]
+    free = null_space(rows, _SILENT)
+    moves = np.linalg.norm(free, axis=1)[: model.layout.inertial_size]
     # Ixx, Iyy, Izz; Iyz, Ixz, Ixy in the order m, hx, hy, hz, Ixx, Ixy, Iyy, Ixz, Iyz.
     places = [4, 6, 9, 8, 7, 5]
     identifiable = moves.reshape(-1, 10)[:, places] <= np.sqrt(_SILENT)

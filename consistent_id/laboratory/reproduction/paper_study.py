@@ -295,6 +295,6 @@ def other_seeds(
 def place_of(problem: Problem) -> ScatterPlaces:
     """Return which parameters a paper's experiments scatter most and least."""
     published, mine = published_table(problem), parametrisation_of(problem)
-    free = [i for i in range(len(mine)) if i not in mine.places(published.fixed)]
+    free = mine.others(published.fixed)
     scatter = np.array(published.experiments).std(axis=0, ddof=1)[free]
     return ScatterPlaces(free[int(scatter.argmax())], free[int(scatter.argmin())])

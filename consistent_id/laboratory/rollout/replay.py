@@ -11,7 +11,7 @@ from consistent_id.export.mjcf_body import require_mujoco
 from consistent_id.laboratory.rollout.held_commands import drive_commands
 from consistent_id.laboratory.rollout.replay_model import ReplayModel
 from consistent_id.laboratory.rollout.springs import deflect
-from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.recording import Recording, velocities
 from consistent_id.recordings.signals import resampled
 from consistent_id.recordings.signals.clocks import is_uniform, own_rate
 
@@ -107,9 +107,7 @@ def replay(
     control = drive_commands(log, model.gains, log.duration / steps, steps, delay=delay)
     if offsets is not None:
         control = control - offsets
-    velocity = log.velocity
-    if velocity is None:
-        velocity = np.gradient(log.position, log.time, axis=0)
+    velocity = velocities(log)
     data = mujoco.MjData(compiled)
     acceleration = np.gradient(velocity[:_FIRST], log.time[:_FIRST], axis=0)
     begin(model, data, log.position[0], velocity[0], acceleration.mean(axis=0))

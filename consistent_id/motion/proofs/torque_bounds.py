@@ -160,8 +160,7 @@ class PathTorque:
     def enclosure(self, cells: int) -> Enclosure:
         """Return the function that encloses the torques, both ways."""
         path = self.path
-        radius = path.duration / (2 * cells)
-        middles = path.start + radius * np.arange(1, 2 * cells, 2, dtype=float)
+        radius, middles = _halves(path, cells)
         wider = _ROUNDED_UP * radius
         curvature = _ROUNDED_UP * self.smooth.curvature(path, middles, wider)
         slack = self.smooth.rounding(path)
@@ -180,8 +179,7 @@ class PathTorque:
     def rate_enclosure(self, cells: int) -> Enclosure:
         """Return the function that encloses the rates of the smooth part, both ways."""
         path, robots = self.path, len(self.friction.parameters)
-        radius = path.duration / (2 * cells)
-        middles = path.start + radius * np.arange(1, 2 * cells, 2, dtype=float)
+        radius, middles = _halves(path, cells)
         curvature = self.smooth.curvature(path, middles, _ROUNDED_UP * radius)
 
         def enclose(middle: Vector, radius: float, cell: IntArray) -> Enclosed:
@@ -199,8 +197,7 @@ class PathTorque:
     def mean_square(self, cells: int) -> Vector:
         """Bound the mean square of the torque of any robot, shape (torque joints,)."""
         path, every = self.path, np.arange(cells)
-        radius = path.duration / (2 * cells)
-        middle = path.start + radius * np.arange(1, 2 * cells, 2, dtype=float)
+        radius, middle = _halves(path, cells)
         above = self.enclosure(cells)(middle, _ROUNDED_UP * radius, every).above
         size = np.maximum(*np.split(above, 2, axis=1))
         return np.asarray(_ROUNDED_UP * (size**2).mean(axis=0))
@@ -220,6 +217,12 @@ class PathTorque:
 def _both_ways(torque: Interval) -> Array:
     """Return the largest torques of any robot, and the least with reversed sign."""
     return np.hstack([torque.high.max(axis=1), -torque.low.min(axis=1)])
+
+
+def _halves(path: JointPath, cells: int) -> tuple[float, Vector]:
+    """Return half the length of equal stretches of a path's time, and their middles."""
+    half = path.duration / (2 * cells)
+    return half, path.start + half * np.arange(1, 2 * cells, 2, dtype=float)
 
 
 def _robots(parameters: ArrayLike, model: TorqueModel) -> Matrix:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from consistent_id._support.arrays import Vector
-from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.recording import Recording, positions_at
 from consistent_id.recordings.signals.clocks import own_rate
 
 _POWER = 0.99  # of the velocities' power, below the band's edge
@@ -33,7 +33,7 @@ def velocity_edge(raw: Recording) -> float:
     """
     n = len(raw)
     time = np.linspace(raw.time[0], raw.time[-1], n)
-    q = np.column_stack([np.interp(time, raw.time, x) for x in raw.position.T])
+    q = positions_at(raw, time)
     ramp = np.linspace(-1.0, 1.0, n)
     q = q - q.mean(axis=0)
     q = (q - np.outer(ramp, ramp @ q) / (ramp @ ramp)) * np.hanning(n)[:, None]

@@ -18,6 +18,7 @@ from consistent_id.problems.selection.models import (
     candidate_columns,
 )
 from consistent_id.regression.base import BaseParameters
+from consistent_id.regression.linear import smallest_solution
 from consistent_id.regression.regression import triangle
 
 _RANK = 1e-8  # of the largest singular value, of columns of unit length
@@ -143,7 +144,4 @@ def torque_delay(
         own[:, place] = columns[:, late]
         rows.append(np.column_stack([own, np.delete(columns, late, 1)]))
     R = triangle(np.asfortranarray(np.vstack(rows)))
-    norms = np.linalg.norm(R[:, :-1], axis=0)
-    unit = np.where(norms > 0.0, norms, 1.0)
-    y, *_ = np.linalg.lstsq(R[:, :-1] / unit, R[:, -1], rcond=_RANK)
-    return -float(y[-1] / unit[-1])
+    return -float(smallest_solution(R[:, :-1], R[:, -1], _RANK)[-1])

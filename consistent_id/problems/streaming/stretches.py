@@ -79,6 +79,7 @@ class Stretch:
             Of the log.
         time : float, [s]
             Of that row.
+        after : bool
         """
         if self.marks is None:
             found = row - self.first + after
@@ -96,6 +97,7 @@ class ClockSurvey:
 
     Parameters
     ----------
+    stretches : tuple of Stretch
     rows : int
         Of the log.
     times : dict of int to float, [s]
@@ -114,6 +116,8 @@ def survey(
 
     Parameters
     ----------
+    log : LogRows
+    table : PreparationTable
     wanted : tuple of int
         Rows whose times are to be known.
 

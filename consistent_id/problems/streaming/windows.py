@@ -37,6 +37,8 @@ class PreparedStretch:
 
     Parameters
     ----------
+    log : LogRows
+    stretch : Stretch
     table : PreparationTable
         Of whose steps those to the standstill are done here.
     lead : int

@@ -7,7 +7,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector, array_default, freeze, frozen
 from consistent_id.errors import RecordingError
-from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.recording import Recording, velocities
 
 _GAINS = ("kp", "kd", "torque_limit", "stiffness")
 
@@ -124,9 +124,7 @@ def commanded(recording: Recording, gains: PDGains, *, delay: float = 0.0) -> Re
     if not 0.0 <= delay < np.inf:
         raise RecordingError(f"delay of commands is {delay} s, expected 0 or more")
     gains = gains.of(len(recording.joints))
-    velocity = recording.velocity
-    if velocity is None:
-        velocity = np.gradient(recording.position, recording.time, axis=0)
+    velocity = velocities(recording)
     late = delay + 0.5 * float(np.median(np.diff(recording.time)))
     commands = (
         None if values is None else _late(recording.time, values, late)

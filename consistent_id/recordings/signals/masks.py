@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Array, BoolArray, Matrix, Vector, frozen
 from consistent_id.errors import RecordingError
-from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.recording import Recording, velocities
 from consistent_id.recordings.signals.resolution import held_samples, quantum
 
 _AT_LIMIT = 1e-3  # of the limit, within which a torque is at it
@@ -30,9 +30,7 @@ def standstill(recording: Recording, velocity: float | None = None) -> BoolArray
         Below which a joint stands still; by default a hundredth of the largest speed of
         all joints.
     """
-    speed = recording.velocity
-    if speed is None:
-        speed = np.gradient(recording.position, recording.time, axis=0)
+    speed = velocities(recording)
     limit = STILL * abs(speed).max() if velocity is None else velocity
     if not limit >= 0.0:
         raise RecordingError(f"velocity is {velocity}, expected zero or more")

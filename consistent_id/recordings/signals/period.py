@@ -4,7 +4,7 @@ import numpy as np
 
 from consistent_id._support.arrays import IntArray, Matrix, Vector
 from consistent_id.errors import RecordingError
-from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.recording import Recording, positions_at
 from consistent_id.recordings.signals.fourier import fourier_fit, series_columns
 
 _COARSE = 4000  # samples on which a period is first guessed
@@ -87,9 +87,7 @@ def _self_similar(recording: Recording, low: float, high: float) -> Vector:
     count = min(len(recording), _COARSE)
     clock = np.linspace(recording.time[0], recording.time[-1], count)
     step = float(clock[1] - clock[0])
-    q = np.column_stack(
-        [np.interp(clock, recording.time, p) for p in recording.position.T]
-    )
+    q = positions_at(recording, clock)
     spread = np.maximum(q.var(axis=0), 1e-300)
     lags = np.arange(max(int(low / step), 1), min(int(high / step) + 2, count - 2))
     unlike = (_changes(q, lags) / spread).mean(axis=1)
