@@ -155,7 +155,8 @@ def main() -> None:
             sizes[name, noise] = np.sqrt(np.mean(np.square(errors), axis=0))
     for noise in NOISE:
         relative = [relative_size(sizes[n, noise], robot.true_trunk) for n in WAYS]
-        print(f"{noise:g} N m added: relative size of errors {relative}")
+        said = ", ".join(f"{w} {r:.2%}" for w, r in zip(WAYS, relative, strict=True))
+        print(f"{noise:g} N m added: errors relative to the trunk's size: {said}")
     for noise in NOISE:
         ratios = sizes["by hand", noise] / sizes["designed", noise]
         said = ", ".join(

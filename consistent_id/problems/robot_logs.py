@@ -3,15 +3,21 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
-from consistent_id.errors import ModelError, ProblemError
+from consistent_id.errors import ModelError, ProblemError, RecordingError
 from consistent_id.problems.floating.floating_columns import (
     FloatingColumns,
     base_in_log,
     floating_columns,
 )
 from consistent_id.problems.floating.hints import BaseHints, require_floating
-from consistent_id.recordings.column_guess import guess_columns, require_torque
+from consistent_id.problems.wrench_note import wrench_note, wrenches_in_log
+from consistent_id.recordings.column_guess import (
+    ColumnGuess,
+    guess_columns,
+    require_torque,
+)
 from consistent_id.recordings.log_formats import LOG_FORMATS
 from consistent_id.recordings.readers import Columns, read_recording, recording_from
 from consistent_id.recordings.readers.data_frames import ColumnTable, table_names
@@ -126,12 +132,17 @@ def robot_logs(
     else:
         _require_base(model, log, robot, selection)
     floating = floating_columns(log, robot, model, hints) if robot.floating else None
-    guess = guess_columns(
+    names = table_names(tables[log], log.name) if log in tables else None
+    wrenches = wrenches_in_log(log, names)
+    felt = wrench_note(wrenches, robot)
+    others = () if floating is None else floating.taken
+    guess = _guessed(
+        felt,
         log,
         robot.joint_names,
         columns,
-        names=table_names(tables[log], log.name) if log in tables else None,
-        taken=() if floating is None else floating.taken,
+        names=names,
+        taken=(*others, *(name for one in wrenches for name in one.names)),
         arrays=_arrays(floating),
         torque_joints=torque_joints,
         units=units,
@@ -147,11 +158,19 @@ def robot_logs(
         robot = load_robot(model, **asdict(replace(selection, locked=locked)))
     gain = gains_of(torque_gain, len(robot.joint_names))
     kept = (f"{path} stands for a table in memory" for path in tables)
-    found, notes = guess.columns, (*guess.notes, *kept)
+    found, notes = guess.columns, (*guess.notes, *kept, *[felt] * bool(felt))
     if floating is not None:
         found = replace(found, beside=floating.beside)
         notes = (*notes, *floating.notes)
     return RobotLogs(robot, found, locked, gain, notes, gains, floating, tables)
+
+
+def _guessed(felt: str, *logged: Any, **known: Any) -> ColumnGuess:
+    """Guess columns; where that fails, say what else the log has."""
+    try:
+        return guess_columns(*logged, **known)
+    except RecordingError as cause:
+        raise RecordingError(f"{cause} {felt}".strip()) from None
 
 
 def _arrays(floating: FloatingColumns | None) -> Columns | None:

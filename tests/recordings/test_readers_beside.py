@@ -148,3 +148,100 @@ def test_a_new_clock_takes_all_with_it():
     flags = new.contacts[0]
     assert np.array_equal(flags.closed[flags.certain], new.time[flags.certain] > 1.0)
     assert 0 < (~flags.certain).sum() < 3
+
+
+def _csv(path, arrays):
+    wide = {name: values.reshape(len(TIME), -1) for name, values in arrays.items()}
+    names = [
+        f"{k}_{i}" if v.shape[1] > 1 else k for k, v in wide.items() for i in _places(v)
+    ]
+    header = ",".join(names)
+    table = np.hstack(list(wide.values()))
+    np.savetxt(path, table, delimiter=",", header=header, comments="", fmt="%.17g")
+
+
+def _places(values):
+    return range(values.shape[1])
+
+
+def _hdf5(path, arrays):
+    import h5py
+
+    with h5py.File(path, "w") as file:
+        for name, values in arrays.items():
+            file[name] = values
+
+
+def _mat(path, arrays):
+    import scipy.io
+
+    tree = {}
+    for name, values in arrays.items():
+        *folders, last = name.split("/")
+        place = tree
+        for folder in folders:
+            place = place.setdefault(folder, {})
+        place[last] = values
+    scipy.io.savemat(path, tree)
+
+
+FORMATS = {"log.csv": _csv, "log.h5": _hdf5, "log.mat": _mat}
+"""Writers; a table has a column for each number, the others arrays in groups."""
+
+
+@pytest.mark.parametrize("order", ["xyzw", "wxyz"])
+@pytest.mark.parametrize("name", FORMATS)
+def test_base_contact_and_wrench_are_read_in_every_format(tmp_path, name, order):
+    rng = np.random.default_rng(0)
+    angle = 0.3 * np.sin(2 * TIME)
+    quaternion = np.zeros((300, 4))
+    quaternion[:, "xyzw".index("z")] = np.sin(angle / 2)
+    quaternion[:, 3] = np.cos(angle / 2)
+    if order == "wxyz":
+        quaternion = quaternion[:, [3, 0, 1, 2]]
+    arrays = {
+        "t": TIME,
+        "q": rng.normal(size=(300, 2)),
+        "imu/gyro": rng.normal(size=(300, 3)),
+        "imu/acc": rng.normal(size=(300, 3)),
+        "imu/quat": quaternion,
+        "ft/force": rng.normal(size=(300, 3)),
+        "ft/torque": rng.normal(size=(300, 3)),
+        "foot": (TIME > 1.0).astype(float),
+    }
+    FORMATS[name](tmp_path / name, arrays)
+    flat = name.endswith(".csv")
+
+    def named(key):
+        return [f"{key}_{i}" for i in _places(arrays[key])] if flat else key
+
+    wrench = [*named("ft/force"), *named("ft/torque")]
+    found = ci.read_recording(
+        tmp_path / name,
+        JOINTS,
+        ci.Columns(
+            time="t",
+            position="q_{index}" if flat else "q",
+            array_joints=() if flat else JOINTS,
+            beside=ci.BesideColumns(
+                base=ci.BaseColumns(
+                    named("imu/gyro"),
+                    named("imu/acc"),
+                    orientation=named("imu/quat"),
+                    order=order,
+                ),
+                contacts=[ci.ContactColumns("foot", "foot")],
+                wrenches=[
+                    ci.WrenchColumns(
+                        "hand", wrench if flat else ["ft/force", "ft/torque"]
+                    )
+                ],
+            ),
+        ),
+    )
+    measured = np.hstack([arrays["ft/force"], arrays["ft/torque"]])
+    assert np.array_equal(found.wrenches[0].values, measured)
+    assert np.array_equal(found.base.angular_velocity, arrays["imu/gyro"])
+    assert np.array_equal(found.base.specific_force, arrays["imu/acc"])
+    assert np.allclose(found.base.rotation[:, 1, 0], np.sin(angle))
+    assert np.array_equal(found.contacts[0].closed, TIME > 1.0)
