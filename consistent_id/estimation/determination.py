@@ -15,7 +15,7 @@ from consistent_id.regression.linear import null_space, solve_linear
 from consistent_id.regression.noise import base_solution
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.regression.residual_noise import ResidualNoise
+from consistent_id.regression.residual_noise import ResidualNoise, coordinates
 from consistent_id.robot.scaling import link_scales
 
 Determination = Literal[
@@ -110,7 +110,7 @@ def linear_errors(base: BaseParameters, noise: ResidualNoise, known: Matrix) -> 
     Of parameters that data and equalities do not determine it is that of the smallest
     solution, and means nothing.
     """
-    M = np.linalg.pinv(noise.steps) @ base.projection
+    M = coordinates(noise) @ base.projection
     T = null_space(known, _NULL)
     A = M @ T
     norms = np.linalg.norm(A, axis=0)

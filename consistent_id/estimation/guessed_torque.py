@@ -14,8 +14,9 @@ from consistent_id.regression.linear import DATA_RANK_TOLERANCE, null_space
 from consistent_id.regression.random_rows import random_rows
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.regression.residual_noise import residual_noise
+from consistent_id.regression.residual_noise import coordinates, residual_noise
 from consistent_id.regression.row_names import rows_in_newton
+from consistent_id.regression.triangles import triangle
 
 ROW_MATTERS = 0.05
 """Torque over that of the strongest row of its unit, below which a row is left out."""
@@ -56,16 +57,27 @@ def guessed_share(
     u = x / unit  # torque on other motions that each parameter makes
     noise = residual_noise(regression, base)
     free = null_space(known * unit, DATA_RANK_TOLERANCE)
-    seen = np.linalg.pinv(noise.steps) @ base.projection * unit @ free
+    seen = coordinates(noise) @ base.projection * unit @ free
     told = np.linalg.solve(noise.root.T, seen)  # in standard errors
     prior = 1.0 / max(float(np.mean(u**2)), np.finfo(float).tiny)
-    _, s, axes = np.linalg.svd(told)
-    weight = prior / (prior + np.append(s, np.zeros(len(axes) - len(s))) ** 2)
-    guess = unit * (free @ (axes.T @ (weight * (axes @ (free.T @ u)))))
+    guess = unit * (free @ _left_of(free.T @ u, told, prior))
     torque, guessed = rows.rms(x), rows.rms(guess)
     matters = _matters(every, torque)
     share = guessed[matters] / torque[matters]
     return float(min(share.max(initial=0.0), 1.0))
+
+
+def _left_of(guess: Vector, told: Matrix, prior: float) -> Vector:
+    """Return ``x`` of the least ``||told x||^2 + prior ||x - guess||^2``."""
+    from scipy.linalg import solve_triangular
+
+    size = len(guess)
+    rows = np.zeros((len(told) + size, size + 1), order="F")
+    rows[: len(told), :size], rows[: len(told), size] = told, -told @ guess
+    np.fill_diagonal(rows[len(told) :, :size], np.sqrt(prior))
+    R = triangle(rows)
+    step = solve_triangular(R[:size, :size], R[:size, size], check_finite=False)
+    return np.asarray(guess + step)
 
 
 def _matters(model: TorqueModel, torque: Vector) -> BoolArray:

@@ -91,7 +91,8 @@ def attained_fit(
 
 def _bounded(model: TorqueModel, constraints: Sequence[Constraint]) -> np.ndarray:
     """Return for each link whether a row bounds its mass from above."""
-    layout, known = model.layout, lowered(constraints, model)
+    rows_only = [c for c in constraints if not isinstance(c, PhysicalConsistency)]
+    layout, known = model.layout, lowered(rows_only, model)
     masses = [layout.index(f"{link}.m") for link in layout.links]
     rows = np.vstack([known.A_in, known.A_eq])
     others = np.delete(rows, masses, axis=1)

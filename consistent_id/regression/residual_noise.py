@@ -7,7 +7,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.regression.base import BaseParameters
-from consistent_id.regression.linear import DATA_RANK_TOLERANCE
+from consistent_id.regression.linear import DATA_RANK_TOLERANCE, LinearSolution
 from consistent_id.regression.noise import base_solution, residual_sigma
 from consistent_id.regression.regression import Regression
 
@@ -166,15 +166,16 @@ def residual_noise(regression: Regression, base: BaseParameters) -> ResidualNois
     R, solution = regression.stacked(), base_solution(regression, base)
     sigma = residual_sigma(regression, base.lift(solution.x), solution.rank)
     floor = _EXACT * np.maximum(regression.torque_rms, 1e-12)
-    steps, length = _steps(R[:, columns]), regression.correlation
+    steps, length = _steps(R[:, columns], solution), regression.correlation
     parts = []
     for j, (factor, weight) in enumerate(
         zip(regression.factors, regression.sigma, strict=True)
     ):
-        rows = factor[:, columns] @ steps / weight**2
+        rows = _product(factor[:, columns], steps) / weight**2
         scores = sigma[j] * rows
         if regression.noise is not None:
-            scores = regression.noise.scores[j][:, columns] @ steps / weight**2
+            own = regression.noise.scores[j][:, columns]
+            scores = _product(own, steps) / weight**2
         parts += [scores, floor[j] * rows]
     root = np.asarray(np.linalg.qr(np.vstack(parts), mode="r"))
     return ResidualNoise(
@@ -188,9 +189,29 @@ def residual_noise(regression: Regression, base: BaseParameters) -> ResidualNois
     )
 
 
-def _steps(A: Matrix) -> Matrix:
+@lru_cache(maxsize=8)
+def coordinates(noise: ResidualNoise) -> Matrix:
+    """Return what turns a change of the base parameters into ``y``, and undoes `steps`.
+
+    Shape (rank, base).
+    """
+    steps = noise.steps
+    square = steps.shape[0] == steps.shape[1]
+    return np.asarray(np.linalg.inv(steps) if square else np.linalg.pinv(steps))
+
+
+def _product(rows: Matrix, steps: Matrix) -> Matrix:
+    """Return ``rows @ steps``; most columns of one joint's rows are zero."""
+    used = rows.any(axis=0)
+    return np.asarray(rows[:, used] @ steps[used])
+
+
+def _steps(A: Matrix, solution: LinearSolution) -> Matrix:
     """Return ``S`` with ``S^T A^T A S = 1`` that spans what the rows determine."""
     norms = np.linalg.norm(A, axis=0)
+    if norms.min() > DATA_RANK_TOLERANCE * norms.max():
+        s = solution.singular_values[: solution.rank]
+        return np.asarray((solution.row_space / norms).T / s / norms[:, None])
     unit = np.where(norms > DATA_RANK_TOLERANCE * norms.max(), norms, np.inf)
     _, s, Vt = np.linalg.svd(A / unit, full_matrices=False)
     rank = int((s > DATA_RANK_TOLERANCE * s[0]).sum())
