@@ -17,7 +17,10 @@ from standing_robots import StandingRobot, quadruped
 from standing_simulation import CUTOFF, SETTLE, prepared, simulated
 
 import consistent_id as ci
-from consistent_id.excitation.standing.feet_and_pose import standing_feet, standing_pose
+from consistent_id.excitation.standing.feet_and_pose import (
+    standing_feet,
+    standing_pose,
+)
 from consistent_id.excitation.standing.stance import Stance
 from consistent_id.excitation.standing.standing_design import (
     StandingDesign,

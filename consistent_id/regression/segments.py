@@ -4,7 +4,7 @@ What was recorded within a second belongs together: errors of neighbouring sampl
 alike.  Segments are what cross-validation leaves out and the bootstrap draws.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from itertools import groupby, pairwise
 from operator import itemgetter
 
@@ -68,7 +68,12 @@ def segment_regressions(
 
 def segments_of(recordings: Sequence[Recording], *, count: int) -> list[Recording]:
     """Return the segments themselves; see `segment_regressions`."""
-    return [recordings[k].samples(run) for k, run in _runs(recordings, count)]
+    length = max(sum(len(r) for r in recordings) / count, 2.0)
+    return [
+        recording.samples(slice(start, stop))
+        for recording in recordings
+        for start, stop in _cuts(len(recording), length)
+    ]
 
 
 def segment_sources(
@@ -89,7 +94,12 @@ def segment_sources(
     >>> segment_sources(logs, count=3)
     (0, 0, 1)
     """
-    return tuple(k for k, _ in _runs(recordings, count))
+    length = max(sum(len(r) for r in recordings) / count, 2.0)
+    return tuple(
+        k
+        for k, recording in enumerate(recordings)
+        for _ in _cuts(len(recording), length)
+    )
 
 
 def lengthened(
@@ -142,14 +152,6 @@ def merged(segments: Sequence[Regression]) -> Regression:
     if not segments:
         raise ProblemError("there are no segments to merge")
     return segments[0].joined(segments[1:])
-
-
-def _runs(recordings: Sequence[Recording], count: int) -> Iterator[tuple[int, slice]]:
-    """Yield the samples of each segment, and the recording that they are of."""
-    length = max(sum(len(r) for r in recordings) / count, 2.0)
-    for k, recording in enumerate(recordings):
-        for start, stop in _cuts(len(recording), length):
-            yield k, slice(start, stop)
 
 
 def _cuts(samples: int, length: float) -> list[tuple[int, int]]:
