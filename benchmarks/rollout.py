@@ -38,7 +38,7 @@ from consistent_id.laboratory.rollout.settings import (
     with_settings,
 )
 from consistent_id.laboratory.rollout.settings_choice import chosen_settings
-from consistent_id.problems.problem import problem_of
+from consistent_id.problems.loading import problem_of
 from consistent_id.regression.segments import merged, segments_of
 
 PROBLEMS = ("problems/unitree_go2", "problems/unitree_z1")

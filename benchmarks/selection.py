@@ -26,7 +26,7 @@ from selection_robots import DURATION, TRUTHS, Case, case_of, written
 
 import consistent_id as ci
 from consistent_id.estimation.torque_error import torque_errors
-from consistent_id.problems.problem import problem_of
+from consistent_id.problems.loading import problem_of
 from consistent_id.problems.study import Study
 
 PROBLEMS = ("ur10e", "kuka_kr300", "staubli_tx40", "tiago")

@@ -147,8 +147,9 @@ from consistent_id.problems.fleet.fleet_result import Fleet, FleetRobot
 from consistent_id.problems.fleet.found_payload import FoundPayload
 from consistent_id.problems.fleet.payloads import CarriedBody
 from consistent_id.problems.floating.hints import BaseHints
+from consistent_id.problems.loading import load_problem
 from consistent_id.problems.log_identification import identify_log
-from consistent_id.problems.problem import Problem, load_problem
+from consistent_id.problems.problem import Problem
 from consistent_id.problems.problem_estimates import identify
 from consistent_id.problems.selection.select import select_model
 from consistent_id.problems.selection.selection import ModelSelection

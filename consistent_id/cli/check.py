@@ -54,8 +54,8 @@ def _check(options: argparse.Namespace) -> Answer:
     from consistent_id.cli.checks import check_log
     from consistent_id.diagnosis.findings import diagnosis_record, diagnosis_table
     from consistent_id.estimation.verdict import BAD_RESULT, HELP
+    from consistent_id.problems.loading import load_problem
     from consistent_id.problems.log_check import check_problem
-    from consistent_id.problems.problem import load_problem
     from consistent_id.problems.robot_logs import robot_logs
 
     notes: tuple[str, ...] = ()

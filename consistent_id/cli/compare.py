@@ -45,7 +45,7 @@ def run_compare(options: argparse.Namespace) -> int:
 
 def _compare(options: argparse.Namespace) -> Answer:
     from consistent_id._support.files import require_writable
-    from consistent_id.problems.problem import load_problem
+    from consistent_id.problems.loading import load_problem
     from consistent_id.problems.study import run_study
     from consistent_id.report.study_record import study_record
     from consistent_id.report.summary import study_tables

@@ -51,7 +51,7 @@ def run_compress(options: argparse.Namespace) -> int:
     """Compress recordings; return the exit code."""
     from consistent_id._support.files import require_writable_file
     from consistent_id._support.tables import Table
-    from consistent_id.problems.problem import load_problem
+    from consistent_id.problems.loading import load_problem
     from consistent_id.problems.streaming.stream import stream_regression
     from consistent_id.regression.regression_file import save_regression
 

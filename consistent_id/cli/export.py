@@ -64,7 +64,7 @@ def run_export(options: argparse.Namespace) -> int:
     from dataclasses import replace
 
     from consistent_id.estimation.estimate import Estimate
-    from consistent_id.problems.problem import load_problem
+    from consistent_id.problems.loading import load_problem
     from consistent_id.problems.study import Study
 
     problem = load_problem(options.problem)

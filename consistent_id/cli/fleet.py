@@ -48,7 +48,7 @@ def run_fleet(options: argparse.Namespace) -> int:
     from consistent_id._support.files import require_writable
     from consistent_id._support.progress import counted
     from consistent_id.problems.fleet.fleet import identify_fleet
-    from consistent_id.problems.problem import load_problem
+    from consistent_id.problems.loading import load_problem
 
     if options.output is not None and not options.dry_run:
         require_writable(options.output)

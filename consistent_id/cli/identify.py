@@ -87,7 +87,7 @@ def run_identify(options: argparse.Namespace) -> int:
 
 
 def _identify(options: argparse.Namespace) -> Answer:
-    from consistent_id.problems.problem import load_problem
+    from consistent_id.problems.loading import load_problem
     from consistent_id.problems.study import run_study
     from consistent_id.report.summary import excitation_table, headline_tables
 
@@ -125,7 +125,7 @@ def _identify(options: argparse.Namespace) -> Answer:
 def _identify_streamed(options: argparse.Namespace) -> Answer:
     from consistent_id._support.files import require_writable
     from consistent_id._support.tables import Table
-    from consistent_id.problems.problem import load_problem
+    from consistent_id.problems.loading import load_problem
     from consistent_id.problems.streaming.stream_estimate import stream_estimate
 
     if options.log or options.report is not None or options.uncertainty:

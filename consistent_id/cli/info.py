@@ -42,7 +42,7 @@ def run_info(options: argparse.Namespace) -> int:
 
 def _info(options: argparse.Namespace) -> Answer:
     from consistent_id.problems.listing import problem_tables
-    from consistent_id.problems.problem import load_problem
+    from consistent_id.problems.loading import load_problem
 
     tables = problem_tables(load_problem(options.problem))
     return tables_answer(tables, [asdict(table) for table in tables])

@@ -49,7 +49,7 @@ def run_report(options: argparse.Namespace) -> int:
     """Write a report; return the exit code."""
     from consistent_id._support.files import require_writable_file
     from consistent_id.laboratory.rollout.study_section import rollout_section
-    from consistent_id.problems.problem import load_problem
+    from consistent_id.problems.loading import load_problem
     from consistent_id.problems.study import run_study
     from consistent_id.report import write_report
     from consistent_id.report.summary import headline_tables

@@ -47,7 +47,7 @@ def _reproduce(options: argparse.Namespace) -> Answer:
     )
     from consistent_id.laboratory.reproduction.paper_sections import sections_of
     from consistent_id.laboratory.reproduction.paper_study import FULL, QUICK, reproduce
-    from consistent_id.problems.problem import load_problem
+    from consistent_id.problems.loading import load_problem
 
     problem = load_problem(options.problem)
     folder = options.output or Path("results") / problem.name

@@ -60,7 +60,7 @@ def run_rollout(options: argparse.Namespace) -> int:
 def _rollout(options: argparse.Namespace) -> Answer:
     from consistent_id._support.files import require_writable
     from consistent_id.laboratory.rollout.from_problem import rollout_of
-    from consistent_id.problems.problem import load_problem
+    from consistent_id.problems.loading import load_problem
 
     problem = load_problem(options.problem)
     if options.output is not None and not options.dry_run:

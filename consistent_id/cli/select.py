@@ -57,7 +57,7 @@ def run_select(options: argparse.Namespace) -> int:
 
 def _select(options: argparse.Namespace) -> Answer:
     from consistent_id.errors import ProblemError
-    from consistent_id.problems.problem import load_problem
+    from consistent_id.problems.loading import load_problem
     from consistent_id.problems.selection.select import select_model
 
     problem = load_problem(options.problem)

@@ -9,7 +9,6 @@ from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.constraints import Constraint, lowered
 from consistent_id.regression.linear import (
     DATA_RANK_TOLERANCE,
-    column_sizes,
     smallest_solution,
 )
 from consistent_id.regression.regression import Regression
@@ -47,7 +46,8 @@ class FreeParameters:
     def determined(self, regression: Regression) -> "FreeParameters":
         """Return what data determine of what is free, in independent directions."""
         A = regression.stacked()[:, :-1] @ self.directions
-        unit = column_sizes(A)
+        scale = np.linalg.norm(A, axis=0)
+        unit = np.where(scale > 0.0, scale, 1.0)
         _, s, Vt = np.linalg.svd(A / unit, full_matrices=False)
         kept = Vt[s > DATA_RANK_TOLERANCE * s[0]].T if len(s) else Vt.T
         return FreeParameters(self.start, self.directions @ (kept / unit[:, None]))

@@ -16,8 +16,9 @@ from consistent_id.problems.constraint_tables import ConstraintsTable
 from consistent_id.problems.excitation_tables import ExcitationTable, SceneTable
 from consistent_id.problems.file import read_problem_table
 from consistent_id.problems.folder import problem_files
+from consistent_id.problems.loading import load_problem, problem_of
 from consistent_id.problems.paths import names_outside
-from consistent_id.problems.problem import Problem, load_problem, problem_of
+from consistent_id.problems.problem import Problem
 from consistent_id.problems.robot_draft import ROBOT_ENDINGS, robot_draft
 from consistent_id.regression.base import base_parameters
 from consistent_id.regression.regression import Regression

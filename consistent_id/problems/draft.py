@@ -21,9 +21,10 @@ from consistent_id.problems.file import (
     RecordingTable,
 )
 from consistent_id.problems.floating.standing_draft import StandingDraft
+from consistent_id.problems.loading import problem_of
 from consistent_id.problems.log_entries import gains_table
 from consistent_id.problems.model import DEFAULT_DRIVE, model_table
-from consistent_id.problems.problem import Problem, problem_of
+from consistent_id.problems.problem import Problem
 from consistent_id.problems.selection.selection import ModelSelection
 from consistent_id.problems.toml_text import problem_name, toml_text
 from consistent_id.recordings.readers.columns import Columns

@@ -7,7 +7,8 @@ from pathlib import Path
 from consistent_id._support.tables import Table
 from consistent_id.errors import ConsistentIdError
 from consistent_id.problems.folder import toml_files
-from consistent_id.problems.problem import Problem, load_problem
+from consistent_id.problems.loading import load_problem
+from consistent_id.problems.problem import Problem
 from consistent_id.regression.base import base_parameters
 from consistent_id.robot.limbs import base_question
 

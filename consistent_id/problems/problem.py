@@ -1,36 +1,31 @@
 """An identification problem: robot, data, assumptions, as one value."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from consistent_id._support.run import require_trusted
 from consistent_id._support.tables import Table
-from consistent_id.constraints import Constraint, lowered
+from consistent_id.constraints import Constraint
 from consistent_id.constraints.priors import Prior
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.command_delay import CommandDelay
-from consistent_id.problems.constraints import constraints_of, prior_of
 from consistent_id.problems.drives import FoundDrives, found_drives
 from consistent_id.problems.file import (
     DataTable,
     ProblemTable,
     RecordingTable,
     TrackTable,
-    read_problem_table,
 )
-from consistent_id.problems.folder import problem_files
 from consistent_id.problems.log_entries import (
     columns_of,
     gains_of_drives,
     span_of,
     with_torque,
 )
-from consistent_id.problems.model import assumed, behind_sensor, torque_model
 from consistent_id.problems.motions import sampled_motion
-from consistent_id.problems.paths import expanded, names_outside, require_there
-from consistent_id.problems.preparation import Log, check_data, joined
+from consistent_id.problems.paths import expanded, require_there
+from consistent_id.problems.preparation import Log, joined
 from consistent_id.problems.robot_preparation import FromTraining, with_robot
 from consistent_id.recordings.readers import read_recording, read_track
 from consistent_id.recordings.recording import Recording
@@ -196,6 +191,10 @@ class Problem:
             )
         return self._read[path, *omit]
 
+    def keep(self, read: Mapping[str, Recording]) -> None:
+        """Keep logs that have been read already, by the file's names of them."""
+        self._read.update({(self._path(name),): raw for name, raw in read.items()})
+
     @cached_property
     def drives(self) -> FoundDrives:
         """Gains and calibration of PD-controlled joints, as stated or found."""
@@ -329,75 +328,3 @@ class Problem:
     @cached_property
     def _logs(self) -> dict[tuple[object, ...], Log]:
         return {}
-
-
-def load_problem(path: str | Path, *, trust: bool = False) -> Problem:
-    """Load a problem from its folder, or from the file itself.
-
-    Parameters
-    ----------
-    path : str or Path
-    trust : bool
-        Whether the file may name files outside of its folder and of that of the data
-        (``CONSISTENT_ID_DATASETS``), and other environment variables.
-
-    Raises
-    ------
-    ProblemError
-        If the file does not fit; with the path of the faulty key.  If it names what
-        only a file that is trusted may name.  If the folder has
-        no ``problem.toml`` and holds several problems; with their files.
-    ModelError
-        If the robot cannot be built.
-    """
-    files = problem_files(path)
-    if len(files) > 1:
-        found = ", ".join(str(file.relative_to(path)) for file in files)
-        raise ProblemError(
-            f"{path} holds {len(files)} problems: {found}. Name one of them, or load "
-            "them all with load_problems"
-        )
-    (file,) = files
-    table = read_problem_table(file)
-    for sentence in () if trust else names_outside(table, file):
-        require_trusted(file, sentence)
-    return replace(problem_of(table, file), source=file)
-
-
-def problem_of(
-    table: ProblemTable, file: Path, *, read: Mapping[str, Recording] | None = None
-) -> Problem:
-    """Return the problem that a problem file's content states.
-
-    Parameters
-    ----------
-    table : ProblemTable
-    file : Path
-        Files are named relative to its folder; it need not be there itself.
-    read : mapping of str to Recording, optional
-        Logs that have been read already, by the file's names of them.
-
-    Raises
-    ------
-    ProblemError, ModelError
-        See `load_problem`.
-    """
-    model = torque_model(table, file)
-    arm = None if table.wrist_sensor is None else model.robot
-    model = behind_sensor(table, model)
-    if table.data is not None:
-        gains_of_drives(table.data)
-        check_data(table.data, floating=model.robot.floating and arm is None)
-    constraints = constraints_of(assumed(table, model), file.parent, table.joints)
-    lowered(constraints, model)  # a name that is wrong is found here, not after hours
-    problem = Problem(
-        folder=file.parent,
-        table=table,
-        model=model,
-        constraints=constraints,
-        prior=prior_of(table.prior, file),
-        arm=arm,
-    )
-    for name, raw in (read or {}).items():
-        problem._read[(problem._path(name),)] = raw
-    return problem

@@ -8,8 +8,9 @@ from consistent_id.problems.constraint_tables import ConstraintsTable
 from consistent_id.problems.draft_text import DRIVE_COMMENTS
 from consistent_id.problems.excitation_tables import ExcitationTable
 from consistent_id.problems.file import ProblemTable
+from consistent_id.problems.loading import problem_of
 from consistent_id.problems.model import DEFAULT_DRIVE, model_table
-from consistent_id.problems.problem import Problem, problem_of
+from consistent_id.problems.problem import Problem
 from consistent_id.problems.toml_text import problem_name, toml_text
 from consistent_id.robot.chains import Selection
 from consistent_id.robot.loaders import load_robot

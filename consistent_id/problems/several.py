@@ -5,7 +5,8 @@ from pathlib import Path
 
 from consistent_id.errors import ProblemError
 from consistent_id.problems.folder import problem_files
-from consistent_id.problems.problem import Problem, load_problem
+from consistent_id.problems.loading import load_problem
+from consistent_id.problems.problem import Problem
 
 
 def load_problems(folder: str | Path, *, trust: bool = False) -> tuple[Problem, ...]:

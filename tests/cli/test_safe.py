@@ -143,7 +143,7 @@ def test_a_bug_leaves_a_line_a_traceback_in_a_file_and_code_70(
 
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     monkeypatch.setattr("tempfile.tempdir", None)
-    monkeypatch.setattr("consistent_id.problems.problem.load_problem", broken)
+    monkeypatch.setattr("consistent_id.problems.loading.load_problem", broken)
     assert main(["compare", RX60, "--dry-run"]) == 70
     (line,) = capsys.readouterr().err.splitlines()
     assert "this is a bug" in line and "what nobody thought of" in line
@@ -159,7 +159,7 @@ def test_what_the_system_refuses_is_no_bug(capsys, monkeypatch, error, code):
     def refused(*_, **__):
         raise error
 
-    monkeypatch.setattr("consistent_id.problems.problem.load_problem", refused)
+    monkeypatch.setattr("consistent_id.problems.loading.load_problem", refused)
     assert main(["compare", RX60, "--dry-run"]) == code
     assert "bug" not in capsys.readouterr().err
 

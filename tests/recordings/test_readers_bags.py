@@ -12,7 +12,7 @@ from rosbags import rosbag1, rosbag2
 from rosbags.typesys import Stores, get_typestore
 
 from consistent_id.errors import RecordingError
-from consistent_id.problems.problem import load_problem
+from consistent_id.problems.loading import load_problem
 from consistent_id.recordings.readers import JOINT_STATE, Columns, read_recording
 
 TYPES = get_typestore(Stores.ROS2_HUMBLE)

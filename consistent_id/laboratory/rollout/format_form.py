@@ -11,7 +11,8 @@ from typing import Any
 import msgspec
 
 from consistent_id.errors import ProblemError
-from consistent_id.problems.problem import Problem, problem_of
+from consistent_id.problems.loading import problem_of
+from consistent_id.problems.problem import Problem
 from consistent_id.regression.drive.drive_terms import DEFAULTS
 
 _EVERYWHERE = ("viscous", "coulomb", "velocity_scale", "offset", "rotor_inertia")

@@ -13,7 +13,8 @@ from consistent_id.estimation.method import Method
 from consistent_id.laboratory.rollout.replay import replay, replayable
 from consistent_id.laboratory.rollout.replay_model import replay_model
 from consistent_id.problems.file import JointTable
-from consistent_id.problems.problem import Problem, problem_of
+from consistent_id.problems.loading import problem_of
+from consistent_id.problems.problem import Problem
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import PDGains
 from consistent_id.regression.base import base_parameters

@@ -9,7 +9,8 @@ from consistent_id._support.tables import Table
 from consistent_id.errors import ProblemError
 from consistent_id.problems.file import ProblemTable
 from consistent_id.problems.kept_text import changed_tables, rewritten
-from consistent_id.problems.problem import Problem, problem_of
+from consistent_id.problems.loading import problem_of
+from consistent_id.problems.problem import Problem
 from consistent_id.problems.selection.choice import Choice, applied
 from consistent_id.problems.selection.search import Step
 from consistent_id.problems.toml_text import bare_key, toml_text

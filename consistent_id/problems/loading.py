@@ -1,0 +1,89 @@
+"""From a problem file, or its content, to the problem that it states."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+from consistent_id._support.run import require_trusted
+from consistent_id.constraints import lowered
+from consistent_id.errors import ProblemError
+from consistent_id.problems.constraints import constraints_of, prior_of
+from consistent_id.problems.file import ProblemTable, read_problem_table
+from consistent_id.problems.folder import problem_files
+from consistent_id.problems.log_entries import gains_of_drives
+from consistent_id.problems.model import assumed, behind_sensor, torque_model
+from consistent_id.problems.paths import names_outside
+from consistent_id.problems.preparation import check_data
+from consistent_id.problems.problem import Problem
+from consistent_id.recordings.recording import Recording
+
+
+def load_problem(path: str | Path, *, trust: bool = False) -> Problem:
+    """Load a problem from its folder, or from the file itself.
+
+    Parameters
+    ----------
+    path : str or Path
+    trust : bool
+        Whether the file may name files outside of its folder and of that of the data
+        (``CONSISTENT_ID_DATASETS``), and other environment variables.
+
+    Raises
+    ------
+    ProblemError
+        If the file does not fit; with the path of the faulty key.  If it names what
+        only a file that is trusted may name.  If the folder has
+        no ``problem.toml`` and holds several problems; with their files.
+    ModelError
+        If the robot cannot be built.
+    """
+    files = problem_files(path)
+    if len(files) > 1:
+        found = ", ".join(str(file.relative_to(path)) for file in files)
+        raise ProblemError(
+            f"{path} holds {len(files)} problems: {found}. Name one of them, or load "
+            "them all with load_problems"
+        )
+    (file,) = files
+    table = read_problem_table(file)
+    for sentence in () if trust else names_outside(table, file):
+        require_trusted(file, sentence)
+    return replace(problem_of(table, file), source=file)
+
+
+def problem_of(
+    table: ProblemTable, file: Path, *, read: Mapping[str, Recording] | None = None
+) -> Problem:
+    """Return the problem that a problem file's content states.
+
+    Parameters
+    ----------
+    table : ProblemTable
+    file : Path
+        Files are named relative to its folder; it need not be there itself.
+    read : mapping of str to Recording, optional
+        Logs that have been read already, by the file's names of them.
+
+    Raises
+    ------
+    ProblemError, ModelError
+        See `load_problem`.
+    """
+    model = torque_model(table, file)
+    arm = None if table.wrist_sensor is None else model.robot
+    model = behind_sensor(table, model)
+    if table.data is not None:
+        gains_of_drives(table.data)
+        check_data(table.data, floating=model.robot.floating and arm is None)
+    constraints = constraints_of(assumed(table, model), file.parent, table.joints)
+    lowered(constraints, model)  # a name that is wrong is found here, not after hours
+    problem = Problem(
+        folder=file.parent,
+        table=table,
+        model=model,
+        constraints=constraints,
+        prior=prior_of(table.prior, file),
+        arm=arm,
+    )
+    problem.keep(read or {})
+    return problem
