@@ -72,7 +72,7 @@ def segments_of(recordings: Sequence[Recording], *, count: int) -> list[Recordin
     return [
         recording.samples(slice(start, stop))
         for recording in recordings
-        for start, stop in cuts(len(recording), length)
+        for start, stop in segment_cuts(len(recording), length)
     ]
 
 
@@ -98,7 +98,7 @@ def segment_sources(
     return tuple(
         k
         for k, recording in enumerate(recordings)
-        for _ in cuts(len(recording), length)
+        for _ in segment_cuts(len(recording), length)
     )
 
 
@@ -154,7 +154,7 @@ def merged(segments: Sequence[Regression]) -> Regression:
     return segments[0].joined(segments[1:])
 
 
-def cuts(samples: int, length: float) -> list[tuple[int, int]]:
+def segment_cuts(samples: int, length: float) -> list[tuple[int, int]]:
     """Return where segments of about a length begin and end."""
     number = max(min(round(samples / length), samples // 2), 1)
     ends = np.linspace(0, samples, number + 1).round().astype(int).tolist()

@@ -18,7 +18,7 @@ PARTS = (
     "huber",
     "published_least_squares",
     "recordings_of",
-    "segment_regressions",
+    "segments_of_problem",
     "shadow_prices",
 )
 
@@ -34,7 +34,7 @@ def calls(monkeypatch):
 
         return run
 
-    for name in (*PARTS, "build_regression", "constrained_least_squares"):
+    for name in (*PARTS, "regression_of", "constrained_least_squares"):
         work = getattr(study_module, name)
         monkeypatch.setattr(study_module, name, counted(name, work))
     return counts
@@ -47,7 +47,7 @@ def test_each_part_is_computed_once(calls):
         assert getattr(study, part) is getattr(study, part)
     assert study.constrained in study.estimates
     assert {name: calls[name] for name in PARTS} == dict.fromkeys(PARTS, 1)
-    assert calls["build_regression"] == 0  # the segments' sum is the regression
+    assert calls["regression_of"] == 0  # the segments' sum is the regression
     assert calls["constrained_least_squares"] == 4
 
 
