@@ -327,3 +327,13 @@ def test_a_bias_that_drifts_and_is_not_there_is_refused(wrist, tmp_path):
     (tmp_path / "problem.toml").write_text(WRIST.replace('tool = "gripper"', keys))
     with pytest.raises(ci.ProblemError, match="leave one of them out"):
         ci.load_problem(tmp_path)
+
+
+def test_what_streams_do_not_prepare_is_refused(wrist, folder):
+    """Before, a sensor's log was read without joints, and feet that slip were kept."""
+    with pytest.raises(ci.ProblemError, match=r"streamed: \[wrist_sensor\]"):
+        ci.stream_regression(wrist)
+    for key in ("most_slip = 0.1", 'least_joint_speed = "estimated"'):
+        other = problem(folder, f"{key}\n", UNIT, CONTACTS, name="other.toml")
+        with pytest.raises(ci.ProblemError, match=f"streamed: .*{key.split()[0]}"):
+            ci.stream_regression(other)

@@ -11,6 +11,15 @@ def obstacle(problem: Problem, role: str) -> str:
         return f"problem {problem.name!r} has no recordings"
     if data.gains is not None:
         return "[data.gains]: torque is made of the commands of a whole recording"
+    if problem.arm is not None:
+        return "[wrist_sensor]: what carries the sensor is looked at in memory"
+    if data.preparation.most_slip is not None:
+        return "[data.preparation] most_slip: feet that slip are found in memory"
+    if data.preparation.least_joint_speed == "estimated":
+        return (
+            '[data.preparation] least_joint_speed = "estimated" is found in memory; '
+            "give the speed that compare finds for a part of the log"
+        )
     where, table = "[data.preparation]", data.preparation
     if table.method in ("smoother", "fourier"):
         return (
