@@ -60,7 +60,7 @@ def guessed_share(
     seen = coordinates(noise) @ base.projection * unit @ free
     told = np.linalg.solve(noise.root.T, seen)  # in standard errors
     prior = 1.0 / max(float(np.mean(u**2)), np.finfo(float).tiny)
-    guess = unit * (free @ _left_of(free.T @ u, told, prior))
+    guess = unit * (free @ _left_of(free.T @ u, np.asarray(told), prior))
     torque, guessed = rows.rms(x), rows.rms(guess)
     matters = _matters(every, torque)
     share = guessed[matters] / torque[matters]

@@ -148,11 +148,11 @@ def _runs(recordings: Sequence[Recording], count: int) -> Iterator[tuple[int, sl
     """Yield the samples of each segment, and the recording that they are of."""
     length = max(sum(len(r) for r in recordings) / count, 2.0)
     for k, recording in enumerate(recordings):
-        for start, stop in cuts(len(recording), length):
+        for start, stop in segment_cuts(len(recording), length):
             yield k, slice(start, stop)
 
 
-def cuts(samples: int, length: float) -> list[tuple[int, int]]:
+def segment_cuts(samples: int, length: float) -> list[tuple[int, int]]:
     """Return where segments of about a length begin and end."""
     number = max(min(round(samples / length), samples // 2), 1)
     ends = np.linspace(0, samples, number + 1).round().astype(int).tolist()

@@ -327,3 +327,28 @@ def test_a_bias_that_drifts_and_is_not_there_is_refused(wrist, tmp_path):
     (tmp_path / "problem.toml").write_text(WRIST.replace('tool = "gripper"', keys))
     with pytest.raises(ci.ProblemError, match="leave one of them out"):
         ci.load_problem(tmp_path)
+
+
+def test_what_takes_all_recordings_at_once_is_not_streamed(wrist, folder, tmp_path):
+    keys = 'tool = "gripper"\ndrift = "linear"'
+    (tmp_path / "problem.toml").write_text(WRIST.replace('tool = "gripper"', keys))
+    speed = problem(
+        folder, 'least_joint_speed = "estimated"\n', UNIT, CONTACTS, name="other.toml"
+    )
+    for one, why in (
+        (ci.load_problem(tmp_path), "drift"),
+        (speed, "least_joint_speed"),
+    ):
+        with pytest.raises(ci.ProblemError, match=f"streamed: .*{why}"):
+            ci.stream_regression(one)
+
+
+def test_logs_of_sensors_and_of_feet_that_slip_are_streamed_whole(wrist, folder):
+    slip = problem(folder, "most_slip = 0.1\n", UNIT, CONTACTS, name="other.toml")
+    for one in (wrist, slip):
+        streamed = ci.stream_regression(one)
+        whole = ci.build_regression(one.model, one.training)
+        for mine, other in zip(streamed.factors, whole.factors, strict=True):
+            np.testing.assert_allclose(
+                mine, other, rtol=0, atol=1e-9 * abs(other).max()
+            )

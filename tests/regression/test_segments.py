@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 
 from consistent_id import NotExcitedError, ProblemError, build_regression
 from consistent_id.regression.segments import (
-    cuts,
     lengthened,
     merged,
+    segment_cuts,
     segment_regressions,
     segment_sources,
 )
@@ -28,7 +28,7 @@ def test_segments_add_up_to_the_whole_regression():
 
 @given(st.integers(2, 3000), st.integers(2, 60))
 def test_every_sample_is_in_exactly_one_segment_of_two_or_more(samples, count):
-    found = cuts(samples, max(samples / count, 2.0))
+    found = segment_cuts(samples, max(samples / count, 2.0))
     assert [i for cut in found for i in range(*cut)] == list(range(samples))
     lengths = [stop - start for start, stop in found]
     assert min(lengths) >= 2

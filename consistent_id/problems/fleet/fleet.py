@@ -58,11 +58,12 @@ from consistent_id.problems.fleet.settling import (
 from consistent_id.problems.fleet.share_files import read_share, write_share
 from consistent_id.problems.model import datasheet_of
 from consistent_id.problems.problem import Problem
+from consistent_id.problems.sensor_drift_preparation import regression_of
 from consistent_id.problems.several import require_distinct
 from consistent_id.problems.streaming.obstacle import obstacle
 from consistent_id.problems.streaming.stream import stream_regression
 from consistent_id.regression.base import BaseParameters, base_parameters
-from consistent_id.regression.regression import Regression, build_regression
+from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.parameters import did_you_mean
 
@@ -163,7 +164,7 @@ def carried_body(problem: Problem) -> CarriedBody | None:
 def _share_of(fleet: FleetModel, problem: Problem) -> RobotShare:
     try:
         if obstacle(problem):
-            regression = build_regression(problem.model, problem.training)
+            regression = regression_of(problem.table, problem.model, problem.training)
         else:
             regression = stream_regression(problem)
         return robot_share(problem.name, fleet, regression)

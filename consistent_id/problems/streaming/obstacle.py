@@ -3,9 +3,10 @@
 from consistent_id._support.inputs import GIBIBYTE, memory_of_this_computer
 from consistent_id._support.run import current_run
 from consistent_id.errors import RecordingError
-from consistent_id.problems.data_columns import columns_of
 from consistent_id.problems.file import PreparationTable, RecordingTable
+from consistent_id.problems.log_entries import columns_of
 from consistent_id.problems.problem import Problem
+from consistent_id.problems.sensor_drift_preparation import drift_of
 from consistent_id.recordings.log_formats import LOG_FORMATS, log_format
 
 _COPIES = 2  # of a file's size that reading it as a whole takes, at the least
@@ -23,6 +24,8 @@ def obstacle(problem: Problem) -> str:
             "recordings at once; give the speed that a part of the log shows "
             "(rest_speed)"
         )
+    if drift_of(problem.table) != "none":
+        return "[wrist_sensor]: drift takes all recordings at once"
     gains = data.gains
     for key in ("delay", "scale", "encoder_bias", "stiffness"):
         if gains is not None and getattr(gains, key) == "estimated":

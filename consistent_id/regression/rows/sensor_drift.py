@@ -25,7 +25,7 @@ from consistent_id.regression.joint_fit import JointFit, joint_fit
 from consistent_id.regression.motion_arrays import motion_of
 from consistent_id.regression.regression import Regression, triangle
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.regression.segments import SEGMENTS, cuts
+from consistent_id.regression.segments import SEGMENTS, segment_cuts
 
 Drift = Literal["none", "recordings", "linear"]
 """Of a bias: one for all recordings, one for each, or one for each that changes at a
@@ -92,7 +92,7 @@ def driftless_segments(
     pieces = [
         _Rows(part.rows[:, start:stop], 0 if start else part.lost)
         for part in parts
-        for start, stop in cuts(part.rows.shape[1], length)
+        for start, stop in segment_cuts(part.rows.shape[1], length)
     ]
     found = [_compressed(model, [piece], noise=False) for piece in pieces]
     noise = _compressed(model, parts).noise
