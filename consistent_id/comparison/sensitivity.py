@@ -20,8 +20,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
-from consistent_id.constraints.cones.certificate import row_spaces
 from consistent_id.constraints.cones.matrices import svec
+from consistent_id.constraints.cones.row_spaces import row_spaces
 from consistent_id.constraints.cones.sets import SemidefiniteBlock
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.constrained_fit import ConstrainedFit

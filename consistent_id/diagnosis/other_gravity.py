@@ -19,7 +19,9 @@ from consistent_id.diagnosis.torque_parts import (
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import base_parameters
 from consistent_id.regression.linear import smallest_solution
+from consistent_id.regression.model_torque import rigid_torque
 from consistent_id.regression.regressor import TorqueModel
+from consistent_id.robot.scaling import reference_bodies
 
 _THRESHOLD = 1.3  # ratio of misfits, as in the table of corrections
 # Ratio of what the nominal robot leaves, upright and leaning: turning takes up a part
@@ -116,19 +118,25 @@ def gravity_in(model: TorqueModel, recording: Recording) -> Vector:
     of each joint.
     """
     robot, torque = model.robot, np.asarray(recording.of(model.torque_joints).torque)
-    unit = [
-        nominal_parts(replace(model, robot=replace(robot, gravity=axis)), recording)[0]
+    bodies, q = (
+        reference_bodies(robot).ravel(),
+        recording.of(robot.joint_names).position,
+    )
+    rows = model.torque_joints
+    turned = (
+        TorqueModel(replace(robot, gravity=axis), torque_joints=rows)
         for axis in np.eye(3)
-    ]
+    )
+    unit = [rigid_torque(one, bodies, (q, None, None)) for one in turned]
     _, inertial = nominal_parts(model, recording)
     speed = np.asarray(recording.of(model.torque_joints).velocity)
-    rows, right = [], []
+    left, right = [], []
     for j, tau in enumerate(torque.T):
         own = [inertial[:, j], speed[:, j], np.tanh(speed[:, j] / _CREEP)]
         own.append(np.ones(len(tau)))
         Q, _ = np.linalg.qr(np.column_stack(own))
         seen = np.column_stack([u[:, j] for u in unit])
         scale = float(np.sqrt(np.mean(tau**2))) or 1.0
-        rows.append((seen - Q @ (Q.T @ seen)) / scale)
+        left.append((seen - Q @ (Q.T @ seen)) / scale)
         right.append((tau - Q @ (Q.T @ tau)) / scale)
-    return smallest_solution(np.vstack(rows), np.concatenate(right), RANK)
+    return smallest_solution(np.vstack(left), np.concatenate(right), RANK)

@@ -16,6 +16,7 @@ from consistent_id._support.arrays import BoolArray, Matrix, Vector
 from consistent_id.diagnosis.jackknife import Fitted, jackknife
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.drive.spring import Spring
+from consistent_id.regression.model_torque import rigid_torque
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.scaling import reference_bodies
 
@@ -86,10 +87,9 @@ def nominal_parts(model: TorqueModel, prepared: Recording) -> tuple[Matrix, Matr
     rigid = TorqueModel(model.robot, torque_joints=model.torque_joints)
     bodies = reference_bodies(model.robot).ravel()
     log = prepared.of(model.robot.joint_names)
-    still = np.zeros_like(log.position)
     rates = np.asarray(log.velocity), np.asarray(log.acceleration)
-    gravity = rigid.predict(bodies, log.position, still, still)
-    whole = rigid.predict(bodies, log.position, *rates)
+    gravity = rigid_torque(rigid, bodies, (log.position, None, None))
+    whole = rigid_torque(rigid, bodies, (log.position, *rates))
     return gravity, whole - gravity
 
 

@@ -5,6 +5,7 @@ torque.  On other motions it does, and a prior or a convention chose it.
 """
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -51,7 +52,7 @@ def guessed_share(
     """
     if not model.robot.connected:
         return np.nan
-    every = replace(model, torque_joints=()) if model.robot.floating else model
+    every = _with_all_rows(model) if model.robot.floating else model
     rows = random_rows(every)
     unit = 1.0 / np.where(rows.norms > 0.0, rows.norms, 1.0)
     u = x / unit  # torque on other motions that each parameter makes
@@ -65,6 +66,12 @@ def guessed_share(
     matters = _matters(every, torque)
     share = guessed[matters] / torque[matters]
     return float(min(share.max(initial=0.0), 1.0))
+
+
+@lru_cache(maxsize=16)
+def _with_all_rows(model: TorqueModel) -> TorqueModel:
+    every = replace(model, torque_joints=())
+    return model if model.torque_joints == every.torque_joints else every
 
 
 def _left_of(guess: Vector, told: Matrix, prior: float) -> Vector:

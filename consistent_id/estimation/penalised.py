@@ -17,7 +17,6 @@ from consistent_id.constraints.cones.certificate import (
     GAP_TOLERANCE,
     Optimality,
     certify,
-    equalities,
     unexplained,
 )
 from consistent_id.constraints.cones.least_norm import (
@@ -25,6 +24,7 @@ from consistent_id.constraints.cones.least_norm import (
     LeastNorm,
     solve_least_norm,
 )
+from consistent_id.constraints.cones.row_spaces import equalities
 from consistent_id.constraints.distances import (
     EntropicDistance,
     NominalDistance,

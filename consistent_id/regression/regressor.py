@@ -37,6 +37,7 @@ from consistent_id.regression.joint_geometry import (
 from consistent_id.regression.kept_columns import KeptColumns
 from consistent_id.regression.loads import checked_reference, loaded
 from consistent_id.regression.model_rows import biased_rows, in_order, rows_of
+from consistent_id.regression.model_torque import model_torque
 from consistent_id.regression.newton_euler import JointGeometry
 from consistent_id.regression.row_names import (
     BASE_UNITS,
@@ -254,18 +255,8 @@ class TorqueModel:
         base: BaseMotion | None,
     ) -> Iterator[tuple[slice, _Room]]:
         """Yield ``(samples, out)`` with the regressor of as many samples as fit in."""
-        joints = len(self.robot)
-        motion = [
-            checked(x, (None, joints), name)
-            for x, name in ((q, "q"), (dq, "dq"), (ddq, "ddq"))
-        ]
-        samples = len(motion[0])
-        for x, name in zip(motion, ("q", "dq", "ddq"), strict=True):
-            if len(x) != samples:
-                raise ProblemError(f"{name} has {len(x)} samples, q has {samples}")
-        moves = None if base is None else base.stacked
-        if moves is not None and len(moves) != samples:
-            raise ProblemError(f"base motion has {len(moves)} samples, q has {samples}")
+        motion, moves = self._checked(q, dq, ddq, base)
+        samples, joints = motion[0].shape
         geometry, size = joint_geometry(self.robot), out.shape[2]
         # Made once: what is freed after each piece goes back to the system and returns
         # page by page, which costs as much as the recursion.
@@ -281,6 +272,23 @@ class TorqueModel:
             self._fill(block, geometry, state[:, :, few], carried, waves[:, :, few])
             yield part, block
 
+    def _checked(
+        self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, base: BaseMotion | None
+    ) -> tuple[list[Array], Array | None]:
+        """Return a motion of the robot and of its base, as arrays of one length."""
+        motion = [
+            checked(x, (None, len(self.robot)), name)
+            for x, name in ((q, "q"), (dq, "dq"), (ddq, "ddq"))
+        ]
+        samples = len(motion[0])
+        for x, name in zip(motion, ("q", "dq", "ddq"), strict=True):
+            if len(x) != samples:
+                raise ProblemError(f"{name} has {len(x)} samples, q has {samples}")
+        moves = None if base is None else base.stacked
+        if moves is not None and len(moves) != samples:
+            raise ProblemError(f"base motion has {len(moves)} samples, q has {samples}")
+        return motion, moves
+
     def predict(
         self,
         x: ArrayLike,
@@ -295,13 +303,7 @@ class TorqueModel:
         In the order of `torque_joints`.
         """
         x = frozen(x, (len(self.layout),), "parameters")
-        parts = [
-            np.einsum("jps,p->sj", block, x)
-            for _, block in self.chunks(q, dq, ddq, base=base)
-        ]
-        return (
-            np.concatenate(parts) if parts else np.zeros((0, len(self.torque_joints)))
-        )
+        return model_torque(self, x, *self._checked(q, dq, ddq, base))
 
     def _fill(
         self,

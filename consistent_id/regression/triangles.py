@@ -9,6 +9,7 @@ import numpy as np
 from consistent_id._support.arrays import Matrix
 from consistent_id.regression.compiled.triangle import eliminator
 
+_BLOCK = 32  # columns that LAPACK eliminates at a time, of wide matrices
 _PANEL = 8  # columns that a QR eliminates at a time: 4 to 16 are equally fast
 
 
@@ -37,7 +38,8 @@ def triangle(rows: Matrix) -> Matrix:
     """Return the triangular factor of a QR decomposition, destroying `rows`."""
     if len(rows) == 0:
         return rows
-    R, *_ = _geqrf()(rows, overwrite_a=1)
+    # With room for blocks of columns; SciPy's default is three columns.
+    R, *_ = _geqrf()(rows, overwrite_a=1, lwork=_BLOCK * max(rows.shape[1], 1))
     return np.triu(R[: rows.shape[1]])
 
 

@@ -20,9 +20,10 @@ from consistent_id import (
     build_regression,
     simulate_torque,
 )
-from consistent_id.constraints.cones.certificate import certify, equalities, unexplained
+from consistent_id.constraints.cones.certificate import certify, unexplained
 from consistent_id.constraints.cones.least_norm import solve_least_norm
 from consistent_id.constraints.cones.programmes import Multipliers
+from consistent_id.constraints.cones.row_spaces import equalities
 from consistent_id.constraints.distances import nominal_distance
 from consistent_id.constraints.priors import Distance
 from consistent_id.estimation.penalised import (

@@ -17,12 +17,13 @@ reaches `RADIUS` times as far as ``u`` is from it.
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from functools import lru_cache, partial
-from typing import Literal, NamedTuple
+from functools import partial
+from typing import Literal
 
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
+from consistent_id.constraints.cones.free_optimum import free_optimum
 from consistent_id.constraints.cones.least_norm import (
     TOLERANCES,
     ConeSolution,
@@ -31,6 +32,7 @@ from consistent_id.constraints.cones.least_norm import (
 )
 from consistent_id.constraints.cones.matrices import stacked
 from consistent_id.constraints.cones.programmes import COARSE, Ball, Multipliers
+from consistent_id.constraints.cones.row_spaces import equalities
 from consistent_id.constraints.cones.sets import ConicSet, block_rows
 from consistent_id.errors import SolverError
 
@@ -39,8 +41,11 @@ _FLAT = 1e-3
 """Gap that no digits of the solver's close: the objective is flat in directions in
 which the point ran away, and only a ball can hold it."""
 
+_MANY = 200
+"""Parameters from which on the first try is not refined: that saves a third of the
+solver's time and mostly is enough; of fewer it is not worth a second try."""
+
 _NO_COST = 1e-9  # share of the objective, far below the gap allowed
-_NULL = 1e-12  # singular values below this, relative to the largest, are zero
 
 OptimumVerdict = Literal["certified", "uncertified"]
 
@@ -97,6 +102,7 @@ def certify(
     reach: float = 0.0,
     objective: float | None = None,
     curvature: Matrix | None = None,
+    triangle: Matrix | None = None,
 ) -> Optimality:
     """Recompute feasibility and the duality gap of a solution.
 
@@ -114,6 +120,8 @@ def certify(
     curvature : ndarray, shape (rows, parameters), optional
         ``C`` such that the function has a curvature of ``C^T C`` or more; by default
         the problem's ``G``.
+    triangle : ndarray, optional
+        Factor of the curvature along the steps that equalities allow, if it is known.
     """
     domain = problem.domain
     # What is proven is proven of the nearest point on the equalities; how much that
@@ -121,7 +129,6 @@ def certify(
     u = _onto_equalities(domain, solution.u)
     moved = abs(_half_square(problem, solution.u) - _half_square(problem, u))
     objective = _half_square(problem, u) if objective is None else objective
-    curvature = problem.G if curvature is None else curvature
     rest, duals = unexplained(problem, u, solution.multipliers)
     E = equalities(domain).steps
     away = float(np.linalg.norm(u - centre))
@@ -129,7 +136,10 @@ def certify(
     gap = moved + _complementarity(domain, u, duals)
     scale = max(objective, reference)
     slopes, to_centre = E.T @ rest, E.T @ (centre - u)
-    gap += _cost_of_rest(curvature @ E, slopes, to_centre, radius, _NO_COST * scale)
+    if triangle is None:
+        curvature = problem.G if curvature is None else curvature
+        triangle = _rows_of(equalities(domain).along(curvature))
+    gap += _cost_of_rest(triangle, slopes, to_centre, radius, _NO_COST * scale)
     gap = min(gap, objective)  # the optimum is not below 0
     figures = (
         objective,
@@ -173,8 +183,9 @@ def solve_certified(
 ) -> tuple[ConeSolution, Optimality]:
     """Try one way after another until a solution is certified; else return the best.
 
-    At several tolerances, and magnified; then within the ball of the proof; then about
-    the best point so far.  Where a larger gap than a certificate allows is enough, a
+    Without inequalities, if that keeps them; at several tolerances, of large problems
+    first unrefined, and magnified; then within the ball of the proof; then about the
+    best point so far.  Where a larger gap than a certificate allows is enough, a
     coarse tolerance is tried first.  Where two ways show that the objective is `_FLAT`,
     other tolerances are left out: balls are tried, each once.
 
@@ -185,15 +196,26 @@ def solve_certified(
     """
     so_far = _SoFar()
     failures: list[str] = []
+    free = free_optimum(problem, centre)
+    judged = partial(
+        certify,
+        problem,
+        centre=centre,
+        reference=reference,
+        reach=reach,
+        triangle=free.triangle,
+    )
+    if free.solution is not None:
+        optimality = judged(free.solution)
+        if optimality.within(gap):
+            return free.solution, optimality
     for way in _ways(problem, so_far, ball_about(centre, reach), gap):
         try:
             solution = way()
         except SolverError as failure:
             failures.append(str(failure))
             continue
-        optimality = certify(
-            problem, solution, centre, reference=reference, reach=reach
-        )
+        optimality = judged(solution)
         so_far.found.append((solution, optimality))
         if optimality.within(gap):
             break
@@ -227,6 +249,8 @@ def _ways(
     solve = partial(solve_least_norm, problem)
     if gap > GAP_TOLERANCE:
         yield partial(solve, tolerance=COARSE)
+    elif len(within.centre) >= _MANY:
+        yield partial(solve, tolerance=TOLERANCES[0], refined=False)
     yield partial(solve, tolerance=TOLERANCES[0])
     yield partial(solve, tolerance=_FINE[0], magnified=True)
     if not so_far.is_flat:
@@ -257,19 +281,13 @@ def _cost_of_rest(
 ) -> float:
     """Bound ``-rest.d - 1/2 ||curvature d||^2`` for steps ``d`` that end in the ball.
 
-    All in coordinates of the steps that equalities allow.  Where no direction is flat,
-    the parabola's maximum may be as small as is `enough`; then no better one is sought.
+    All in coordinates of the steps that equalities allow.  Where the bound with the
+    null space alone as flat is small `enough`, no better one is sought.
     """
-    from scipy.linalg import solve_triangular
-
-    R = np.asarray(np.linalg.qr(curvature, mode="r"))
-    if len(R) == len(rest) and np.diag(R).all():
-        with np.errstate(over="ignore", invalid="ignore"):
-            turn = solve_triangular(R, rest, trans="T", check_finite=False)
-            turned = float(turn @ turn) / 2
-        if turned <= enough:
-            return turned
-    _, s, Vt = np.linalg.svd(R)
+    bound = _bound_by_qr(curvature, rest, to_centre, radius)
+    if bound <= enough:
+        return bound
+    _, s, Vt = np.linalg.svd(curvature)
     s = np.append(s, np.zeros(len(Vt) - len(s)))
     along, to_centre = Vt @ rest, Vt @ to_centre
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
@@ -284,27 +302,33 @@ def _cost_of_rest(
     return float((parabolas + ends).min())
 
 
-class Equalities(NamedTuple):
-    """What a set's equalities are: ``A^+``, and a basis of the steps that keep them."""
-
-    inverse: Matrix
-    steps: Matrix
-
-
-@lru_cache(maxsize=16)
-def equalities(domain: ConicSet) -> Equalities:
-    """Return pseudo-inverse and null space of a set's equalities."""
-    return row_spaces(domain.A_eq)
+def _rows_of(curvature: Matrix) -> Matrix:
+    """Return no more rows than columns, triangular ones where there are as many."""
+    if len(curvature) < curvature.shape[1]:
+        return curvature
+    return np.asarray(np.linalg.qr(curvature, mode="r"))
 
 
-def row_spaces(A: Matrix) -> Equalities:
-    """Return the pseudo-inverse of a matrix and an orthonormal basis of its null space.
+def _bound_by_qr(rows: Matrix, rest: Vector, to_centre: Vector, radius: float) -> float:
+    """Return the bound with the null space as flat.
 
-    Singular values below 1e-12 of the largest count as zero.
+    It is infinite where rows are dependent, which takes singular values.
     """
-    U, s, Vt = np.linalg.svd(A)
-    rank = int((s > _NULL * s.max(initial=0.0)).sum())
-    return Equalities((Vt[:rank].T / s[:rank]) @ U[:, :rank].T, Vt[rank:].T)
+    from scipy.linalg import solve_triangular
+
+    R, along, end = rows, rest, 0.0
+    wide = len(rows) < len(rest)
+    if wide:
+        Q, R = np.linalg.qr(rows.T)
+        along = Q.T @ rest
+        flat = rest - Q @ along
+        end = radius * float(np.linalg.norm(flat)) - float(flat @ to_centre)
+    if not np.diag(R).all():
+        return np.inf
+    with np.errstate(over="ignore", invalid="ignore"):
+        turn = solve_triangular(R, along, trans=int(not wide), check_finite=False)
+        bound = float(turn @ turn) / 2 + max(end, 0.0)
+    return bound if np.isfinite(bound) else np.inf
 
 
 def unexplained(

@@ -56,6 +56,7 @@ def solve_least_norm(
     within: Ball | None = None,
     origin: Vector | None = None,
     magnified: bool = False,
+    refined: bool = True,
 ) -> ConeSolution:
     """Solve the problem once, with the given tolerance on gap and feasibility.
 
@@ -65,7 +66,7 @@ def solve_least_norm(
     optimum, instead of zero, leaves small numbers to the solver, whose tolerances then
     mean more.  A magnified problem has large ones in the norm instead, so that the
     tolerances ask for more of its digits: where the optimum is far below one, its
-    multipliers need them.
+    multipliers need them.  Of `refined` see `solve_cones`.
 
     Raises
     ------
@@ -87,7 +88,8 @@ def solve_least_norm(
     if within is not None:
         ball = within if origin is None else within.moved(origin)
         rows.append(ball.rows(others=1))
-    point = solve_cones(np.eye(1 + size)[0], rows, tolerance=tolerance)
+    cost = np.eye(1 + size)[0]
+    point = solve_cones(cost, rows, tolerance=tolerance, refined=refined)
     v = point.x[1:]
     u = domain.snapped(v if origin is None else origin + v)
     # Duals of the scaled norm, turned into those of half the square of the unscaled.
