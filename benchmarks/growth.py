@@ -1,12 +1,12 @@
 """How cost grows with joints and with constraints: fitted exponents.
 
 ``python benchmarks/growth.py [--joints 2 5 10 20 29 40] [--limb 7] [--samples 20000]
-[--constraints 10 30 100 300 1000]``.  Processor seconds, one thread, the least of
-`--runs`.  A limb hangs on a base that is fixed; a chain is one limb.  Base parameters
-are those of a robot that nothing is known of.  The estimate starts from a new
-regression and base parameters, and ends with certificate and audit.  Constraints are
-relations of five parameters each, besides consistency, masses and signs, of an arm of
-7 joints.
+[--constraints 10 30 100 300 1000] [--write docs/large-logs-and-fleets.md]``.  Processor
+seconds, one thread, the least of `--runs`. A limb hangs on a base that is fixed; a
+chain is one limb. Base parameters are those of a robot that nothing is known of. The
+estimate starts from a new regression and base parameters, and ends with certificate and
+audit. Constraints are relations of five parameters each, besides consistency, masses
+and signs, of an arm of 7 joints.
 """
 
 import argparse
@@ -18,6 +18,7 @@ from time import process_time
 from typing import TypeVar
 
 import numpy as np
+from pages import written_to
 from threadpoolctl import threadpool_limits
 
 import consistent_id as ci
@@ -148,8 +149,14 @@ def main() -> None:
         "--constraints", type=int, nargs="+", default=[10, 30, 100, 300, 1000]
     )
     parser.add_argument("--runs", type=int, default=2)
+    parser.add_argument("--write", type=Path, help="page with the tables")
     given = parser.parse_args()
-    print(f"Limbs of {given.limb} joints, {given.samples} samples\n")
+    with written_to(given.write, "growth"):
+        _print_tables(given)
+
+
+def _print_tables(given: argparse.Namespace) -> None:
+    print(f"Limbs of {given.limb} joints, {given.samples} samples:\n")
     print(
         "| joints | parameters | base | regression [us/sample] | base parameters [ms] "
         "| estimate [ms] | verdict |"
