@@ -12,7 +12,6 @@ between the two largest fleets says if that may be.
 
 import argparse
 import json
-import resource
 import subprocess
 import sys
 import tempfile
@@ -24,6 +23,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import streaming
+from memory import peak
 from pages import written_to
 from speed import arm, truth
 
@@ -83,14 +83,13 @@ def measured(folder: Path, executor: str) -> dict[str, object]:
     problems = [ci.load_problem(file) for file in files]
     fleet = ci.identify_fleet(problems, executor=executor)
     taken = perf_counter() - wall, process_time() - cpu
-    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     bodies = fleet.bodies
     exact = bodies.base.projection @ np.append(truth(arm())[:70], np.full(7, 0.3))
     error = np.linalg.norm(bodies.base_values - exact) / np.linalg.norm(exact)
     return {
         "wall": taken[0],
         "cpu": taken[1],
-        "memory": memory / 1024,
+        "memory": peak(),
         "outliers": list(fleet.outliers),
         "spread": fleet.spread,
         "error": float(error),

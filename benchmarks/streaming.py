@@ -5,13 +5,11 @@ MCAP] [--executor serial] [--write docs/large-logs-and-fleets.md]``
 
 A log of a 7-joint arm's positions and torques at 1 kHz is written for each length, and
 streamed in a process of its own: filtered at 20 Hz, differentiated, compressed.  The
-exponent of time is that between the two longest.  The largest memory that the process
-ever had is that of the system's count (ru_maxrss).
+exponent of time is that between the two longest.  Memory is that process's peak.
 """
 
 import argparse
 import json
-import resource
 import subprocess
 import sys
 import tempfile
@@ -21,6 +19,7 @@ from time import perf_counter, process_time
 
 import numpy as np
 from long_logs import FILES, write
+from memory import peak
 from pages import written_to
 
 import consistent_id as ci
@@ -61,12 +60,11 @@ def measured(folder: Path, executor: str) -> dict[str, float]:
     wall, cpu = perf_counter(), process_time()
     regression = ci.stream_regression(problem, executor=executor)
     taken = perf_counter() - wall, process_time() - cpu
-    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return {
         "samples": regression.counts[0],
         "wall": taken[0],
         "cpu": taken[1],
-        "memory": memory / 1024,
+        "memory": peak(),
     }
 
 
