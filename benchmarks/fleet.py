@@ -1,6 +1,7 @@
 """Fleets of simulated robots: time, memory, outliers named, and how they grow.
 
-``python benchmarks/fleet.py [--robots 10 30 100] [--samples 10000] [--executor WHERE]``
+``python benchmarks/fleet.py [--robots 10 30 100] [--samples 10000] [--executor WHERE]
+[--write docs/large-logs-and-fleets.md]``
 
 Each robot is the 7-joint arm of ``streaming.py`` with friction and offsets of its own;
 three in a hundred have 0.2 kg more on their last link.  Each writes a Parquet file at
@@ -11,10 +12,10 @@ between the two largest fleets says if that may be.
 
 import argparse
 import json
-import resource
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from time import perf_counter, process_time
 
@@ -22,6 +23,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import streaming
+from memory import peak
+from pages import written_to
 from speed import arm, truth
 
 import consistent_id as ci
@@ -80,14 +83,13 @@ def measured(folder: Path, executor: str) -> dict[str, object]:
     problems = [ci.load_problem(file) for file in files]
     fleet = ci.identify_fleet(problems, executor=executor)
     taken = perf_counter() - wall, process_time() - cpu
-    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     bodies = fleet.bodies
     exact = bodies.base.projection @ np.append(truth(arm())[:70], np.full(7, 0.3))
     error = np.linalg.norm(bodies.base_values - exact) / np.linalg.norm(exact)
     return {
         "wall": taken[0],
         "cpu": taken[1],
-        "memory": memory / 1024,
+        "memory": peak(),
         "outliers": list(fleet.outliers),
         "spread": fleet.spread,
         "error": float(error),
@@ -98,32 +100,42 @@ def measured(folder: Path, executor: str) -> dict[str, object]:
 def main() -> None:
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument("--robots", type=int, nargs="+", default=(10, 30, 100))
-    options.add_argument("--samples", type=int, default=10_000)
+    options.add_argument("--samples", type=int, nargs="+", default=[10_000])
+    options.add_argument("--write", type=Path, help="page with the tables")
     options.add_argument("--executor", default="serial")
     options.add_argument("--measure", type=Path, help=argparse.SUPPRESS)
     given = options.parse_args()
     if given.measure is not None:
         print(json.dumps(measured(given.measure, given.executor)))
         return
-    print(f"{given.samples} samples each, executor {given.executor}")
-    print("robots  CPU [s]  wall [s]  memory [MB]  body error  named, missed, false")
+    with written_to(given.write, "fleet"):
+        for samples in given.samples:
+            _measure(given.robots, samples, given.executor)
+
+
+def _measure(fleets: Sequence[int], samples: int, executor: str) -> None:
+    """Print the table of fleets whose robots have so many samples each."""
+    print(f"\n{samples} samples each, executor {executor}:\n")
+    print("| robots | CPU [s] | memory [MB] | error of the bodies | outliers |")
+    print("|---:|---:|---:|---:|---|")
     found = []
-    for robots in given.robots:
+    for robots in fleets:
         with tempfile.TemporaryDirectory() as name:
-            heavy = write(Path(name), robots, given.samples)
+            heavy = write(Path(name), robots, samples)
             command = [sys.executable, __file__, "--measure", name]
             done = subprocess.run(
-                [*command, "--executor", given.executor],
+                [*command, "--executor", executor],
                 check=True,
                 stdout=subprocess.PIPE,
                 text=True,
             )
         row = json.loads(done.stdout)
         named = set(row["outliers"])
-        counts = len(named), len({*heavy} - named), len(named - {*heavy})
+        missed, false = len({*heavy} - named), len(named - {*heavy})
         print(
-            f"{robots:<6}  {row['cpu']:7.1f}  {row['wall']:8.1f}  "
-            f"{row['memory']:11.0f}  {row['error']:10.1e}  {counts}  {row['verdict']}",
+            f"| {robots} | {row['cpu']:.1f} | {row['memory']:.0f} "
+            f"| {row['error']:.1e} | {len(named)} named, {missed} missed, "
+            f"{false} false |",
             flush=True,
         )
         found.append((robots, row["cpu"], row["memory"]))
@@ -133,13 +145,14 @@ def main() -> None:
 
 def _project(found: np.ndarray) -> None:
     """Print how cost grows between the two largest fleets, and what many cost."""
+    print()
     for what, column, unit in (("CPU", 1, "s"), ("memory", 2, "MB")):
         n, cost = found[:, 0], found[:, column]
         exponent = np.log(cost[-1] / cost[-2]) / np.log(n[-1] / n[-2])
         each, fixed = np.polyfit(n, cost, 1)
         print(
-            f"{what}: exponent {exponent:.2f}; {fixed:.3g} + {each:.3g} per robot; "
-            f"{_MANY} robots: {fixed + each * _MANY:.0f} {unit}"
+            f"{what}: robots^{exponent:.2f}, {fixed:.3g} + {each:.3g} {unit} for each; "
+            f"{_MANY} robots would take {fixed + each * _MANY:.0f} {unit}.\n"
         )
 
 

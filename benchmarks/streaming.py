@@ -1,32 +1,34 @@
 """Memory and time of regressions of logs that are larger than memory, by their length.
 
-``python benchmarks/streaming.py [--samples 10000 ... 30000000] [--executor serial]``
+``python benchmarks/streaming.py [--samples 10000 ... 30000000] [--form Parquet CSV HDF5
+MCAP] [--executor serial] [--write docs/large-logs-and-fleets.md]``
 
-A Parquet file of a 7-joint arm's positions and torques at 1 kHz is written for each
-length, and streamed in a process of its own: filtered at 20 Hz, differentiated,
-compressed.  The largest memory that the process ever had is that of the system's count
-(ru_maxrss), its workers' besides.
+A log of a 7-joint arm's positions and torques at 1 kHz is written for each length, and
+streamed in a process of its own: filtered at 20 Hz, differentiated, compressed.  The
+exponent of time is that between the two longest.  Memory is that process's peak.
 """
 
 import argparse
 import json
-import resource
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from time import perf_counter, process_time
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
-from speed import arm, truth
+from long_logs import FILES, write
+from memory import peak
+from pages import written_to
 
 import consistent_id as ci
 
-_PIECE = 2**17  # samples written at a time
-_GROUPS = 2**20  # rows of a row group
 _LENGTHS = (10_000, 100_000, 1_000_000, 3_000_000)
+HEAD = """| log | samples | file [MB] | peak memory [MB] | CPU [us per sample] |
+|---|---:|---:|---:|---:|"""
+TABLE = 'columns = {torque = "tau_{joint}"}'
+BAG = 'columns = {time = "header.stamp", position = "position", torque = "effort"}'
 PROBLEM = """
 name = "arm"
 [model]
@@ -52,81 +54,69 @@ role = "training"
 """
 
 
-def write(file: Path, samples: int) -> None:
-    """Write a log of an arm, a piece at a time."""
-    model = arm()
-    parameters = truth(model)
-    rate = np.array([1.1, 1.7, 2.3, 2.9, 3.1, 3.7, 4.3])
-    joints = model.robot.joint_names
-    rng, writer = np.random.default_rng(0), None
-    for first in range(0, samples, _PIECE):
-        time = np.arange(first, min(first + _PIECE, samples)) / 1000.0
-        angle = np.outer(time, rate) + np.arange(7)
-        q, dq, ddq = np.sin(angle), rate * np.cos(angle), -(rate**2) * np.sin(angle)
-        torque = model.predict(parameters, q, dq, ddq)
-        torque += rng.normal(scale=0.5, size=torque.shape)
-        columns = {"time": time}
-        for k, joint in enumerate(joints):
-            columns |= {f"q_{joint}": q[:, k], f"tau_{joint}": torque[:, k]}
-        table = pa.table(columns)
-        writer = writer or pq.ParquetWriter(file, table.schema)
-        writer.write_table(table, row_group_size=_GROUPS)
-    if writer is not None:
-        writer.close()
-
-
 def measured(folder: Path, executor: str) -> dict[str, float]:
     """Stream a problem's log; return time and memory of this process."""
     problem = ci.load_problem(folder / "problem.toml")
     wall, cpu = perf_counter(), process_time()
     regression = ci.stream_regression(problem, executor=executor)
     taken = perf_counter() - wall, process_time() - cpu
-    estimate = ci.least_squares(problem.model, regression)
-    exact = estimate.base.projection @ truth(arm())
-    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    workers = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
     return {
         "samples": regression.counts[0],
         "wall": taken[0],
         "cpu": taken[1],
-        "memory": memory / 1024,
-        "workers": workers / 1024,
-        "error": float(
-            np.linalg.norm(estimate.base_values - exact) / np.linalg.norm(exact)
-        ),
+        "memory": peak(),
     }
+
+
+def problem_text(form: str) -> str:
+    """Return the problem file of a log of a format."""
+    text = PROBLEM.replace("log.parquet", FILES[form])
+    return text.replace(TABLE, BAG) if form == "MCAP" else text
+
+
+def row(form: str, samples: int, executor: str) -> dict[str, float]:
+    """Write a log and stream it in a process of its own; return its figures."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        (folder / "problem.toml").write_text(problem_text(form))
+        size = write(folder, form, samples)
+        command = [sys.executable, __file__, "--measure", name, "--executor", executor]
+        done = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True)
+    return json.loads(done.stdout) | {"size": size / 1e6}
 
 
 def main() -> None:
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument("--samples", type=int, nargs="+", default=_LENGTHS)
+    options.add_argument("--form", choices=FILES, nargs="+", default=["Parquet"])
     options.add_argument("--executor", default="serial")
+    options.add_argument("--write", type=Path, help="page with the table")
     options.add_argument("--measure", type=Path, help=argparse.SUPPRESS)
     given = options.parse_args()
     if given.measure is not None:
         print(json.dumps(measured(given.measure, given.executor)))
         return
-    print(f"7 joints, executor {given.executor}")
-    print("samples    file [MB]  peak memory [MB]  wall [s]  CPU [us/sample]  error")
-    for samples in given.samples:
-        with tempfile.TemporaryDirectory() as name:
-            folder = Path(name)
-            (folder / "problem.toml").write_text(PROBLEM)
-            write(folder / "log.parquet", samples)
-            size = (folder / "log.parquet").stat().st_size / 1e6
-            command = [sys.executable, __file__, "--measure", name]
-            done = subprocess.run(
-                [*command, "--executor", given.executor],
-                check=True,
-                stdout=subprocess.PIPE,
-                text=True,
-            )
-            row = json.loads(done.stdout)
+    with written_to(given.write, "streaming"):
+        print(HEAD)
+        for form in given.form:
+            _measure(form, given.samples, given.executor)
+
+
+def _measure(form: str, lengths: Sequence[int], executor: str) -> None:
+    """Print the rows of a format, and how time grows with the samples."""
+    taken = []
+    for samples in lengths:
+        found = row(form, samples, executor)
+        taken.append(found["cpu"])
+        count = f"{samples:.0e}".replace("e+0", "e")
         print(
-            f"{samples:<10} {size:9.0f}  {row['memory']:16.0f}  {row['wall']:8.1f}  "
-            f"{row['cpu'] / samples * 1e6:15.2f}  {row['error']:.1e}",
+            f"| {form} | {count} | {found['size']:.0f} | {found['memory']:.0f} "
+            f"| {found['cpu'] / samples * 1e6:.1f} |",
             flush=True,
         )
+    if len(taken) > 1:
+        exponent = np.diff(np.log(taken[-2:])) / np.diff(np.log(lengths[-2:]))
+        print(f"| {form} | CPU ~ samples^{exponent[0]:.2f} | | | |")
 
 
 if __name__ == "__main__":

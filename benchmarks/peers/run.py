@@ -1,6 +1,7 @@
 """Peers and this package on one robot and one log, in one run.
 
-``python benchmarks/peers/run.py --python PEERS/bin/python [--samples 20000]``
+``python benchmarks/peers/run.py --python PEERS/bin/python [--samples 400 2000 20000]
+[--write benchmarks/peers/README.md]``
 """
 
 import argparse
@@ -17,6 +18,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import cases
+from pages import written_to
 from speed import arm, truth
 
 import consistent_id as ci
@@ -69,18 +71,25 @@ def row(name: str, python: str, folder: Path) -> str:
 def main() -> None:
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument("--python", default=sys.executable)
-    options.add_argument("--samples", type=int, default=20_000)
+    options.add_argument("--samples", type=int, nargs="+", default=[400, 2000, 20_000])
+    options.add_argument("--write", type=Path, help="page with the tables")
     given = options.parse_args()
-    print(f"7 joints, 70 parameters, {given.samples} samples, noise 0.5 N m\n")
+    with written_to(given.write, "peers"):
+        for samples in given.samples:
+            _compare(samples, given.python)
+
+
+def _compare(samples: int, peers: str) -> None:
+    """Print the table of a number of samples."""
+    print(f"\n{samples} samples of 7 joints, 70 parameters, noise 0.5 N m:\n")
     print(
         "| way | regressor, CPU [s] | in all, CPU [s] | memory [MB] | held-out error |"
     )
     print("|---|---:|---:|---:|---:|")
     with tempfile.TemporaryDirectory() as name:
-        write(Path(name), given.samples)
+        write(Path(name), samples)
         for case, function in cases.CASES.items():
-            own = function is cases.ours
-            python = sys.executable if own else given.python
+            python = sys.executable if function is cases.ours else peers
             print(row(case, python, Path(name)), flush=True)
 
 

@@ -111,7 +111,8 @@ def _refuse_others(options: argparse.Namespace) -> None:
         )
     design = ("objective", "harmonics", "interest", "noise", "acceleration", "jerk")
     others = ("base", "tip", "sequential", "earlier", "parameters", "replay", "share")
-    given = [name for name in (*design, *others) if getattr(options, name)]
+    search = ("workers", "executor")
+    given = [name for name in (*design, *others, *search) if getattr(options, name)]
     if given:
         raise ProblemError(
             f"--{given[0].replace('_', '-')} is of arms; a motion on feet takes "

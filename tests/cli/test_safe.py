@@ -237,9 +237,16 @@ EXCITE = ("excite", RX60, "--time-limit", "600", "--starts", "5000", "--workers"
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("workers", ["1", "2"])
-def test_the_first_interrupt_of_a_design_keeps_the_best(tmp_path, workers):
-    process = started([*EXCITE, workers, "--output", str(tmp_path / "out")], tmp_path)
+@pytest.mark.parametrize(
+    ("workers", "executor"),
+    [("1", None), ("2", None), ("2", "serial"), ("2", "processes:2"), ("2", "dask:2")],
+)
+def test_the_first_interrupt_of_a_design_keeps_the_best(tmp_path, workers, executor):
+    if executor == "dask:2":
+        pytest.importorskip("distributed")
+    where = [] if executor is None else ["--executor", executor]
+    call = [*EXCITE, workers, *where, "--output", str(tmp_path / "out")]
+    process = started(call, tmp_path)
     when_searching(tmp_path)
     interrupt(process)
     out, err = process.communicate(timeout=100)

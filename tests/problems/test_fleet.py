@@ -255,7 +255,9 @@ def folders(tmp_path_factory):
 def test_the_shell_names_the_robot_that_carries_something(folders, tmp_path, capsys):
     pattern = str(folders / "robot*" / "problem.toml")
     code = main(["fleet", pattern, "--output", str(tmp_path), "--json"])
-    record = json.loads(capsys.readouterr().out)
+    printed = capsys.readouterr()
+    record = json.loads(printed.out)
+    assert "0/5 problem files" in printed.err and "0/5 robots" in printed.err
     assert record["outliers"] == ["robot2"] and code in (0, 1)
     assert sorted(record["robots"]) == [f"robot{k}" for k in range(5)]
     written = {file.name for file in tmp_path.iterdir()}

@@ -7,7 +7,7 @@ from logged import DRIVE, moved, write_arm
 import consistent_id as ci
 from consistent_id.errors import RecordingError
 from consistent_id.problems.streaming import windows
-from consistent_id.recordings.readers import spooled_states
+from consistent_id.recordings.readers import recording_file, spooled_states
 
 pytest.importorskip("rosbags")
 
@@ -124,3 +124,15 @@ def test_stamps_that_begin_late_are_refused(arm):
     write_mcap(folder / "mixed", topics)
     with pytest.raises(RecordingError, match="take time = 'log_time'"):
         ci.stream_regression(problem(folder, "mixed"))
+
+
+def test_bags_that_do_not_fit_name_what_streams_them(arm, monkeypatch):
+    folder, log = arm
+    topics = {"/joints": ("sensor_msgs/msg/JointState", messages(log, "together"))}
+    bag = write_mcap(folder / "large", topics)
+    size = sum(file.stat().st_size for file in bag.iterdir())
+    monkeypatch.setattr(recording_file, "memory_of_this_computer", lambda: 2 * size - 1)
+    given = problem(folder, "large")
+    with pytest.raises(RecordingError, match="--streamed"):
+        _ = given.training
+    assert ci.stream_regression(given).counts[0] == pytest.approx(len(log), abs=1)

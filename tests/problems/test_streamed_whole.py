@@ -8,7 +8,8 @@ from logged import DRIVE, moved, write_arm
 
 import consistent_id as ci
 from consistent_id.errors import ProblemError, RecordingError
-from consistent_id.problems.streaming import obstacle, windows
+from consistent_id.problems.streaming import windows
+from consistent_id.recordings.readers import recording_file
 
 FILTERED = "motion_cutoff = 5.0"
 
@@ -147,7 +148,7 @@ def test_what_takes_all_recordings_is_refused(folder, changes, message):
 def test_what_has_to_be_whole_and_does_not_fit_is_refused(folder, monkeypatch):
     given = problem(folder, file="log.npz")
     size = (folder / "log.npz").stat().st_size
-    monkeypatch.setattr(obstacle, "memory_of_this_computer", lambda: 2 * size - 1)
+    monkeypatch.setattr(recording_file, "memory_of_this_computer", lambda: 2 * size - 1)
     with pytest.raises(RecordingError, match="piece by piece are read CSV"):
         ci.stream_regression(given)
     with ci.large_files():

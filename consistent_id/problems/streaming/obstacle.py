@@ -1,15 +1,13 @@
 """What of a problem file takes a whole recording at once, or all of them together."""
 
-from consistent_id._support.inputs import GIBIBYTE, memory_of_this_computer
-from consistent_id._support.run import current_run
 from consistent_id.errors import RecordingError
 from consistent_id.problems.file import PreparationTable, RecordingTable
 from consistent_id.problems.log_entries import columns_of
 from consistent_id.problems.problem import Problem
 from consistent_id.problems.sensor_drift_preparation import drift_of
 from consistent_id.recordings.log_formats import LOG_FORMATS, log_format
+from consistent_id.recordings.readers.recording_file import does_not_fit
 
-_COPIES = 2  # of a file's size that reading it as a whole takes, at the least
 _METHODS = ("smoother", "fourier")
 
 
@@ -84,13 +82,8 @@ def require_room(problem: Problem, entry: RecordingTable, reason: str) -> None:
     RecordingError
         With the reason why it would have to be.
     """
-    path = problem.log_file(entry.file)
-    files = path.rglob("*") if path.is_dir() else [path]
-    size = sum(file.stat().st_size for file in files if file.is_file())
-    room = memory_of_this_computer()
-    if room is not None and _COPIES * size > room and not current_run().large_files:
+    if lacking := does_not_fit(problem.log_file(entry.file)):
         raise RecordingError(
-            f"{path}: {size / GIBIBYTE:.1f} GiB, which have to be read as a whole into "
-            f"a computer with {room / GIBIBYTE:.1f} GiB of memory: {reason}. Convert "
-            "it, or divide it into logs that fit; they are read one after another"
+            f"{lacking}: {reason}. Convert it, or divide it into logs that fit; they "
+            "are read one after another"
         )

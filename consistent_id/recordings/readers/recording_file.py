@@ -80,6 +80,7 @@ def read_recording(
             )
         columns = columns or JOINT_STATE
         joint_state_fields(columns, joints, str(path))  # before a long read
+        _require_room(path)
         content = reader_of(path).read_messages(path, topic, columns.beside.names)
         return recording_of_messages(
             content.states,
@@ -125,13 +126,30 @@ def wanted_of(path: Path, columns: Columns, joints: Sequence[str]) -> Wanted:
     return in_stated_units(want, of_names, str(path))
 
 
+def does_not_fit(path: Path) -> str:
+    """Return how a log is too large to be read as a whole; empty if it is not.
+
+    Parameters
+    ----------
+    path : Path
+        A file, or the folder of a bag.
+    """
+    files = path.iterdir() if path.is_dir() else [path]
+    size = sum(file.stat().st_size for file in files if file.is_file())
+    room = memory_of_this_computer()
+    if room is None or _COPIES * size <= room or current_run().large_files:
+        return ""
+    return (
+        f"{path}: {size / GIBIBYTE:.1f} GiB, to be read as a whole into a computer "
+        f"with {room / GIBIBYTE:.1f} GiB of memory"
+    )
+
+
 def _require_room(path: Path) -> None:
-    """Refuse a file that is too large for this computer, but can be streamed."""
-    size, room = path.stat().st_size, memory_of_this_computer()
-    if room is not None and _COPIES * size > room and not current_run().large_files:
+    """Refuse a log that is too large for this computer, but can be streamed."""
+    if path.exists() and (reason := does_not_fit(path)):
         raise RecordingError(
-            f"{path}: {size / GIBIBYTE:.1f} GiB, to be read as a whole into a computer "
-            f"with {room / GIBIBYTE:.1f} GiB of memory; read it piece by piece: "
+            f"{reason}; read it piece by piece: "
             "consistent-id identify PROBLEM --streamed, or consistent-id compress (in "
             "Python: stream_estimate, stream_regression); or say --large-files (in "
             "Python: with consistent_id.large_files()) if it fits after all"
