@@ -12,6 +12,7 @@ those that are delivered, with a prior in `P` that keeps it from being singular.
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix
+from consistent_id._support.threads import worker_threads
 from consistent_id.constraints.cones.programmes import (
     cone_data,
     panics_as_errors,
@@ -22,6 +23,7 @@ from consistent_id.constraints.cones.programmes import (
 from consistent_id.constraints.cones.sets import ConicSet
 from consistent_id.errors import SolverError
 
+_WORKERS = 2  # Clarabel frees the interpreter's lock
 _TOLERANCE = 1e-8  # of gap and feasibility: on it depend a few of a dozen iterations
 
 
@@ -45,11 +47,22 @@ def minimisers(P: Array, q: Matrix, domain: ConicSet) -> Matrix:
     SolverError
         If the solver returns no finite point.
     """
+    if not (np.isfinite(P).all() and np.isfinite(q).all()):
+        raise SolverError("the programme has entries that are not finite numbers")
+    shares = [slice(k, None, _WORKERS) for k in range(min(_WORKERS, len(q)))]
+    points = np.empty_like(q)
+    with worker_threads(_WORKERS) as pool:
+        found = pool.map(lambda share: _solved(P[share], q[share], domain), shares)
+        for share, solutions in zip(shares, found, strict=True):
+            points[share] = solutions
+    return points
+
+
+def _solved(P: Array, q: Matrix, domain: ConicSet) -> Matrix:
+    """Return the minimisers, one after another by one solver."""
     import clarabel
     from scipy.sparse import csc_matrix
 
-    if not (np.isfinite(P).all() and np.isfinite(q).all()):
-        raise SolverError("the programme has entries that are not finite numbers")
     size = P.shape[1]
     column, row = np.tril_indices(size)  # the upper triangle, column by column
     ends = np.cumsum(np.arange(size + 1))
