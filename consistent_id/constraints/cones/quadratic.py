@@ -13,11 +13,11 @@ import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix
 from consistent_id._support.threads import worker_threads
+from consistent_id.constraints.cones.pinned import free_set
 from consistent_id.constraints.cones.programmes import (
     cone_data,
     panics_as_errors,
     point_of,
-    set_rows,
     settings,
 )
 from consistent_id.constraints.cones.sets import ConicSet
@@ -63,10 +63,14 @@ def _solved(P: Array, q: Matrix, domain: ConicSet) -> Matrix:
     import clarabel
     from scipy.sparse import csc_matrix
 
+    reduced = free_set(domain)
+    free, start = reduced.free, reduced.start
+    q = q[:, free] + start @ P[:, :, free]
+    P = P[:, free][:, :, free]
     size = P.shape[1]
     column, row = np.tril_indices(size)  # the upper triangle, column by column
     ends = np.cumsum(np.arange(size + 1))
-    data, chosen = cone_data(set_rows(domain)), settings(_TOLERANCE, refined=False)
+    data, chosen = cone_data(reduced.rows), settings(_TOLERANCE, refined=False)
     chosen.presolve_enable = chosen.chordal_decomposition_enable = False
     points, solver = [], None
     with panics_as_errors():
@@ -77,4 +81,6 @@ def _solved(P: Array, q: Matrix, domain: ConicSet) -> Matrix:
             else:
                 solver.update(P=values, q=slope)
             points.append(solver.solve())
-    return np.array([point_of(solution) for solution in points])
+    found = np.tile(start, (len(points), 1))
+    found[:, free] = [point_of(solution) for solution in points]
+    return found
