@@ -71,23 +71,20 @@ def _other_gain(as_is: FittedLog) -> Iterator[Candidate]:
     """
     from scipy.optimize import minimize_scalar
 
-    if as_is.misfit < _EXPLAINED:
-        return
     factors = as_is.factors
     everyone, names = factors.model.robot.joint_names, factors.model.torque_joints
+    if as_is.misfit < _EXPLAINED or len(names) < 2:
+        return  # one torque alone is explained as well whatever its gain
 
     def changed(name: str, logarithm: float) -> ChannelFactors:
         scale = np.ones(len(everyone))
         scale[everyone.index(name)] = np.exp(logarithm)
         return factors.changed(np.diag(scale))
 
-    tried = {
-        (name, float(np.log(g))): changed(name, float(np.log(g))).least_misfit()
-        for name in names
-        for g in _GAINS
-    }
-    name, start = min(tried, key=lambda key: tried[key])
-    if tried[name, start] * _THRESHOLD > factors.least_misfit():
+    tried = factors.least_misfits(_GAINS)
+    j, k = np.unravel_index(np.argmin(tried), tried.shape)
+    name, start = names[j], float(np.log(_GAINS[k]))
+    if tried[j, k] * _THRESHOLD > factors.least_misfit():
         return
     near = minimize_scalar(
         lambda logarithm: changed(name, logarithm).least_misfit(),

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix
+from consistent_id._support.leave_one_out import all_but_each
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.motion_arrays import motion_of
@@ -58,21 +59,41 @@ class ChannelFactors:
 
         Root of the mean over joints of the squared residual over the squared torque.
         """
-        R = self.joined()
-        return float(abs(R[-1, -1])) if len(R) == R.shape[1] else 0.0
+        return _last(self.joined())
+
+    def least_misfits(self, scales: Sequence[float]) -> Matrix:
+        """Return `least_misfit` with each of several torques in turn times each scale.
+
+        Returns
+        -------
+        ndarray, shape (joints, scales)
+        """
+        # Relative to a torque, its scale divides the joint's columns of bodies.
+        own = [_stacked(rows) for rows in self._relative()]
+        others = all_but_each(own, _stacked)
+        divided = np.ones((len(scales), own[0].shape[1]))
+        divided[:, :-1] = np.reshape(scales, (-1, 1))
+        return np.array(
+            [
+                [_last(_stacked(rest, row / by)) for by in divided]
+                for row, rest in zip(own, others, strict=True)
+            ]
+        )
 
     def joined(self) -> Matrix:
         """Return the triangular factor of all joints' base columns and own torque.
 
         Its norms are misfits relative to the torque, as `relative` returns them.
         """
+        return _stacked(*self._relative())
+
+    def _relative(self) -> list[Matrix]:
         b, root = len(self.base), np.sqrt(len(self.factors))
-        rows = [
+        return [
             F[:, [*range(b), b + j]]
             / (root * max(float(np.linalg.norm(F[:, b + j])), _LEAST))
             for j, F in enumerate(self.factors)
         ]
-        return triangle(np.asfortranarray(np.vstack(rows)))
 
     def regression(self) -> Regression:
         """Return the regression, each joint relative to its own torque."""
@@ -88,6 +109,15 @@ class ChannelFactors:
             fingerprint=self.model.fingerprint,
         )
         return bare.weighted(np.maximum(bare.torque_rms, _LEAST))
+
+
+def _stacked(*rows: Matrix) -> Matrix:
+    return triangle(np.asfortranarray(np.vstack(rows)))
+
+
+def _last(R: Matrix) -> float:
+    """Return what the columns of a factor leave of its last one."""
+    return float(abs(R[-1, -1])) if len(R) == R.shape[1] else 0.0
 
 
 def channel_factors(

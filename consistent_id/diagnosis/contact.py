@@ -59,8 +59,11 @@ class JointResidual:
         over the variance factor of that prediction.
         """
         Q, r = self.spanned[samples], self.rest[samples]
-        seen = Q.T @ r
-        told, directions = np.linalg.eigh(np.eye(Q.shape[1]) - Q.T @ Q)
+        seen, others = Q.T @ r, np.eye(Q.shape[1]) - Q.T @ Q
+        raised = _along(others, seen)
+        if raised is not None:
+            return float(r @ r + raised)
+        told, directions = np.linalg.eigh(others)
         kept = told > _RANK
         along = directions[:, kept].T @ seen
         return float(r @ r + along @ (along / told[kept]))
@@ -75,6 +78,20 @@ class JointResidual:
         rest = np.zeros_like(self.rest)
         rest[others] = self.rest[others] - U @ (U.T @ self.rest[others])
         return JointResidual(spanned, rest)
+
+
+def _along(others: Matrix, seen: Vector) -> float | None:
+    """Return ``seen' others^-1 seen``; None where an eigenvalue may be `_RANK` or less.
+
+    No eigenvalue is larger than one, so that none is less than their product.
+    """
+    from scipy.linalg.lapack import dpotrf, dpotrs
+
+    root, failed = dpotrf(others)
+    if failed or np.prod(np.diagonal(root)) ** 2 <= _RANK:
+        return None
+    solved, _ = dpotrs(root, seen)
+    return float(seen @ solved)
 
 
 def contact(as_is: FittedLog) -> Iterator[Candidate]:

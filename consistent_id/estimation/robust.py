@@ -134,29 +134,33 @@ def _settled(
         if change <= tolerance:
             break
         kept = () if change > _GROWN * before else steps[-_MEMORY:]
-        steps = (*kept, _Step(x, end))
-        x = _mixed(steps, R[:, columns])
-        residuals = _residuals(model, base.lift(x), motions)
+        steps = (*kept, _Step(x, end, updated))
+        shares = _mixed(steps, R[:, columns])
+        x = shares @ np.array([step.end for step in steps])
+        # Residuals are affine in parameters, and shares add to one.
+        of_motions = zip(*(step.residuals for step in steps), strict=True)
+        residuals = [np.tensordot(shares, of_steps, axes=1) for of_steps in of_motions]
     return _Reached(scale, weights, updated, change)
 
 
 class _Step(NamedTuple):
-    """Base parameters before a reweighting and after it."""
+    """Base parameters before a reweighting and after it, and what these leave."""
 
     start: Vector
     end: Vector
+    residuals: list[Array]
 
 
 def _mixed(steps: Sequence[_Step], metric: Matrix) -> Vector:
-    """Return where Anderson's mixing of steps leads: the next start.
+    """Return the shares of the steps' ends in the next start: Anderson's mixing.
 
     Of all points that the last starts span, it takes the one whose own step would be
     the shortest, if steps were linear; lengths are those of ``metric @ step``.
     """
-    ends = np.array([step.end for step in steps])
     taken = np.array([step.end - step.start for step in steps]) @ metric.T
-    share = np.linalg.lstsq(np.diff(taken, axis=0).T, taken[-1], rcond=_ALIKE)[0]
-    return np.asarray(ends[-1] - share @ np.diff(ends, axis=0))
+    back = np.linalg.lstsq(np.diff(taken, axis=0).T, taken[-1], rcond=_ALIKE)[0]
+    at_last = np.eye(len(steps))[-1]
+    return np.asarray(at_last + np.append(back, 0.0) - np.append(0.0, back))
 
 
 def _residuals(model: TorqueModel, x: Vector, motions: Sequence[Motion]) -> list[Array]:

@@ -123,11 +123,14 @@ class Motion(NamedTuple):
         if self.mixing is None:
             yield from model.kept_chunks(kept, *state, size=size, base=self.base)
             return
+        wanted = np.unique(np.concatenate(kept))
+        places = [np.searchsorted(wanted, columns) for columns in kept]
         for part, Y in model.chunks(*state, size=size, base=self.base):
             blocks = [np.empty((Y.shape[2], len(c) + 1), order="F") for c in kept]
             for few, maps in self.mixing.samples(part).chunks():
-                mixed = maps @ np.moveaxis(Y[:, :, few], 2, 0)
-                for j, (block, columns) in enumerate(zip(blocks, kept, strict=True)):
+                rows = np.moveaxis(Y[:, wanted, few], 2, 0)
+                mixed = maps @ np.ascontiguousarray(rows)
+                for j, (block, columns) in enumerate(zip(blocks, places, strict=True)):
                     block[few, :-1] = mixed[:, j, columns]
             yield part, blocks
 

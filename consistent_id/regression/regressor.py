@@ -6,6 +6,7 @@ drive terms of each joint and of coupled joints.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from hashlib import sha256
 from typing import TypeVar
 
@@ -145,8 +146,9 @@ class TorqueModel:
         freeze(self, layout=layout)
         load = checked_reference(self)
         freeze(self, load_reference=load)
-        gravity = robot.gravity.tolist()
-        content = repr((joint_geometry(robot), gravity, drive, couplings, layout, rows))
+        content = (
+            f"({_geometry(robot)}, {drive!r}, {couplings!r}, {layout!r}, {rows!r})"
+        )
         content += "" if load is None else repr(load.tolist())
         content += repr(robot.transmissions) if len(robot) < len(robot.joints) else ""
         digest = sha256(content.encode()).hexdigest()[:16]
@@ -343,6 +345,12 @@ def _shorter(out: _Room, part: slice) -> _Room:
     if isinstance(out, KeptColumns):
         return out[:, :, :samples]
     return np.zeros((*out.shape[:2], samples))
+
+
+@lru_cache(maxsize=32)
+def _geometry(robot: RobotModel) -> str:
+    """Return a robot's geometry and gravity as text: many models are of one robot."""
+    return f"{joint_geometry(robot)!r}, {robot.gravity.tolist()!r}"
 
 
 def joint_torque_regressor(

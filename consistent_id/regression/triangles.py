@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from consistent_id._support.arrays import Matrix
+from consistent_id._support.arrays import BoolArray, Matrix
 from consistent_id.regression.compiled.triangle import eliminator
 
 _BLOCK = 32  # columns that LAPACK eliminates at a time, of wide matrices
@@ -40,7 +40,14 @@ def triangle(rows: Matrix) -> Matrix:
         return rows
     # With room for blocks of columns; SciPy's default is three columns.
     R, *_ = _geqrf()(rows, overwrite_a=1, lwork=_BLOCK * max(rows.shape[1], 1))
-    return np.triu(R[: rows.shape[1]])
+    R = R[: rows.shape[1]]
+    return np.where(_upper(*R.shape), R, 0.0)
+
+
+@lru_cache(maxsize=64)
+def _upper(rows: int, columns: int) -> BoolArray:
+    # numpy.triu makes this mask each time, which takes as long as a small QR.
+    return np.tri(columns, rows, dtype=bool).T
 
 
 @lru_cache(maxsize=1)

@@ -203,3 +203,19 @@ def test_every_kind_of_the_table_occurs_and_fills_its_sentences():
     pairs = [", ".join(pair) for pair in combinations(JOINTS, 2)]
     exchanged = [c.where for c in found if c.fault.kind == "channel order"]
     assert exchanged == 3 * pairs
+
+
+def test_misfits_of_scaled_torques_are_those_of_the_torques_scaled():
+    log, model = logs().prepared(clean_log(1)), arm()
+    base = base_parameters(model)
+    (factors,) = channel_factors(model, base, [log])
+    scales = (0.01, 0.7, 1.0, 2.5)
+    found = factors.least_misfits(scales)
+    assert found.shape == (len(model.torque_joints), len(scales))
+    for j, row in enumerate(found):
+        for scale, misfit in zip(scales, row, strict=True):
+            gains = np.ones(len(found))
+            gains[j] = scale
+            whole = replace(log, torque=log.torque * gains)
+            (anew,) = channel_factors(model, base, [whole])
+            assert misfit == pytest.approx(anew.least_misfit(), rel=1e-9)

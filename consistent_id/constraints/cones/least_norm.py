@@ -7,18 +7,16 @@ square as a quadratic objective makes interior-point solvers stop early on these
 problems.  What the solver says of its own success is not used; `certify` judges.
 """
 
-from dataclasses import dataclass
-from functools import lru_cache
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
+from consistent_id.constraints.cones.pinned import all_multipliers, free_set
 from consistent_id.constraints.cones.programmes import (
     Ball,
     ConeRows,
     Multipliers,
-    set_multipliers,
-    set_rows,
     solve_cones,
 )
 from consistent_id.constraints.cones.sets import ConicSet
@@ -61,48 +59,49 @@ def solve_least_norm(
     """Solve the problem once, with the given tolerance on gap and feasibility.
 
     Variables are ``(t, v)`` with ``u = origin + v``, the objective is
-    ``t >= ||G v - (g - G origin)||``.  A ball keeps `u` from running away where the
-    objective is all but flat; its multiplier is left out.  An origin near the
-    optimum, instead of zero, leaves small numbers to the solver, whose tolerances then
-    mean more.  A magnified problem has large ones in the norm instead, so that the
-    tolerances ask for more of its digits: where the optimum is far below one, its
-    multipliers need them.  Of `refined` see `solve_cones`.
+    ``t >= ||G v - (g - G origin)||``; parameters that the set pins are none.  A ball
+    keeps `u` from running away where the objective is all but flat; its multiplier is
+    left out.  An origin near the optimum, instead of zero, leaves small numbers to the
+    solver, whose tolerances then mean more.  A magnified problem has large ones in the
+    norm instead, so that the tolerances ask for more of its digits: where the optimum
+    is far below one, its multipliers need them.  Of `refined` see `solve_cones`.
 
     Raises
     ------
     SolverError
         If the solver returns no finite point with multipliers.
     """
-    G, g, domain = problem.G, problem.g, problem.domain
-    rows = list(_rows_about(domain, None if origin is None else origin.tobytes()))
+    G, domain = problem.G, problem.domain
+    reduced = free_set(domain)
+    free, start = reduced.free, reduced.start.copy()
     if origin is not None:
-        g = g - G @ origin
+        start[free] = origin[free]
+    rows = reduced.about(start[free], others=1)
+    g = problem.g - G @ start
     # Far from the origin, absolute tolerances would ask for digits that are not there.
     distance = float(np.linalg.norm(g)) / _FAR
     scale = distance if magnified and distance > 0.0 else max(1.0, distance)
-    size = G.shape[1]
+    size = int(free.sum())
     norm = np.zeros((1 + len(g), 1 + size))
     norm[0, 0] = -1.0
-    norm[1:, 1:] = -G / scale
+    norm[1:, 1:] = -G[:, free] / scale
     rows.append(ConeRows("second order", norm, np.append(0.0, -g / scale)))
     if within is not None:
-        ball = within if origin is None else within.moved(origin)
-        rows.append(ball.rows(others=1))
+        ball = within.moved(start).rows(others=1)
+        rows.append(replace(ball, A=ball.A[:, np.append(True, free)]))
     cost = np.eye(1 + size)[0]
     point = solve_cones(cost, rows, tolerance=tolerance, refined=refined)
-    v = point.x[1:]
-    u = domain.snapped(v if origin is None else origin + v)
+    u = start.copy()
+    u[free] += point.x[1:]
+    rest = G @ u - problem.g
     # Duals of the scaled norm, turned into those of half the square of the unscaled.
-    duals = set_multipliers(domain, point.duals[:3])
-    multipliers = duals.times(scale * float(np.linalg.norm(G @ v - g)))
-    return ConeSolution(
-        u, multipliers, point.status, point.build_seconds, point.solve_seconds
+    multipliers = all_multipliers(
+        domain, point.duals[:3], scale * float(np.linalg.norm(rest)), G.T @ rest
     )
-
-
-@lru_cache(maxsize=8)
-def _rows_about(domain: ConicSet, origin: bytes | None) -> tuple[ConeRows, ...]:
-    """Return the rows of a set about an origin, for variables ``(t, v)``."""
-    if origin is not None:
-        domain = domain.moved(np.frombuffer(origin))
-    return tuple(set_rows(domain, others=1))
+    return ConeSolution(
+        domain.snapped(u),
+        multipliers,
+        point.status,
+        point.build_seconds,
+        point.solve_seconds,
+    )

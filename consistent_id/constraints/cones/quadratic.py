@@ -12,16 +12,18 @@ those that are delivered, with a prior in `P` that keeps it from being singular.
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix
+from consistent_id._support.threads import worker_threads
+from consistent_id.constraints.cones.pinned import free_set
 from consistent_id.constraints.cones.programmes import (
     cone_data,
     panics_as_errors,
     point_of,
-    set_rows,
     settings,
 )
 from consistent_id.constraints.cones.sets import ConicSet
 from consistent_id.errors import SolverError
 
+_WORKERS = 2  # Clarabel frees the interpreter's lock
 _TOLERANCE = 1e-8  # of gap and feasibility: on it depend a few of a dozen iterations
 
 
@@ -45,15 +47,30 @@ def minimisers(P: Array, q: Matrix, domain: ConicSet) -> Matrix:
     SolverError
         If the solver returns no finite point.
     """
+    if not (np.isfinite(P).all() and np.isfinite(q).all()):
+        raise SolverError("the programme has entries that are not finite numbers")
+    shares = [slice(k, None, _WORKERS) for k in range(min(_WORKERS, len(q)))]
+    points = np.empty_like(q)
+    with worker_threads(_WORKERS) as pool:
+        found = pool.map(lambda share: _solved(P[share], q[share], domain), shares)
+        for share, solutions in zip(shares, found, strict=True):
+            points[share] = solutions
+    return points
+
+
+def _solved(P: Array, q: Matrix, domain: ConicSet) -> Matrix:
+    """Return the minimisers, one after another by one solver."""
     import clarabel
     from scipy.sparse import csc_matrix
 
-    if not (np.isfinite(P).all() and np.isfinite(q).all()):
-        raise SolverError("the programme has entries that are not finite numbers")
+    reduced = free_set(domain)
+    free, start = reduced.free, reduced.start
+    q = q[:, free] + start @ P[:, :, free]
+    P = P[:, free][:, :, free]
     size = P.shape[1]
     column, row = np.tril_indices(size)  # the upper triangle, column by column
     ends = np.cumsum(np.arange(size + 1))
-    data, chosen = cone_data(set_rows(domain)), settings(_TOLERANCE, refined=False)
+    data, chosen = cone_data(reduced.rows), settings(_TOLERANCE, refined=False)
     chosen.presolve_enable = chosen.chordal_decomposition_enable = False
     points, solver = [], None
     with panics_as_errors():
@@ -64,4 +81,6 @@ def minimisers(P: Array, q: Matrix, domain: ConicSet) -> Matrix:
             else:
                 solver.update(P=values, q=slope)
             points.append(solver.solve())
-    return np.array([point_of(solution) for solution in points])
+    found = np.tile(start, (len(points), 1))
+    found[:, free] = [point_of(solution) for solution in points]
+    return found
