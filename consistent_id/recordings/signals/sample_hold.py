@@ -21,7 +21,7 @@ def held_samples(values: Vector) -> int:
     >>> held_samples(np.round(3.0 * np.sin(0.02 * np.arange(1000.0))))
     1
     """
-    edges = np.flatnonzero(np.diff(values) != 0.0) + 1
+    edges = np.flatnonzero(np.diff(values) != 0.0)
     runs = np.diff(edges)  # whole ones, between two changes
     if len(runs) == 0:
         return 1
