@@ -116,8 +116,7 @@ def linear_errors(base: BaseParameters, noise: ResidualNoise, known: Matrix) -> 
     M = np.linalg.pinv(noise.steps) @ base.projection
     T = _null_space(known, M.shape[1])
     A = M @ T
-    norms = np.linalg.norm(A, axis=0)
-    if not norms.any():
+    if not A.any():
         return np.zeros(M.shape[1])
     inverse = solve_linear(A, np.zeros(len(A))).pseudo_inverse
     values, axes = np.linalg.eigh(noise.scatter)
