@@ -89,11 +89,11 @@ def test_what_a_load_explains_is_projected_out(model):
         )
 
 
-def test_what_a_load_takes_up_is_in_no_score(model):
+def test_what_a_load_takes_up_is_in_no_score(longer):
     """Columns of the carrier are a free load's own: nothing is left of them."""
-    fleet, rng = fleet_model(model), np.random.default_rng(0)
-    share = robot_share("a", fleet, _robot(model, rng, load=BRICK)).shared
-    place = placed(fleet, ci.CarriedBody(LINK), "a")
+    fleet, rng = fleet_model(longer), np.random.default_rng(0)
+    share = robot_share("a", fleet, _robot(longer, rng, load=BRICK)).shared
+    place = placed(fleet, ci.CarriedBody(HAND), "a")
     left = without_load(share, place, FREE)
     for before, after in zip(share.noise.scores, left.noise.scores, strict=True):
         assert abs(after[:, place.columns]).max() < 1e-8 * abs(before).max()

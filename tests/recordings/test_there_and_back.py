@@ -115,7 +115,7 @@ def test_torque_is_known_where_it_is_known_both_times(arm):
 def test_a_robot_that_waits_does_not_turn_there(arm):
     """About any sample of a rest, motion is most symmetric."""
     log, _ = logged(arm)
-    rest, q = 2500, log.position
+    rest, q = 4000, log.position
     time = np.arange(rest + len(q)) / RATE
     waiting = np.vstack([np.repeat(q[:1], rest, axis=0), q])
     mean = ci.there_and_back(ci.Recording(arm.joint_names, time, waiting))
