@@ -1,6 +1,7 @@
 """The JSON file of an estimate, read back through a schema."""
 
 import json
+from math import nan
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,11 @@ class CertificateRecord(msgspec.Struct):
     verdict: str
     reason: str
     figures: dict[str, float | None]
+
+    @property
+    def known_figures(self) -> dict[str, float]:
+        """The figures, NaN where the file has none."""
+        return {k: nan if v is None else v for k, v in self.figures.items()}
 
 
 class JointRecord(msgspec.Struct):
