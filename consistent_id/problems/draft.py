@@ -24,6 +24,7 @@ from consistent_id.problems.file import (
 from consistent_id.problems.floating.standing_draft import StandingDraft
 from consistent_id.problems.log_entries import gains_table
 from consistent_id.problems.model import DEFAULT_DRIVE
+from consistent_id.problems.paths import as_named
 from consistent_id.problems.problem import Problem, problem_of
 from consistent_id.problems.selection.selection import ModelSelection
 from consistent_id.problems.toml_text import toml_text
@@ -155,7 +156,7 @@ class Draft:
     def _plain(self, folder: Path) -> ProblemTable:
         """Return the content without a model that was selected."""
         mjcf = is_mjcf(self.model)
-        model = relative_path(self.model, folder).replace("$", "$$")
+        model = as_named(self.model, folder)
         columns = msgspec.structs.asdict(ColumnsTable())
         columns = {key: getattr(self.columns, key) for key in columns}
         columns["array_joints"] = list(self.columns.array_joints)

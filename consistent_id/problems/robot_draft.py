@@ -3,11 +3,11 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from consistent_id._support.files import relative_path
 from consistent_id.errors import ProblemError
 from consistent_id.problems.excitation_tables import ExcitationTable
 from consistent_id.problems.file import ConstraintsTable, ModelTable, ProblemTable
 from consistent_id.problems.model import DEFAULT_DRIVE
+from consistent_id.problems.paths import as_named
 from consistent_id.problems.problem import Problem, problem_of
 from consistent_id.problems.toml_text import toml_text
 from consistent_id.robot.chains import Selection
@@ -59,7 +59,7 @@ class RobotDraft:
     def table(self, folder: Path) -> ProblemTable:
         """Return the content of the problem file, for a file in a folder."""
         mjcf = is_mjcf(self.model)
-        model = relative_path(self.model, folder).replace("$", "$$")
+        model = as_named(self.model, folder)
         return ProblemTable(
             name=self.name,
             model=ModelTable(
