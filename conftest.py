@@ -35,7 +35,7 @@ with suppress(ImportError):
     providers._get_local_constants = lambda: providers._local_constants
 
 
-@pytest.fixture(autouse=True)
+@pytest.fixture(autouse=True, scope="session")
 def _doctest_names(doctest_namespace):
     import numpy as np
 

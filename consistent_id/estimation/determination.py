@@ -113,8 +113,7 @@ def linear_errors(base: BaseParameters, noise: ResidualNoise, known: Matrix) -> 
     M = coordinates(noise) @ base.projection
     T = null_space(known, _NULL)
     A = M @ T
-    norms = np.linalg.norm(A, axis=0)
-    if not norms.any():
+    if not A.any():
         return np.zeros(M.shape[1])
     inverse = solve_linear(A, np.zeros(len(A))).pseudo_inverse
     values, axes = np.linalg.eigh(noise.scatter)

@@ -1,6 +1,5 @@
 """An estimate with its provenance: how it came about and how far it can be trusted."""
 
-import json
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -9,7 +8,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays
 from consistent_id._support.extras import pandas
-from consistent_id._support.files import write_atomically
+from consistent_id._support.files import write_json
 from consistent_id._support.tables import Table
 from consistent_id.constraints.cones.certificate import OptimumVerdict
 from consistent_id.errors import ProblemError
@@ -262,8 +261,11 @@ class Estimate:
         return estimate_record(self)
 
     def save(self, path: str | Path) -> Path:
-        """Write `to_dict` as JSON; the file is whole or not there."""
-        return write_atomically(path, json.dumps(self.to_dict(), indent=1) + "\n")
+        """Write `to_dict` as JSON; the file is whole or not there.
+
+        Figures that are not finite are null, and read again as NaN.
+        """
+        return write_json(Path(path), self.to_dict())
 
     @classmethod
     def load(cls, path: str | Path, model: TorqueModel, base: BaseParameters) -> Self:

@@ -1,7 +1,7 @@
 """The JSON file of an estimate: what is written, read back through a schema."""
 
 import json
-from dataclasses import asdict
+from math import nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast, get_args
 
@@ -34,6 +34,11 @@ class CertificateRecord(msgspec.Struct):
     verdict: str
     reason: str
     figures: dict[str, float | None]
+
+    @property
+    def known_figures(self) -> dict[str, float]:
+        """The figures, NaN where the file has none."""
+        return {k: nan if v is None else v for k, v in self.figures.items()}
 
 
 class JointRecord(msgspec.Struct):
@@ -111,7 +116,14 @@ def estimate_record(estimate: "Estimate") -> dict[str, Any]:
         "robot": estimate.model.robot.name,
         "method": estimate.method,
         **estimate.verdict.to_dict(),
-        "certificate": asdict(estimate.certificate),
+        "certificate": {
+            "verdict": estimate.certificate.verdict,
+            "reason": estimate.certificate.reason,
+            "figures": {
+                name: _finite(value)
+                for name, value in estimate.certificate.figures.items()
+            },
+        },
         "parameters": {
             name: {"value": float(value), "unit": unit, "origin": origin}
             for name, value, unit, origin in zip(
@@ -175,7 +187,7 @@ def known_of_file(path: Path, model: TorqueModel) -> dict[str, Any]:
         "certificate": Certificate(
             cast(OptimumVerdict, certificate.verdict),
             certificate.reason,
-            cast(dict[str, float], certificate.figures),
+            certificate.known_figures,
         ),
         "notes": tuple(record.notes),
         "seconds": record.seconds,

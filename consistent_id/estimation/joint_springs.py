@@ -140,12 +140,13 @@ class _Search:
     """What is tried.
 
     A unit is the compliance of a group's joints on which their links vibrate at 1 Hz,
-    zero elsewhere.
+    zero elsewhere.  Samples that noise leaves are those beside springs: what a rigid
+    robot does not explain is as correlated as the motion.
     """
 
     units: tuple[Vector, ...]
     misfit: Callable[[Vector], float]
-    effective: float
+    effective: Callable[[Vector], float]
 
     def softened(self, soft: Vector, unit: Vector) -> Vector:
         """Return the compliances with the best spring of a group, of those tried."""
@@ -168,7 +169,7 @@ class _Search:
         least = self.misfit(soft)
         bend = (low - 2.0 * least + high) / step**2
         # The misfit over its noise is a chi-square in as many samples as independent.
-        curvature = bend / least * self.effective
+        curvature = bend / least * self.effective(soft)
         return float(np.sqrt(2.0 / curvature)) if curvature > 0.0 else np.inf
 
 
@@ -185,12 +186,17 @@ def _search(
     free = FreeParameters.of(constraints, model)
     known: dict[bytes, float] = {}
 
+    def rigid(soft: Vector) -> list[Recording]:
+        return [as_rigid(robot, log, soft) for log in recordings]
+
     def misfit(soft: Vector) -> float:
         if (key := soft.tobytes()) not in known:
-            rigid = [as_rigid(robot, log, soft) for log in recordings]
-            regression = build_regression(model, rigid, noise=False)
+            regression = build_regression(model, rigid(soft), noise=False)
             known[key] = free.misfit(regression.weighted(sigma))
         return known[key]
+
+    def effective(soft: Vector) -> float:
+        return float(build_regression(model, rigid(soft)).effective.sum())
 
     q = np.vstack([log.of(names).position for log in recordings])
     unit = 1.0 / (link_inertias(robot, q.mean(axis=0)) * (2.0 * np.pi) ** 2)
@@ -200,4 +206,4 @@ def _search(
     for group in (*groups, *alone):
         own = np.array([name in group for name in names])
         units.append(np.where(own, unit[own].mean(), 0.0))
-    return _Search(tuple(units), misfit, float(first.effective.sum()))
+    return _Search(tuple(units), misfit, effective)

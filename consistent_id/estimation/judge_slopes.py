@@ -97,7 +97,8 @@ def _held_slopes(fit: Fit) -> Vector:
     rests = fit.moving < IN_MOTION
     share = np.sqrt(np.where(rests, 1.0 - fit.moving, 0.0))
     nominal = np.maximum(fit.expected * fit.torque, np.finfo(float).tiny)
-    return np.where(rests, share * fit.holding / nominal, 0.0)
+    with np.errstate(over="ignore"):  # of bodies without torque: by any amount
+        return np.where(rests, share * fit.holding / nominal, 0.0)
 
 
 def _alike(slopes: Vector) -> bool:

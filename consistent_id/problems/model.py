@@ -7,7 +7,6 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from consistent_id._support.files import relative_path
 from consistent_id.errors import ProblemError
 from consistent_id.problems.constraint_tables import ConstraintsTable
 from consistent_id.problems.file import (
@@ -19,7 +18,7 @@ from consistent_id.problems.file import (
     ModelTable,
     ProblemTable,
 )
-from consistent_id.problems.paths import expanded, require_there
+from consistent_id.problems.paths import as_named, expanded, require_there
 from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.drive.gear_coupling import GearCoupling
 from consistent_id.regression.loads import unloaded_joints
@@ -77,7 +76,7 @@ def model_table(
     locked: Mapping[str, float] | None = None,
 ) -> ModelTable:
     """Return the table that names a robot's file, for a problem file in a folder."""
-    mjcf, path = is_mjcf(model), relative_path(model, folder).replace("$", "$$")
+    mjcf, path = is_mjcf(model), as_named(model, folder)
     return ModelTable(
         urdf=None if mjcf else path,
         mjcf=path if mjcf else None,

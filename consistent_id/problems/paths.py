@@ -32,17 +32,14 @@ def names_outside(table: ProblemTable, file: Path) -> Iterator[str]:
     roots = [file.parent.resolve()]
     if data := os.environ.get(DATA_FOLDER):
         roots.append(Path(data).resolve())
-    for key, names in _named(table):
-        for name in names:
-            others = set(string.Template(name).get_identifiers()) - {DATA_FOLDER}
-            if others:
-                yield (
-                    f"{key} is {name!r} and uses the environment variable "
-                    f"{min(others)}, expected none but {DATA_FOLDER}"
-                )
-        place = file.parent
-        for name in names:
-            place = place / string.Template(name).safe_substitute(os.environ)
+    for key, (first, *literal) in _named(table):
+        if others := _variables(first) - {DATA_FOLDER}:
+            yield (
+                f"{key} is {first!r} and uses the environment variable "
+                f"{min(others)}, expected none but {DATA_FOLDER}"
+            )
+        found = string.Template(first).safe_substitute(os.environ)
+        place = Path(file.parent, found, *literal)
         if not _is_below(place, roots):
             yield (
                 f"{key} leads to {str(place)!r}, outside of the file's folder and of "
@@ -61,9 +58,9 @@ def moved(table: ProblemTable, old: Path, new: Path) -> ProblemTable:
 
     def named(path: str) -> str:
         place = Path(string.Template(path).safe_substitute(os.environ))
-        if "$" in path or place.is_absolute():
+        if _variables(path) or place.is_absolute():
             return path
-        return relative_path(old / path, new)
+        return as_named(old / place, new)
 
     model = msgspec.structs.replace(
         table.model,
@@ -79,8 +76,20 @@ def moved(table: ProblemTable, old: Path, new: Path) -> ProblemTable:
     return msgspec.structs.replace(table, model=model, data=data)
 
 
+def as_named(place: Path, folder: Path) -> str:
+    """Return a path from a folder, for a key in which ``$`` begins a variable."""
+    return relative_path(place, folder).replace("$", "$$")
+
+
+def _variables(path: str) -> set[str]:
+    return set(string.Template(path).get_identifiers())
+
+
 def _named(table: ProblemTable) -> Iterator[tuple[str, tuple[str, ...]]]:
-    """Yield a key and its path, whose parts are joined from left to right."""
+    """Yield a key and its path, whose parts are joined from left to right.
+
+    In the first part environment variables are replaced, the others are as they stand.
+    """
     for form in ("urdf", "mjcf"):
         if (name := getattr(table.model, form)) is not None:
             yield f"model.{form}", (name,)

@@ -6,6 +6,7 @@ import pytest
 from consistent_id import NotExcitedError, Recording
 from consistent_id.comparison.block_scatter import BlockScatter
 from consistent_id.comparison.speed_trend import (
+    SpeedTrend,
     TrendAt,
     joint_speeds,
     speed_of,
@@ -56,6 +57,16 @@ def test_scatter_beyond_noise_is_found_by_its_expectation():
         left = column - np.polyval(np.polyfit(x, column, 1), x)
         expected = np.sqrt((left**2).sum() / (len(x) - 2) - noise**2)
         assert trend.between[k] == pytest.approx(expected)  # noise alike: closed form
+
+
+def test_intervals_are_of_students_t_with_scatter_and_both_noises():
+    """Errors of 3, 4 and 12 are 13 together; of six blocks 2.776 of them are 95 %."""
+    lines, covariances = np.zeros((2, 2)), np.zeros((2, 2, 2))
+    covariances[:, 0, 0] = 3.0**2
+    trend = SpeedTrend(NAMES, SPEEDS, lines, covariances, np.full(2, 4.0))
+    for away, held in ((2.77 * 13.0, True), (2.78 * 13.0, False)):
+        (other,) = blocks([[away, -away]], 12.0)
+        assert trend.holds(other, 1.3).tolist() == [held, held]
 
 
 @pytest.mark.slow

@@ -88,7 +88,7 @@ def test_friction_that_holds_joints_at_rest_contradicts_no_model():
         pytest.param("torque in kN m", marks=pytest.mark.slow),
         pytest.param("zero off by 90 degrees", marks=pytest.mark.slow),
         "zero off by 4 to 10 degrees",
-        "torque late by 40 to 100 ms",
+        pytest.param("torque late by 40 to 100 ms", marks=pytest.mark.slow),
         pytest.param("torque of one joint zero", marks=pytest.mark.slow),
         pytest.param("one joint does not move", marks=pytest.mark.slow),
     ],

@@ -44,6 +44,32 @@ def test_one_torque_far_beyond_its_limit_as_no_other_is_in_another_unit(
     )
 
 
+@pytest.mark.parametrize(
+    ("limits", "shares", "found"),
+    [
+        # One alone: above ten times its limit, a hundred times another's share.
+        ([80.0] * 4, [11.0, 0.1, 0.1, 0.1], "joint1"),
+        ([80.0] * 4, [9.0, 0.05, 0.05, 0.05], None),
+        ([80.0] * 4, [2000.0, 30.0, 0.1, 0.1], None),
+        ([80.0, 0.0, 80.0, 80.0], [11.0, 9.9, 0.1, 0.1], "joint1"),  # one not known
+        # All: limits that differ, above three times all and ten times most.
+        ([80.0, 60.0, 40.0, 20.0], [4.0, 12.0, 12.0, 12.0], "all joints"),
+        ([80.0] * 4, [4.0, 12.0, 12.0, 12.0], None),
+        ([80.0, 60.0, 40.0, 20.0], [2.0, 12.0, 12.0, 12.0], None),
+        ([80.0, 60.0, 40.0, 20.0], [4.0, 8.0, 8.0, 12.0], None),
+    ],
+)
+def test_what_is_beyond_limits_is_so_by_the_factors_that_are_stated(
+    limits, shares, found
+):
+    torque = np.array(shares) * np.where(np.array(limits) > 0.0, limits, 1.0)
+    log = clean_log(0).samples(slice(0, 10))
+    said = effort_findings(
+        _robot(limits), replace(log, torque=np.tile(torque, (10, 1)))
+    )
+    assert [f.where for f in said] == ([] if found is None else [found])
+
+
 def test_torques_that_no_joint_could_give_are_in_another_unit():
     log = clean_log(0)
     strong = replace(log, torque=100.0 * log.torque)

@@ -61,6 +61,36 @@ def test_gravity_is_found_in_the_direction_with_which_the_log_was_made(degrees):
     assert turned_gravity(leaning, _log(leaning)) is None
 
 
+@pytest.mark.parametrize("size", [0.85, 1.3])
+def test_the_log_tells_the_direction_and_the_model_the_size(size):
+    """Which is a gain, or masses."""
+    leaning = _arm(np.radians(30.0))
+    log = _log(leaning)
+    turned = turned_gravity(_arm(), replace(log, torque=size * log.torque))
+    np.testing.assert_allclose(turned, leaning.robot.gravity, atol=0.06)
+
+
+@pytest.mark.parametrize(
+    ("degrees", "gain"), [(3.0, 1.0), (30.0, 0.6), (30.0, 1.5), (30.0, -1.0)]
+)
+def test_a_floor_that_is_not_level_and_what_is_no_gravity_are_left(degrees, gain):
+    log = _log(_arm(np.radians(degrees)))
+    turned = turned_gravity(_arm(), replace(log, torque=gain * log.torque))
+    # Torque that is reversed is gravity of its size, in the opposite direction.
+    assert (turned is None) == (gain > 0.0)
+
+
+def test_a_nominal_robot_that_explains_as_little_when_it_leans_does_not_lean():
+    log, model = _log(_arm(np.radians(30.0))), _arm()
+    (finding,) = leaning_findings(model, log, torque_parts(model, log))
+    assert finding.score > 1.0
+    rng = np.random.default_rng(1)
+    noise = 0.8 * log.torque.std() * rng.normal(size=log.torque.shape)
+    noisy = replace(log, torque=log.torque + noise)
+    assert turned_gravity(model, noisy) is not None
+    assert leaning_findings(model, noisy, torque_parts(model, noisy)) == []
+
+
 def test_a_base_that_leans_is_no_gain_and_a_gain_no_base_that_leans():
     model = _arm()
     found = diagnose(model, _log(_arm(np.radians(35.0)))).faults

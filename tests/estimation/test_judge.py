@@ -1,5 +1,6 @@
 """Verdicts: clean logs are used, faulty ones are not, and the reason is the cause."""
 
+import json
 from dataclasses import replace
 from functools import cache
 
@@ -30,6 +31,7 @@ from consistent_id import (
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.evidence import evidence_of
 from consistent_id.estimation.fit import fit_of
+from consistent_id.estimation.judge_slopes import of_slopes
 from consistent_id.estimation.verdict import WORDS
 from consistent_id.recordings.finding import Finding
 
@@ -247,6 +249,36 @@ def test_fit_and_acceptance_survive_the_file(tmp_path):
     assert read.fit.to_dict() == good.fit.to_dict()
     assert read.accepted == ("clock",)
     assert read.verdict == good.verdict
+
+
+def test_a_file_is_json_whatever_figures_an_estimate_has(tmp_path):
+    """JSON has no word for NaN and infinity [RFC 8259]."""
+    good = constrained_least_squares(model(), build_regression(model(), log()))
+    proof = good.certificate
+    odd = replace(proof, figures={"known": 0.5, "none": np.nan, "endless": np.inf})
+    file = replace(good, certificate=odd).save(tmp_path / "e.json")
+
+    def refused(word):
+        raise AssertionError(word)
+
+    figures = json.loads(file.read_text(), parse_constant=refused)["certificate"]
+    assert figures["figures"] == {"known": 0.5, "none": None, "endless": None}
+    read = Estimate.load(file, good.model, good.base).certificate.figures
+    assert read["known"] == 0.5
+    assert np.isnan([read["none"], read["endless"]]).all()
+
+
+def test_a_joint_that_rests_and_carries_nothing_has_any_slope():
+    """Friction turns a slope of no torque by any amount, and nothing overflows."""
+    estimate = least_squares(model(), build_regression(model(), log()))
+    fit = replace(
+        estimate.fit,
+        moving=np.array([0.0, 1.0]),
+        expected=np.array([0.0, 1.0]),
+        holding=np.array([50.0, 50.0]),
+    )
+    evidence = replace(evidence_of(estimate), fit=fit)
+    assert "torque sign" not in [reason.kind for reason in of_slopes(evidence)]
 
 
 def test_a_joint_at_rest_gets_no_boundless_friction():

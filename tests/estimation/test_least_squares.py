@@ -182,6 +182,17 @@ def test_mixed_steps_settle_in_fewer_passes_than_reweighting_alone(monkeypatch):
     assert huber(model, spoiled, iterations=few).certificate.verdict == "uncertified"
 
 
+def test_hubers_standard_errors_are_those_of_least_squares_over_his_efficiency():
+    """Of normal noise: 95 % at a bound of 1.345 standard deviations [Huber1981]_."""
+    model, truth, log = _experiment(6, joints=2, samples=4000)
+    noise, rng = np.array([2.0, 0.02]), np.random.default_rng(0)
+    noisy = simulate_torque(model, truth, log, noise=noise, rng=rng)
+    robust = huber(model, noisy).standard_errors
+    plain = weighted_least_squares(model, build_regression(model, noisy))
+    # 4000 samples know both scales to a few per cent, and that nothing is correlated.
+    np.testing.assert_allclose(robust, plain.standard_errors / np.sqrt(0.95), rtol=0.08)
+
+
 def test_hubers_estimate_zeroes_the_gradient_of_hubers_loss():
     model, _, log = _experiment(10, joints=2, samples=500, noise=0.3)
     estimate = huber(model, log, tolerance=1e-8, iterations=100)

@@ -154,6 +154,7 @@ def test_known_shapes_are_found_and_lie_in_their_intervals():
     assert found.correlation < 1.5
 
 
+@pytest.mark.slow
 def test_each_joint_may_have_shapes_of_its_own():
     model, log = _experiment(couplings=(COUPLING,))
     drive = tuple(replace(t, stribeck_velocity=None) for t in model.terms)

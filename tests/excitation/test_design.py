@@ -377,4 +377,4 @@ def test_a_path_that_cannot_be_proven_never_leaves(monkeypatch):
 
     monkeypatch.setattr(Demands, "proof", refusing)
     with pytest.raises(InfeasibleError, match="is not kept"):
-        designed(arm(2), Aim(refine=None), starts=1, workers=1)
+        designed(arm(2), Aim(refine=None), time_limit=0.1)

@@ -124,6 +124,30 @@ def test_forces_of_the_ground_carry_the_robot_as_pinocchio_says(stance, tmp_path
         assert np.allclose(needed[6:][order], found.torque[k], atol=1e-8)
 
 
+def test_forces_are_the_nearest_to_shares_that_friction_weighs(stance):
+    """Of all forces that carry the robot, by feet where Pinocchio's model has them."""
+    robot, friction = stance.robot, 0.6
+    trunk = path_of(0.7).motion(np.linspace(0.5, 5.5, 5), GRAVITY)
+    moved = joint_motion(stance, trunk)
+    found = ground_forces(
+        stance, ci.TorqueModel(robot), robot.nominal, moved, trunk.base, friction
+    )
+    share = 9.81 * sum(link.nominal.mass for link in robot.links) / 4
+    assert found.share == pytest.approx(share)
+    usual, root = np.tile([0.0, 0.0, share], 4), np.tile([friction, friction, 1.0], 4)
+    for k, forces in enumerate(found.forces):
+        G = np.zeros((6, 12))
+        for i, foot in enumerate(FEET):
+            seen = frame_places(robot, foot, moved.q[k : k + 1])
+            at = trunk.base.rotation[k] @ (
+                seen.translation[0] + seen.rotation[0] @ np.array(FOOT)
+            )
+            G[:3, 3 * i : 3 * i + 3] = np.eye(3)
+            G[3:, 3 * i : 3 * i + 3] = pin.skew(at)
+        more = np.linalg.pinv(G * root) @ (G @ (np.ravel(forces) - usual))
+        assert np.ravel(forces) == pytest.approx(usual + root * more, abs=1e-8)
+
+
 def test_standing_still_each_foot_bears_its_share(stance):
     """Of a robot that is symmetric, but for bodies 0.1 m ahead of their joints."""
     path = TrunkPath([1.0], np.zeros((2, 1, 6)), 6.0)

@@ -84,6 +84,50 @@ def test_what_a_load_explains_is_projected_out(model):
         )
 
 
+def test_what_a_load_takes_up_is_in_no_score(longer):
+    """Columns of the carrier are a free load's own: nothing is left of them."""
+    fleet, rng = fleet_model(longer), np.random.default_rng(0)
+    share = robot_share("a", fleet, _robot(longer, rng, load=BRICK)).shared
+    place = placed(fleet, ci.CarriedBody(HAND), "a")
+    left = without_load(share, place, FREE)
+    for before, after in zip(share.noise.scores, left.noise.scores, strict=True):
+        assert abs(after[:, place.columns]).max() < 1e-8 * abs(before).max()
+    assert abs(left.noise.scores[0]).max() > 1e-3 * abs(share.noise.scores[0]).max()
+
+
+def test_robots_weigh_as_their_noise_whichever_is_first(model, tmp_path):
+    """A robot with ten times the noise tells a hundredth, and its peaks as much."""
+    fleet, rng = fleet_model(model), np.random.default_rng(5)
+    limits = own_sets(fleet, lowered(CONSTRAINTS, model))
+    base = base_parameters(fleet.shared)
+    robots, shares = {}, {}
+    for name, noise in (("loud", 3.0), ("quiet", 0.3)):
+        share = robot_share(name, fleet, _robot(model, rng, noise=noise))
+        file = tmp_path / f"{name}.npz"
+        write_share(file, share)
+        ends = share.own, share.shared.sigma, 1.0, 1.0, 1
+        robots[name], shares[name] = StoredRobot(name, file, *ends), share.shared
+    bodies = shared_constraints(fleet, CONSTRAINTS)
+    solved = partial(
+        ci.constrained_least_squares, fleet.shared, constraints=bodies, base=base
+    )
+
+    def found(*names):
+        settled = settle(fleet, [robots[name] for name in names], limits, solved)
+        return settled.shared
+
+    def errors(shared):
+        return ci.least_squares(fleet.shared, shared, base=base).standard_errors
+
+    alone = errors(found("quiet"))
+    both = found("loud", "quiet")
+    np.testing.assert_allclose(errors(both) / alone, np.sqrt(100 / 101), rtol=0.1)
+    # In the noise of the first.
+    unit = shares["loud"].sigma / shares["quiet"].sigma
+    expected = np.maximum(shares["loud"].peaks, unit * shares["quiet"].peaks)
+    np.testing.assert_allclose(both.peaks, expected)
+
+
 def test_a_load_is_as_stiff_as_its_cone_lets_it_be(model):
     # The model of what the shared parameters cost beside a load at its boundary has
     # the value, the slope and the curvature of the true cost, by differences.

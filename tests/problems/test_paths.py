@@ -2,10 +2,12 @@
 
 from shutil import copytree
 
+import msgspec
 import pytest
 from logged import write_arm
 
 from consistent_id import ProblemError, draft_problem, load_problem, load_problems
+from consistent_id.problems.paths import moved
 
 
 @pytest.fixture(scope="module")
@@ -56,6 +58,34 @@ def test_what_lies_elsewhere_may_not_be_named(here, old, new, key):
     changed(here, old, new)
     with pytest.raises(ProblemError, match=rf"{key} leads to .*--trust"):
         load_problem(here)
+
+
+def test_a_dollar_in_a_name_is_no_variable(tmp_path, monkeypatch):
+    """A draft writes what is read: of a robot `$$`, of a log, which stands as it is."""
+    monkeypatch.delenv("CONSISTENT_ID_DATASETS", raising=False)
+    monkeypatch.setenv("HOME", "/nowhere")
+    folder = tmp_path / "cost$HOME"
+    folder.mkdir()
+    urdf, log = (
+        file.rename(file.with_name(f"5$HOME{file.name}")) for file in write_arm(folder)
+    )
+    draft = draft_problem(urdf, log, select=False, cutoff=10.0)
+    (folder / "problem.toml").write_text(draft.text(folder))
+    assert load_problem(folder).training
+    (tmp_path / "problem.toml").write_text(draft.text(tmp_path))
+    assert load_problem(tmp_path).training
+
+
+def test_a_problem_that_is_moved_names_the_same_files(here, monkeypatch):
+    changed(here, 'urdf = "arm.urdf"', 'urdf = "5$$.urdf"')
+    (here / "arm.urdf").rename(here / "5$.urdf")
+    other = here.parent / "other"
+    other.mkdir()
+    table = load_problem(here).table
+    assert moved(table, here, other).model.urdf == "../study/5$$.urdf"
+    away = msgspec.structs.replace(table.model, urdf="${CONSISTENT_ID_DATASETS}/a.urdf")
+    table = msgspec.structs.replace(table, model=away)
+    assert moved(table, here, other).model.urdf == away.urdf
 
 
 def test_a_link_leads_where_it_leads(here):

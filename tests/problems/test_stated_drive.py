@@ -26,6 +26,10 @@ def test_a_width_is_that_of_every_joint_that_has_dry_friction():
     assert second == DriveTerms(coulomb="tanh", velocity_scale=0.1, asymmetric=True)
 
 
+def test_without_words_no_joint_has_drive_terms():
+    assert stated_drive([], JOINTS).terms(JOINTS) == (DriveTerms(),) * 3
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [

@@ -38,6 +38,12 @@ def test_feet_that_always_stand_lose_nothing():
     assert found.contacts[0].certain.all()
 
 
+def test_without_a_guard_every_sample_stays():
+    """A change is between two samples."""
+    found = ci.without_impacts(_log(np.arange(20) >= 8), 0.0)
+    assert found.contacts[0].certain.all()
+
+
 def test_samples_are_lost_by_time_and_not_by_number():
     flags = np.arange(200) >= 100
     slow, fast = _log(flags[::4]), _log(flags)

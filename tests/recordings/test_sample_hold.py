@@ -9,17 +9,28 @@ TIME = np.arange(4000) / 1000.0
 SMOOTH = np.sin(3.0 * TIME) + 0.4 * np.sin(11.0 * TIME)
 
 
+def held_for(runs):
+    """Readings of which each is held for as many samples as a run is long."""
+    new = np.cumsum(runs)
+    return SMOOTH[np.r_[0, new][np.searchsorted(new, np.arange(new[-2]), "right")]]
+
+
 @pytest.mark.parametrize("samples", [2, 5, 100])
 def test_a_channel_that_is_held_says_for_how_long(samples):
     held = SMOOTH[np.arange(len(TIME)) // samples * samples]
     assert held_samples(held) == samples
 
 
-def test_a_clock_that_jitters_holds_about_as_long():
+@pytest.mark.parametrize("samples", [20, 5])
+def test_a_clock_that_jitters_holds_about_as_long(samples):
     rng = np.random.default_rng(0)
-    new = np.cumsum(20 + rng.integers(-1, 2, 150))
-    held = SMOOTH[np.r_[0, new][np.searchsorted(new, np.arange(2900), "right")]]
-    assert held_samples(held) == 20
+    assert held_samples(held_for(samples + rng.integers(-1, 2, 150))) == samples
+
+
+def test_a_few_readings_may_be_missing():
+    """One in seven is a few; three in ten are too many for a clock."""
+    assert held_samples(held_for([5, 5, 5, 5, 5, 5, 15] * 20)) == 5
+    assert held_samples(held_for([5, 5, 5, 5, 5, 5, 5, 15, 15, 15] * 20)) == 1
 
 
 def test_readings_that_are_rounded_clipped_at_rest_or_of_one_value_are_not_held():

@@ -100,6 +100,29 @@ def test_hysteresis_of_a_wrench_sensor_cancels(arm):
     assert abs(one_way["base.fx.bias"] - 3.0) > 0.3
 
 
+def test_torque_is_known_where_it_is_known_both_times(arm):
+    log, _ = logged(arm)
+    known = np.ones(log.torque.shape, dtype=bool)
+    known[300, 1] = known[-500, 2] = False
+    mean = ci.there_and_back(replace(log, torque_known=known), turn=SECONDS / 2)
+    at = len(log) // 2
+    back = 2 * at - (len(log) - 500)  # of the way there, the sample at the same place
+    first = at - len(mean)
+    unknown = {(300 - first, 1), (back - first, 2)}
+    assert set(zip(*np.nonzero(~mean.torque_known), strict=True)) == unknown
+
+
+def test_a_robot_that_waits_does_not_turn_there(arm):
+    """About any sample of a rest, motion is most symmetric."""
+    log, _ = logged(arm)
+    rest, q = 4000, log.position
+    time = np.arange(rest + len(q)) / RATE
+    waiting = np.vstack([np.repeat(q[:1], rest, axis=0), q])
+    mean = ci.there_and_back(ci.Recording(arm.joint_names, time, waiting))
+    turn = mean.time[-1] + 1 / RATE
+    assert turn == pytest.approx((rest + len(q) / 2) / RATE, abs=1.5 / RATE)
+
+
 def test_what_does_not_come_back_is_refused(arm):
     log, _ = logged(arm)
     with pytest.raises(ci.RecordingError, match="expected one path both ways"):

@@ -2,10 +2,15 @@
 
 import numpy as np
 import pytest
+from quadrupeds import quadruped_text
 from robots import random_robot
 
-from consistent_id import DriveTerms, TorqueModel
-from consistent_id.regression.random_rows import random_regressor, random_rows
+from consistent_id import DriveTerms, TorqueModel, load_mjcf
+from consistent_id.regression.random_rows import (
+    random_regressor,
+    random_rows,
+    random_states,
+)
 
 DRIVE = DriveTerms(
     viscous=True, coulomb="tanh", velocity_scale=0.05, stribeck_velocity=0.01
@@ -31,6 +36,26 @@ def test_they_are_the_rows_up_to_a_rotation(seed):
     np.testing.assert_allclose(
         rows.rms(x), np.sqrt(np.mean(torque**2, axis=1)), rtol=1e-12
     )
+
+
+def test_there_are_three_times_as_many_states_as_parameters():
+    _, robot = random_robot(np.random.default_rng(0), 2)
+    model = TorqueModel(robot, DRIVE)
+    assert random_rows(model).samples == 3 * len(model.layout)
+
+
+def test_a_base_that_floats_is_turned_and_feels_gravity_in_all_directions(tmp_path):
+    (tmp_path / "robot.xml").write_text(quadruped_text())
+    model = TorqueModel(load_mjcf(tmp_path / "robot.xml", base="floating"))
+    base = random_states(model, samples=400).base
+    R = base.rotation
+    np.testing.assert_allclose(
+        R @ np.swapaxes(R, 1, 2), np.tile(np.eye(3), (400, 1, 1)), atol=1e-12
+    )
+    np.testing.assert_allclose(np.linalg.det(R), 1.0)
+    # What is felt beside gravity is as large as was drawn: 2 m/s^2 either way.
+    felt = base.specific_force + np.einsum("nij,i->nj", R, model.robot.gravity)
+    assert 1.9 < abs(felt).max() <= 2.0
 
 
 def test_rows_have_the_columns_of_what_they_carry_alone():

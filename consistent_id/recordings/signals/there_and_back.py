@@ -128,7 +128,8 @@ def _apart(q: Matrix, at: int) -> float:
     before, after = q[at - count : at], q[at + count : at : -1]
     spread = float(np.sum(before.var(axis=0)))
     distance = float(np.mean(np.sum((before - after) ** 2, axis=1)))
-    return distance / spread if spread > 0.0 else np.inf
+    moved = np.ptp(before, axis=0).any()  # a mean of equal values may be rounded
+    return distance / spread if moved else np.inf
 
 
 def _require_one_path(recording: Recording, there: IntArray, back: IntArray) -> None:

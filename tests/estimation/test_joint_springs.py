@@ -1,0 +1,85 @@
+"""Springs between motors and links, found in closed forms of two masses."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+from some_fast import some_fast
+
+from consistent_id import DriveTerms, Recording, TorqueModel, from_modified_dh
+from consistent_id.estimation.joint_springs import joint_springs
+from consistent_id.regression.elastic_joints import DAMPING, as_rigid
+from consistent_id.robot.inertia import InertialParameters
+from consistent_id.robot.loaders import DHRow
+
+LINK, ROTOR = 0.03, 0.05  # kg m^2
+SPRING = LINK * (2.0 * np.pi * 8.3) ** 2  # N m/rad: between frequencies that are tried
+TIME, SLOW = np.arange(1600) / 200.0, 2.0 * np.pi / 8.0
+# rad/s: each tone swells and fades, which is the product with (1 - cos(SLOW t)) / 2.
+MAIN = 2.0 * np.pi * np.array([0.5, 1.25, 2.0, 3.0, 3.5])
+TONES = np.concatenate([MAIN, MAIN + SLOW, MAIN - SLOW])
+SIZES = 0.1 * np.repeat([0.5, -0.25, -0.25], 5) * np.tile(np.exp(1j * np.arange(5)), 3)
+
+
+def one_joint(gravity=0.0, reach=0.0):
+    robot = from_modified_dh("arm", [DHRow(0.0, 0.0)], gravity=(0.0, -gravity, 0.0))
+    body = InertialParameters([1.0, reach, 0, 0, 0.002, 0, 0.05, 0, 0, LINK])
+    link = replace(robot.links[0], nominal=body)
+    return TorqueModel(replace(robot, links=(link,)), DriveTerms(rotor_inertia=True))
+
+
+def states_of(compliance):
+    """Position to acceleration and torque of the motor; the link moves further."""
+    motor = SIZES * np.exp(1j * TIME[:, None] * TONES)
+    larger = 1.0
+    if compliance > 0.0:
+        own = np.sqrt(1.0 / (compliance * LINK))
+        coupling = own**2 + 2j * DAMPING * own * TONES
+        larger = coupling / (coupling - TONES**2)
+    torque = -(TONES**2) * (ROTOR + LINK * larger) * motor
+    states = motor, 1j * TONES * motor, -(TONES**2) * motor
+    return [x.imag.sum(axis=1, keepdims=True) for x in (*states, torque)]
+
+
+def log_of(compliance, noise, seed=0):
+    *states, torque = states_of(compliance)
+    shaken = torque + noise * np.random.default_rng(seed).normal(size=torque.shape)
+    return Recording(one_joint().robot.joint_names, TIME, *states, shaken)
+
+
+def test_a_spring_between_those_that_are_tried_is_found_with_its_error():
+    noise = 0.02
+    found = joint_springs(one_joint(), [log_of(1.0 / SPRING, noise)])
+    # Steps of the search are 2 % of the frequency, and so 4 % of the stiffness.
+    assert found.stiffness == pytest.approx([SPRING], rel=0.04)
+    assert 0.0 < found.misfit < 0.5
+    # Of white noise beside the one column of inertia.
+    c, h = 1.0 / SPRING, 1e-3 / SPRING
+    slope = (states_of(c + h)[3] - states_of(c - h)[3])[:, 0] / (2.0 * h)
+    column = states_of(0.0)[2][:, 0]
+    seen = slope - column * (column @ slope) / (column @ column)
+    error = noise / np.linalg.norm(seen)
+    assert error < 0.1 * c
+    assert found.standard_errors == pytest.approx([error], rel=0.3)
+
+
+@pytest.mark.parametrize("seed", some_fast(range(3)))
+def test_a_rigid_joint_has_no_spring(seed):
+    found = joint_springs(one_joint(), [log_of(0.0, 0.02, seed)])
+    assert found.compliance.tolist() == found.standard_errors.tolist() == [0.0]
+    assert found.misfit == 1.0
+    assert found.stiffness.tolist() == [np.inf]
+
+
+def test_at_rest_a_spring_is_bent_by_the_weight_from_the_first_sample():
+    model, spring, motor = one_joint(9.81, 0.2), 20.0, 0.4
+    link = brentq(lambda x: spring * (motor - x) - 9.81 * 0.2 * np.cos(x), 0.0, 0.4)
+    still, weight = np.zeros((200, 1)), 9.81 * 0.2 * np.cos([link, motor])
+    names, time = model.robot.joint_names, np.arange(200) / 200.0
+    log = Recording(names, time, still + motor, still, still, still + weight[0])
+    rigid = as_rigid(model.robot, log, np.array([1.0 / spring])).torque
+    # A round leaves a twenty-fifth: the slope of the weight over the spring's.
+    bent = abs(weight[1] - weight[0])
+    np.testing.assert_allclose(rigid, weight[1], rtol=0, atol=bent / 25**2)
+    assert np.ptp(rigid) < 1e-3 * bent
