@@ -66,7 +66,7 @@ class EstimatedRests:
         if table.least_joint_speed != "estimated":
             return EstimatedRests(0.0, reach)
         found = rest_speed(model, training(), constraints=constraints, reach=reach)
-        return EstimatedRests(found.speed, reach)
+        return EstimatedRests(found.speed, found.reach)
 
     def left_out(self, parts: Sequence[Recording]) -> tuple[Recording, ...]:
         """Return recordings in which torque of joints at rest is not known."""

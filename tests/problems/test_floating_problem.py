@@ -268,12 +268,14 @@ def test_below_which_speed_joints_rest_is_estimated_from_training(folder):
     )
     (folder / "asked.toml").write_text(asked)
     found = ci.load_problem(folder / "asked.toml")
-    reach = 0.5 / 30.0
-    speed = ci.rest_speed(
-        plain.model, plain.training, constraints=plain.constraints, reach=reach
-    ).speed
-    assert 0.02 < speed < 0.2
+    rests = ci.rest_speed(
+        plain.model,
+        plain.training,
+        constraints=plain.constraints,
+        reach=ci.rest_guard(30.0),
+    )
+    assert 0.02 < rests.speed < 0.2
     for role in ("training", "validation"):
         (one,), (other,) = getattr(plain, role), getattr(found, role)
-        expected = ci.without_rests(one, speed, reach=reach).torque_known
+        expected = ci.without_rests(one, rests.speed, reach=rests.reach).torque_known
         assert np.array_equal(other.torque_known, expected)
