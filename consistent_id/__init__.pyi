@@ -49,6 +49,11 @@ from consistent_id.errors import (
 )
 from consistent_id.estimation.command_delay import CommandDelay, command_delay
 from consistent_id.estimation.constrained import constrained_least_squares
+from consistent_id.estimation.contact_radius import (
+    ContactRadius,
+    contact_radius,
+    with_radii,
+)
 from consistent_id.estimation.contradiction import Contradiction, contradiction
 from consistent_id.estimation.cross_validation import (
     RegularisationPath,
@@ -309,6 +314,7 @@ __all__ = [
     "ConsistentIntervals",
     "ContactColumns",
     "ContactFlags",
+    "ContactRadius",
     "Contradiction",
     "CrossCheck",
     "CutoffChoice",
@@ -445,6 +451,7 @@ __all__ = [
     "contact_free_model",
     "contact_free_regression",
     "contact_jacobian",
+    "contact_radius",
     "contact_slip",
     "contradiction",
     "cross_check",
@@ -565,6 +572,7 @@ __all__ = [
     "uncertainty",
     "validation_trajectory",
     "weighted_least_squares",
+    "with_radii",
     "with_shapes",
     "within_cones",
     "within_workspaces",

@@ -10,7 +10,6 @@ is chosen.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +20,7 @@ from consistent_id.constraints import Constraint
 from consistent_id.errors import NotExcitedError, ProblemError
 from consistent_id.estimation.equalities import FreeParameters, least_squares
 from consistent_id.recordings.recording import Recording, several
+from consistent_id.recordings.signals.cuts import blocks_of
 from consistent_id.recordings.signals.rests import without_rests
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.noise import joint_noise
@@ -130,7 +130,7 @@ def rest_speed(
     True
     """
     logs = several(recordings)
-    pieces = _pieces(logs)
+    pieces = blocks_of(logs, BLOCKS)
     speeds = _median_speed(logs) * 0.5 ** np.arange(_HALVINGS + 1)
     if model.robot.floating and all(log.contacts and not log.wrenches for log in logs):
         model = contact_free_model(model)  # which holds as much, and is soon compressed
@@ -253,15 +253,3 @@ def _median_speed(logs: Sequence[Recording]) -> float:
     if not len(moving):
         raise NotExcitedError("no joint moves, so that rests cannot be told")
     return float(np.quantile(moving, _HALF))
-
-
-def _pieces(logs: Sequence[Recording]) -> list[Recording]:
-    """Cut recordings into about `BLOCKS` pieces of like length."""
-    total = sum(map(len, logs))
-    found = []
-    for log in logs:
-        ends = np.linspace(0, len(log), max(round(BLOCKS * len(log) / total), 1) + 1)
-        found += [log.samples(slice(*ab)) for ab in pairwise(ends.astype(int).tolist())]
-    if len(found) < 2:
-        raise NotExcitedError("the motion is too short to be cut into blocks")
-    return found

@@ -1,8 +1,8 @@
-"""Rows free of contact forces, with different torques unknown, at the price of few.
+"""Rows free of contact forces, with other unknown torques or contacts, for one price.
 
-The regressor of a motion is the same whatever torque is known.  It is computed once,
-for some combinations of parameters: of a robot whose bodies are known those that are
-free are few, and compression is that much cheaper.
+The regressor of a motion is the same whatever torque is known, and wherever contacts
+are.  It is computed once, for some combinations of parameters: of a robot whose bodies
+are known those that are free are few, and compression is that much cheaper.
 """
 
 from collections.abc import Sequence
@@ -40,7 +40,7 @@ def masked_factors(
     model : TorqueModel
         With the rows `CONTACT_FREE`, see `contact_free_model`.
     recordings : sequence of Recording
-        Of the same motion, and with the same contacts; other torques are known.
+        Of the same motion; other torques are known, or contacts are elsewhere.
     combinations : ndarray, shape (parameters, k)
 
     Returns
@@ -49,7 +49,6 @@ def masked_factors(
         Of the columns ``Y combinations``, and last the torque.
     """
     whole = every_row(model)
-    first, *_ = recordings
     motions = [motion_of(whole, replace(log, contacts=()), None) for log in recordings]
     used = np.flatnonzero((abs(combinations) > _NONE).any(axis=1))
     levels = np.ones(len(whole.torque_joints))
@@ -57,11 +56,11 @@ def masked_factors(
     def compressed(begin: int) -> list[MappedRows]:
         parts = [motion.samples(begin, begin + CHUNK) for motion in motions]
         rows = _combined(whole, parts[0], used, combinations[used])
-        end = begin + len(rows)
-        flags = [contact.samples(slice(begin, end)) for contact in first.contacts]
+        span = slice(begin, begin + len(rows))
         turned = None if parts[0].base is None else parts[0].base.rotation
         found = []
-        for part in parts:
+        for log, part in zip(recordings, parts, strict=True):
+            flags = [contact.samples(span) for contact in log.contacts]
             unknown = None if part.weights is None else part.weights == 0.0
             known = rows if unknown is None else _without(rows, unknown)
             where = whole.robot, part.q, flags, levels, turned
@@ -70,7 +69,7 @@ def masked_factors(
         return found
 
     with worker_threads(WORKERS) as pool:
-        chunks = list(pool.map(compressed, range(0, len(first), CHUNK)))
+        chunks = list(pool.map(compressed, range(0, len(recordings[0]), CHUNK)))
     return [_joined(parts) for parts in zip(*chunks, strict=True)]
 
 
