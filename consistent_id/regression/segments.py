@@ -37,7 +37,7 @@ def segment_regressions(
         With velocity, acceleration and torque.
     count : int
         Of segments in all; each recording is at least one, each segment at least two
-        samples.
+        samples.  Neighbours are one where a joint's torque is known in none of one.
     sigma : array_like, shape (joints,), optional, [N m or N]
         Noise levels by which joints are weighted; see `joint_noise`.
 
@@ -72,7 +72,7 @@ def segments_of(recordings: Sequence[Recording], *, count: int) -> list[Recordin
     return [
         recording.samples(slice(start, stop))
         for recording in recordings
-        for start, stop in _cuts(len(recording), length)
+        for start, stop in _spans(recording, length)
     ]
 
 
@@ -96,9 +96,7 @@ def segment_sources(
     """
     length = max(sum(len(r) for r in recordings) / count, 2.0)
     return tuple(
-        k
-        for k, recording in enumerate(recordings)
-        for _ in _cuts(len(recording), length)
+        k for k, recording in enumerate(recordings) for _ in _spans(recording, length)
     )
 
 
@@ -152,6 +150,22 @@ def merged(segments: Sequence[Regression]) -> Regression:
     if not segments:
         raise ProblemError("there are no segments to merge")
     return segments[0].joined(segments[1:])
+
+
+def _spans(recording: Recording, length: float) -> list[tuple[int, int]]:
+    """Return where segments begin and end, each with known torque of every joint.
+
+    What is left over at the end joins the last.
+    """
+    cuts, known = _cuts(len(recording), length), recording.torque_known
+    if known is None:
+        return cuts
+    seen = known[:, known.any(axis=0)]
+    ends = [0]
+    for _, stop in cuts:
+        if seen[ends[-1] : stop].any(axis=0).all():
+            ends.append(stop)
+    return list(pairwise([*ends[: max(len(ends) - 1, 1)], len(recording)]))
 
 
 def _cuts(samples: int, length: float) -> list[tuple[int, int]]:
