@@ -25,6 +25,7 @@ BLOCKS = 6
 """Blocks of the motion, each left out once to see how sure the offset is."""
 
 _STEP = 0.05  # of the smallest radius, by which feet are moved; soft rubber gives less
+_PASSES = 4  # until the vertex is within a step
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,15 +76,20 @@ def contact_radius(
     step = _STEP * min(radii)
     free = FreeParameters.of(constraints, model)
     combinations = np.column_stack([free.directions, free.start])
-    blocks = []
-    for piece in blocks_of(logs, BLOCKS):
-        moved = [with_radii(piece, k * step) for k in (-1, 0, 1)]
-        parts = masked_factors(model, moved, combinations)
-        blocks.append([part.factor for part in parts])
+    pieces, offset = blocks_of(logs, BLOCKS), 0.0
+    for _ in range(_PASSES):
+        blocks = []
+        for piece in pieces:
+            moved = [with_radii(piece, offset + k * step) for k in (-1, 0, 1)]
+            parts = masked_factors(model, moved, combinations)
+            blocks.append([part.factor for part in parts])
+        vertex = _vertex(blocks)
+        offset += step * vertex
+        if abs(vertex) <= 1.0:  # within what was tried
+            break
     count = len(blocks)
     left = [_vertex(blocks[:k] + blocks[k + 1 :]) for k in range(count)]
-    variance = (count - 1) * float(np.var(left))
-    return ContactRadius(step * _vertex(blocks), step * float(np.sqrt(variance)))
+    return ContactRadius(offset, step * float(np.sqrt((count - 1) * np.var(left))))
 
 
 def with_radii(recording: Recording, offset: float) -> Recording:

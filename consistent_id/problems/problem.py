@@ -28,7 +28,7 @@ from consistent_id.problems.motions import sampled_motion
 from consistent_id.problems.named_files import expanded, require_there
 from consistent_id.problems.paths import names_outside
 from consistent_id.problems.preparation import Log, check_data, joined
-from consistent_id.problems.robot_preparation import EstimatedRests, with_robot
+from consistent_id.problems.robot_preparation import FoundInTraining, with_robot
 from consistent_id.recordings.readers import read_recording, read_track
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import DriveCalibration, PDGains, Track
@@ -248,15 +248,16 @@ class Problem:
         return data
 
     def _recordings(self, role: str) -> tuple[Recording, ...]:
-        return self._rests.left_out(self._parts(role))
+        return self.found_in_training.applied(self._parts(role))
 
     def _parts(self, role: str) -> list[Recording]:
         return [p for log, span in self._logged(role) for p in log.prepared(*span)]
 
     @cached_property
-    def _rests(self) -> EstimatedRests:
+    def found_in_training(self) -> FoundInTraining:
+        """What preparation takes from the training data."""
         table, training = self._data().preparation, partial(self._parts, "training")
-        return EstimatedRests.of(table, self.model, training, self.constraints)
+        return FoundInTraining.of(table, self.model, training, self.constraints)
 
     def _logged(self, role: str) -> Iterator[tuple[Log, tuple[float, float]]]:
         """Yield logs, and the times between which they count."""

@@ -1,11 +1,16 @@
 """What is done to prepared recordings that takes the robot, as a problem file asks."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 
 from consistent_id._support.arrays import Vector
 from consistent_id.constraints import Constraint
+from consistent_id.estimation.contact_radius import (
+    ContactRadius,
+    contact_radius,
+    with_radii,
+)
 from consistent_id.estimation.rest_speed import rest_speed
 from consistent_id.problems.file import PreparationTable, ProblemTable
 from consistent_id.problems.preparation import rest_reach
@@ -13,6 +18,7 @@ from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import without_rests
 from consistent_id.regression.elastic_joints import as_rigid
 from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.rows.contact_free import contact_free_model
 from consistent_id.regression.rows.slip import without_slip
 from consistent_id.regression.rows.wrench_sensor import carried
 from consistent_id.robot.model import RobotModel
@@ -40,19 +46,22 @@ def with_robot(
 
 
 @dataclass(frozen=True, slots=True)
-class EstimatedRests:
-    """The speed below which joints rest, found in the training data.
+class FoundInTraining:
+    """What preparation takes from the training data, as a table asks.
 
     Parameters
     ----------
     speed : float, [rad/s or m/s]
-        Zero if no row is left out, or if it was not asked for.
+        Below which joints rest; zero if no row is left out, or if it was not asked for.
     reach : float, [s]
         See `without_rests`.
+    feet : ContactRadius, optional
+        What is added to the radius of round feet.
     """
 
     speed: float
     reach: float
+    feet: ContactRadius | None = None
 
     @staticmethod
     def of(
@@ -60,16 +69,30 @@ class EstimatedRests:
         model: TorqueModel,
         training: Callable[[], Sequence[Recording]],
         constraints: Sequence[Constraint],
-    ) -> "EstimatedRests":
-        """Find it, if the table asks for it."""
-        reach = rest_reach(table)
-        if table.least_joint_speed != "estimated":
-            return EstimatedRests(0.0, reach)
-        found = rest_speed(model, training(), constraints=constraints, reach=reach)
-        return EstimatedRests(found.speed, found.reach)
+    ) -> "FoundInTraining":
+        """Find what the table asks for."""
+        found = FoundInTraining(0.0, rest_reach(table))
+        if table.least_joint_speed == "estimated":
+            rests = rest_speed(
+                model, training(), constraints=constraints, reach=found.reach
+            )
+            found = FoundInTraining(rests.speed, rests.reach)
+        if table.contact_radius != "estimated":
+            return found
+        free = contact_free_model(model)
+        feet = contact_radius(free, found.applied(training()), constraints=constraints)
+        return replace(found, feet=feet)
 
-    def left_out(self, parts: Sequence[Recording]) -> tuple[Recording, ...]:
-        """Return recordings in which torque of joints at rest is not known."""
-        if self.speed == 0.0:
-            return tuple(parts)
-        return tuple(without_rests(p, self.speed, reach=self.reach) for p in parts)
+    def applied(self, parts: Sequence[Recording]) -> tuple[Recording, ...]:
+        """Return recordings with feet as found, and joints' torque at rest unknown."""
+        if self.speed > 0.0:
+            parts = [without_rests(p, self.speed, reach=self.reach) for p in parts]
+        if self.feet is not None:
+            parts = [with_radii(p, self.feet.offset) for p in parts]
+        return tuple(parts)
+
+    def varied(self, parts: Sequence[Recording]) -> list[list[Recording]]:
+        """Return applied recordings once for each value found, changed by its error."""
+        if self.feet is None:
+            return []
+        return [[with_radii(p, self.feet.standard_error) for p in parts]]

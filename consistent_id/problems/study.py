@@ -38,6 +38,7 @@ from consistent_id.problems.published import (
     check_published,
     published_least_squares,
 )
+from consistent_id.problems.variants import variant_regressions
 from consistent_id.recordings.finding import Finding
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import BaseParameters
@@ -245,6 +246,7 @@ class Study:
             seed=self.seed,
             progress=self.progress,
             sources=segment_sources(self.training),
+            variants=variant_regressions(self.problem, self.training),
         )
 
     @cached_property

@@ -8,7 +8,9 @@ from quadrupeds import CORNERS, FEET, FOOT, quadruped_text
 from walking import walk, write_csv
 
 import consistent_id as ci
+from consistent_id.comparison.parameter_shifts import parameter_shifts
 from consistent_id.problems.study import Study, run_study
+from consistent_id.problems.variants import variant_regressions
 
 BOX = ci.InertialParameters.from_central(2.0, [0.05, 0.02, 0.1], 0.02 * np.eye(3))
 HEAD = """
@@ -279,3 +281,28 @@ def test_below_which_speed_joints_rest_is_estimated_from_training(folder):
         (one,), (other,) = getattr(plain, role), getattr(found, role)
         expected = ci.without_rests(one, rests.speed, reach=rests.reach).torque_known
         assert np.array_equal(other.torque_known, expected)
+
+
+@pytest.mark.slow
+def test_feet_that_are_said_to_be_balls_are_found_to_be_points(folder):
+    """Their radius is 5 mm too large by the file; its error moves the trunk."""
+    turned = UNIT + 'orientation = ["quat_w", "quat_x", "quat_y", "quat_z"]\n'
+    balls = CONTACTS.replace("point =", "radius = 0.005\npoint =")
+    parts = turned + 'order = "wxyz"\n', balls
+    problem(folder, *parts, name="balls.toml")
+    text = (folder / "balls.toml").read_text()
+    text = text.replace("motion_cutoff", 'contact_radius = "estimated"\nmotion_cutoff')
+    (folder / "balls.toml").write_text(text)
+    found = ci.load_problem(folder / "balls.toml")
+    feet = found.found_in_training.feet
+    assert 0.0 < feet.standard_error < 5e-4
+    assert abs(feet.offset + 0.005) < 4.0 * feet.standard_error + 5e-5
+    for role in ("training", "validation"):
+        (log,) = getattr(found, role)
+        radii = [flags.radius for flags in log.contacts]
+        assert radii == pytest.approx([0.005 + feet.offset] * 4, abs=1e-12)
+    (variant,) = variant_regressions(found, found.training)
+    whole = ci.build_regression(found.model, found.training)
+    shifts = parameter_shifts(found.model, whole, [variant], found.constraints)
+    assert (shifts.variance[:10] > 0.0).all()
+    assert not shifts.variance[10:].any()  # legs are known
