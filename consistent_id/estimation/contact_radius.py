@@ -14,7 +14,7 @@ import numpy as np
 from consistent_id._support.arrays import Matrix
 from consistent_id._support.threads import single_threaded
 from consistent_id.constraints import Constraint
-from consistent_id.errors import NotExcitedError, RecordingError
+from consistent_id.errors import RecordingError
 from consistent_id.estimation.equalities import FreeParameters, least_squares
 from consistent_id.recordings.recording import Recording, several
 from consistent_id.recordings.signals.cuts import blocks_of
@@ -26,6 +26,7 @@ BLOCKS = 6
 
 _STEP = 0.05  # of the smallest radius, by which feet are moved; soft rubber gives less
 _PASSES = 4  # until the vertex is within a step
+_SAID = 0.1  # of a radius, by which what is said of it is a standard error off
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +36,8 @@ class ContactRadius:
     Parameters
     ----------
     offset : float, [m]
+        Drawn towards zero where the log tells less than what was said of the radius,
+        which is taken to be a tenth of it off.
     standard_error : float, [m]
         By leaving out blocks of the motion, a jackknife [Efron1982]_.
     """
@@ -67,7 +70,7 @@ def contact_radius(
     RecordingError
         If no contact has a radius.
     NotExcitedError
-        If the motion does not tell.
+        If the motion is too short.
     """
     logs = several(recordings)
     radii = [flags.radius for log in logs for flags in log.contacts if flags.radius]
@@ -85,11 +88,16 @@ def contact_radius(
             blocks.append([part.factor for part in parts])
         vertex = _vertex(blocks)
         offset += step * vertex
-        if abs(vertex) <= 1.0:  # within what was tried
+        if not abs(vertex) > 1.0:  # within what was tried, or nowhere
             break
     count = len(blocks)
     left = [_vertex(blocks[:k] + blocks[k + 1 :]) for k in range(count)]
-    return ContactRadius(offset, step * float(np.sqrt((count - 1) * np.var(left))))
+    variance = step**2 * (count - 1) * float(np.var(left))
+    said = (_SAID * min(radii)) ** 2
+    if not np.isfinite(offset + variance):
+        return ContactRadius(0.0, float(np.sqrt(said)))
+    share = said / (said + variance)
+    return ContactRadius(share * offset, float(np.sqrt(share * variance)))
 
 
 def with_radii(recording: Recording, offset: float) -> Recording:
@@ -102,14 +110,13 @@ def with_radii(recording: Recording, offset: float) -> Recording:
 
 
 def _vertex(blocks: Sequence[Sequence[Matrix]]) -> float:
-    """Return where misfits at -1, 0 and 1 have their least, by a parabola."""
+    """Return where misfits at -1, 0 and 1 have their least, by a parabola.
+
+    Not a number, if they have none: no force turns about feet.
+    """
     low, middle, high = (_misfit(parts) for parts in zip(*blocks, strict=True))
     bend = low + high - 2.0 * middle
-    if not bend > 0.0:
-        raise NotExcitedError(
-            "the log does not tell how high feet are: no force turns about them"
-        )
-    return 0.5 * (low - high) / bend
+    return 0.5 * (low - high) / bend if bend > 0.0 else np.nan
 
 
 def _misfit(parts: Sequence[Matrix]) -> float:

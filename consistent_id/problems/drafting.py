@@ -156,7 +156,10 @@ def draft_problem(
     standing = standing_draft(logs, list(raws.values()), model, stated.common)
     select, searched = select and standing is None, select or standing is not None
     split = split_logs(raws, clock, whole=bool(given.validation))
-    chosen = _plain_cutoff(logs, stated, split.training, clock, cutoff, searched)
+    on_feet = standing is not None and standing.rests
+    chosen = _plain_cutoff(
+        logs, stated, split.training, clock, cutoff, searched, on_feet
+    )
     draft = Draft(
         model=model,
         recordings=tuple(sorted(split.entries, key=lambda entry: entry.role)),
@@ -242,12 +245,14 @@ def _plain_cutoff(
     clock: Clock,
     given: float | None,
     select: bool,
+    standing: bool,
 ) -> DraftCutoff:
     """Return the cut-off of a draft whose model has not been selected."""
     if given is not None:
         return DraftCutoff(given, f"{given:g} Hz, as was asked for")
     if select:
-        return DraftCutoff(usual_cutoff(training), "the plain default")
+        usual = usual_cutoff(training, standing=standing)
+        return DraftCutoff(usual, "the plain default")
     measured = tuple(logs.columns.torque_joints)
     terms = drive.terms(logs.robot.joint_names)
     model = TorqueModel(logs.robot, terms, torque_joints=measured)

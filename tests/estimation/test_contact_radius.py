@@ -49,6 +49,15 @@ def test_its_standard_error_is_that_of_many_logs(robot, known):
     )
 
 
+def test_what_a_log_does_not_tell_stays_as_it_was_said(robot, known):
+    """Of noise that hides all forces the offset is none, a tenth of the radius off."""
+    model, constraints = known
+    log = standing(robot, PATTERNS[:80], noise=3e4, radius=0.02)
+    found = ci.contact_radius(model, log, constraints=constraints)
+    assert abs(found.offset) < 1e-3
+    assert found.standard_error == pytest.approx(0.002, rel=0.05)
+
+
 def test_feet_that_are_points_have_no_radius(robot, known):
     log = standing(robot, PATTERNS[:40])
     with pytest.raises(ci.RecordingError, match="no contact has a radius"):
