@@ -37,7 +37,7 @@ def segment_regressions(
         With velocity, acceleration and torque.
     count : int
         Of segments in all; each recording is at least one, each segment at least two
-        samples.  Neighbours are one where a joint's torque is known in none of one.
+        samples.  Neighbours are one where one of them has no row of a joint.
     sigma : array_like, shape (joints,), optional, [N m or N]
         Noise levels by which joints are weighted; see `joint_noise`.
 
@@ -153,13 +153,18 @@ def merged(segments: Sequence[Regression]) -> Regression:
 
 
 def _spans(recording: Recording, length: float) -> list[tuple[int, int]]:
-    """Return where segments begin and end, each with known torque of every joint.
+    """Return where segments begin and end, each with rows of every joint.
 
     What is left over at the end joins the last.
     """
-    cuts, known = _cuts(len(recording), length), recording.torque_known
-    if known is None:
+    cuts = _cuts(len(recording), length)
+    if recording.torque_known is None and not recording.contacts:
         return cuts
+    known = np.ones(recording.position.shape, dtype=np.bool_)
+    if recording.torque_known is not None:
+        known &= recording.torque_known
+    for flags in recording.contacts:  # an uncertain one leaves a sample no row
+        known &= flags.certain[:, None]
     seen = known[:, known.any(axis=0)]
     ends = [0]
     for _, stop in cuts:

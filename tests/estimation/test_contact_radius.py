@@ -32,6 +32,7 @@ def test_an_offset_is_found_to_half_a_percent_of_it_without_noise(robot, known):
     assert [f.radius for f in right.contacts] == pytest.approx([0.02] * 4, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_its_standard_error_is_that_of_many_logs(robot, known):
     model, constraints = known
     found = [

@@ -8,13 +8,20 @@ from experiments import experiment
 from hypothesis import given
 from hypothesis import strategies as st
 
-from consistent_id import NotExcitedError, ProblemError, build_regression
+from consistent_id import (
+    ContactFlags,
+    NotExcitedError,
+    ProblemError,
+    Recording,
+    build_regression,
+)
 from consistent_id.regression.segments import (
     _cuts,
     lengthened,
     merged,
     segment_regressions,
     segment_sources,
+    segments_of,
 )
 
 
@@ -69,6 +76,20 @@ def test_segments_know_their_recording_and_are_joined_within_it():
     assert owners == (0, 0, 1)
     whole, together = merged(segments), merged(longer)
     assert together.residual_rms(truth) == pytest.approx(whole.residual_rms(truth))
+
+
+def test_neighbours_are_one_where_contacts_are_not_certain():
+    """Torque of the first joint is known where contacts are doubtful, and at the end."""
+    known, certain = np.ones((60, 2), dtype=bool), np.ones(60, dtype=bool)
+    known[10:30, 0], certain[:10] = False, False
+    log = Recording(
+        ("a", "b"),
+        np.arange(60.0),
+        np.zeros((60, 2)),
+        torque_known=known,
+        contacts=[ContactFlags("foot", np.ones(60, dtype=bool), certain=certain)],
+    )
+    assert [len(part) for part in segments_of([log], count=6)] == [40, 10, 10]
 
 
 def test_neighbours_are_one_where_a_joint_s_torque_is_not_known():
