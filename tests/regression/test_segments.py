@@ -79,7 +79,7 @@ def test_segments_know_their_recording_and_are_joined_within_it():
 
 
 def test_neighbours_are_one_where_contacts_are_not_certain():
-    """Torque of the first joint is known where contacts are doubtful, and at the end."""
+    """The first joint's torque is known where contacts are doubtful, and at the end."""
     known, certain = np.ones((60, 2), dtype=bool), np.ones(60, dtype=bool)
     known[10:30, 0], certain[:10] = False, False
     log = Recording(
