@@ -146,7 +146,7 @@ def told(
     )
 
 
-def main() -> None:
+def options_given() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--robot", choices=ROBOTS, default="quadruped")
     parser.add_argument("--logs", type=int, default=3, help="simulated, each its seed")
@@ -161,7 +161,11 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=SECONDS, help="of each log")
     parser.add_argument("--problem", type=Path, help="folder for a problem file")
     parser.add_argument("--unknown", action="store_true", help="nothing known, too")
-    options = parser.parse_args()
+    return parser.parse_args()
+
+
+def main() -> None:
+    options = options_given()
     robot = ROBOTS[options.robot]()
     if options.problem is not None:
         print(f"written: {write_problem(options.problem, robot)}")
