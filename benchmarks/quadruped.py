@@ -7,9 +7,9 @@ noise; on the trunk is a box that the model does not know.  Of the other bodies 
 rotor inertias all is known, as from a log of the robot hung up by its trunk; or, with
 `--unknown`, nothing is.  Below which speed joints rest is chosen from the log, see
 `rest_speed`.  Next to touch-down and lift-off samples are left out, as `impact_guard`
-says, or as many periods of the cut-off as `--guards` tries.  `--problem FOLDER` writes
-a problem file and logs instead.  The quadruped's description is in
-CONSISTENT_ID_DATASETS.
+says, or as many periods of the cut-off as `--guards` tries; around rests as
+`rest_guard` says, or as many as `--reaches` tries.  `--problem FOLDER` writes a problem
+file and logs instead.  The quadruped's description is in CONSISTENT_ID_DATASETS.
 """
 
 import argparse
@@ -22,12 +22,11 @@ from typing import NamedTuple
 import numpy as np
 from standing_problem import write_problem
 from standing_robots import ROBOTS, StandingRobot
-from standing_simulation import CUTOFF, SECONDS, prepared, simulated
+from standing_simulation import SECONDS, RobotFellError, prepared, simulated
 
 import consistent_id as ci
 from consistent_id.constraints import Constraint
 
-REACH = 0.5 / CUTOFF  # s: what a filter spreads friction's jump by
 DRIVE = ci.DriveTerms(
     rotor_inertia=True, viscous=True, coulomb="tanh", velocity_scale=0.02
 )
@@ -49,8 +48,9 @@ class TrunkErrors(NamedTuple):
         )
 
 
-def trunk_errors(found: ci.Estimate, robot: StandingRobot) -> TrunkErrors:
-    trunk = ci.InertialParameters(found.links[robot.number])
+def trunk_errors(vector: np.ndarray, robot: StandingRobot) -> TrunkErrors:
+    """Return how far off the ten parameters of the trunk are."""
+    trunk = ci.InertialParameters(vector)
     true = robot.true_trunk
     moments, right = (
         np.linalg.eigvalsh(body.central_inertia) for body in (trunk, true)
@@ -60,50 +60,69 @@ def trunk_errors(found: ci.Estimate, robot: StandingRobot) -> TrunkErrors:
 
 
 class MovingRows(NamedTuple):
-    """A log without the torque of joints at rest, and the speed below which they are.
-
-    Of zero, all torque is left.
-    """
+    """A log without the torque of joints at rest, and what was found of rests."""
 
     log: ci.Recording
-    speed: float
+    rests: ci.RestSpeed
 
 
 def moving_rows(
-    model: ci.TorqueModel, log: ci.Recording, constraints: Sequence[Constraint]
+    model: ci.TorqueModel,
+    log: ci.Recording,
+    constraints: Sequence[Constraint],
+    cutoff: float,
 ) -> MovingRows:
-    speed = ci.rest_speed(model, log, constraints=constraints, reach=REACH).speed
-    return MovingRows(ci.without_rests(log, speed, reach=REACH), speed)
+    found = ci.rest_speed(
+        model, log, constraints=constraints, reach=ci.rest_guard(cutoff)
+    )
+    if found.speed == 0.0:
+        return MovingRows(log, found)
+    return MovingRows(ci.without_rests(log, found.speed, reach=found.reach), found)
 
 
 def left_out(
     model: ci.TorqueModel,
     log: ci.Recording,
     constraints: Sequence[Constraint],
+    cutoff: float,
     rests: float | None,
 ) -> Iterator[tuple[str, ci.Recording]]:
     """Yield a log without samples next to impacts, then without rests, too."""
-    whole = ci.without_impacts(log, ci.impact_guard(CUTOFF))
+    whole = ci.without_impacts(log, ci.impact_guard(cutoff))
     yield "impacts left out", whole
     if rests is not None:
-        slow = ci.without_rests(whole, rests, reach=REACH)
+        slow = ci.without_rests(whole, rests, reach=ci.rest_guard(cutoff))
         yield f"rests below {rests:g} rad/s too", slow
         return
     started = process_time()
-    moving = moving_rows(model, whole, constraints)
+    moving = moving_rows(model, whole, constraints, cutoff)
     yield (
-        f"rests below {moving.speed:.3f} rad/s too, chosen in "
-        f"{process_time() - started:.1f} CPU s",
+        f"rests below {moving.rests.speed:.3f} rad/s and {moving.rests.reach:.3f} s "
+        f"around them too, chosen in {process_time() - started:.1f} CPU s",
         moving.log,
     )
 
 
 def guarded(
-    log: ci.Recording, periods: Sequence[float]
+    log: ci.Recording, cutoff: float, periods: Sequence[float]
 ) -> Iterator[tuple[str, ci.Recording]]:
     """Yield a log without samples next to impacts, for each number of periods."""
     for count in periods:
-        yield f"{count:g} periods left out", ci.without_impacts(log, count / CUTOFF)
+        yield f"{count:g} periods left out", ci.without_impacts(log, count / cutoff)
+
+
+REST = 0.03
+"""rad/s: below, joints rest when guards of rests are compared."""
+
+
+def reached(
+    log: ci.Recording, cutoff: float, periods: Sequence[float]
+) -> Iterator[tuple[str, ci.Recording]]:
+    """Yield a log without impacts and rests, these with guards of some periods."""
+    whole = ci.without_impacts(log, ci.impact_guard(cutoff))
+    for count in periods:
+        log = ci.without_rests(whole, REST, reach=count / cutoff)
+        yield f"{count:g} periods around rests below {REST:g} rad/s", log
 
 
 def told(
@@ -119,14 +138,15 @@ def told(
     found = ci.constrained_least_squares(
         model, regression, constraints=constraints, base=base
     )
+    errors = trunk_errors(found.links[robot.number], robot)
     return (
-        f"{regression.counts[0]} rows, {found.certificate.verdict}, "
-        f"{trunk_errors(found, robot)}, misfit {found.fit.misfit:.2%}, "
+        f"{regression.counts[0]} rows, {found.certificate.verdict}, {errors}, "
+        f"misfit {found.fit.misfit:.2%}, "
         f"{process_time() - started:.2f} CPU s"
     )
 
 
-def main() -> None:
+def options_given() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--robot", choices=ROBOTS, default="quadruped")
     parser.add_argument("--logs", type=int, default=3, help="simulated, each its seed")
@@ -134,11 +154,18 @@ def main() -> None:
     parser.add_argument(
         "--guards", type=float, nargs="+", help="periods of the cut-off, each tried"
     )
+    parser.add_argument(
+        "--reaches", type=float, nargs="+", help="periods around rests, each tried"
+    )
     parser.add_argument("--rests", type=float, help="speed of rests, else chosen")
     parser.add_argument("--seconds", type=float, default=SECONDS, help="of each log")
     parser.add_argument("--problem", type=Path, help="folder for a problem file")
     parser.add_argument("--unknown", action="store_true", help="nothing known, too")
-    options = parser.parse_args()
+    return parser.parse_args()
+
+
+def main() -> None:
+    options = options_given()
     robot = ROBOTS[options.robot]()
     if options.problem is not None:
         print(f"written: {write_problem(options.problem, robot)}")
@@ -148,12 +175,20 @@ def main() -> None:
     print(f"{len(model.layout)} parameters, {6 + len(robot.nominal)} rows a sample")
     seeds = range(options.first, options.first + options.logs)
     for seed, dry in product(seeds, (False, True)):
-        log = prepared(simulated(robot, seed, options.seconds, dry_friction=dry))
+        try:
+            raw = simulated(robot, seed, options.seconds, dry_friction=dry)
+        except RobotFellError as error:
+            print(error)
+            continue
+        log, cutoff = prepared(raw, robot.cutoff), robot.cutoff
         print(f"log {seed}, {len(log)} samples, dry friction in the joints: {dry}")
-        if options.guards is None:
-            cases = [("all rows", log), *left_out(model, log, known, options.rests)]
+        if options.guards is not None:
+            cases = list(guarded(log, cutoff, options.guards))
+        elif options.reaches is not None:
+            cases = list(reached(log, cutoff, options.reaches))
         else:
-            cases = list(guarded(log, options.guards))
+            slow = left_out(model, log, known, cutoff, options.rests)
+            cases = [("all rows", log), *slow]
         for label, used in cases:
             print(f"  {label}: {told(model, used, known, robot)}", flush=True)
         if options.unknown:

@@ -1,77 +1,125 @@
 """Whether intervals hold the trunk of a robot that MuJoCo simulates on its feet.
 
-Of each log of `quadruped.py`, with dry friction, the ten parameters of the trunk are
-estimated, all other bodies known, joints at rest and samples next to touch-down and
-lift-off left out.  Counted are those that
-95 % intervals hold: by noise as correlated as the residuals are; with the scatter
-between blocks of the motion, as `uncertainty` adds it to standard errors; and among all
-consistent robots.
+Of each log of `quadruped.py` the ten parameters of the trunk are estimated, all other
+bodies known; samples next to touch-down and lift-off are left out, and joints at rest
+as `rest_speed` chooses.  The radius of round feet is found by `contact_radius`; its
+standard error is among the errors.  Counted are the parameters that 95 % intervals
+hold: by noise as correlated as the residuals are; by the standard errors of
+`uncertainty`; and among all consistent robots.
 
-    python benchmarks/quadruped_intervals.py --robot quadruped --logs 4
+    python benchmarks/quadruped_intervals.py --robot quadruped --logs 8 --first 200
 """
 
 import argparse
 from time import process_time
+from typing import NamedTuple
 
 import numpy as np
 import quadruped
-from standing_robots import ROBOTS
-from standing_simulation import CUTOFF, prepared, simulated
+from standing_robots import ROBOTS, StandingRobot
+from standing_simulation import RobotFellError, prepared, simulated
 
 import consistent_id as ci
 from consistent_id.comparison.parameter_uncertainty import NORMAL, uncertainty
+from consistent_id.constraints import Constraint
 from consistent_id.regression.segments import segment_regressions
+
+
+class MovingLog(NamedTuple):
+    """A log without impacts and rests, feet where they touch, and its variants."""
+
+    log: ci.Recording
+    variants: list[ci.Recording]
+    said: str
+
+
+class Held(NamedTuple):
+    """How many of ten parameters three kinds of intervals hold; the trunk's errors."""
+
+    counts: np.ndarray
+    farthest: str
+    trunk: quadruped.TrunkErrors
+
+
+def moving_log(
+    robot: StandingRobot,
+    model: ci.TorqueModel,
+    raw: ci.Recording,
+    constraints: list[Constraint],
+) -> MovingLog:
+    free, whole = ci.contact_free_model(model), prepared(raw, robot.cutoff)
+    whole = ci.without_impacts(whole, ci.impact_guard(robot.cutoff))
+    moving = quadruped.moving_rows(free, whole, constraints, robot.cutoff)
+    said = f"{moving.rests.speed:.3f} rad/s"
+    if not any(foot.radius for foot in robot.feet):
+        return MovingLog(moving.log, [], said)
+    feet = ci.contact_radius(free, moving.log, constraints=constraints)
+    log = ci.with_radii(moving.log, feet.offset)
+    said += f", {1e3 * feet.offset:+.2f} +- {1e3 * feet.standard_error:.2f} mm"
+    return MovingLog(log, [ci.with_radii(log, feet.standard_error)], said)
+
+
+def held(
+    robot: StandingRobot,
+    model: ci.TorqueModel,
+    moving: MovingLog,
+    constraints: list[Constraint],
+) -> Held:
+    found = uncertainty(
+        model,
+        segment_regressions(model, moving.log),
+        constraints=constraints,
+        base=ci.contact_free_base(model, moving.log.contacts),
+        replicates=2,
+        variants=[ci.build_regression(model, log) for log in moving.variants],
+    )
+    own = slice(10 * robot.number, 10 * robot.number + 10)
+    mine = found.parameters[own]
+    values, errors = (
+        np.array([getattr(p, what) for p in mine])
+        for what in ("value", "standard_error")
+    )
+    added = [m.variance for m in (found.blocks, found.shifts) if m is not None]
+    noise = np.sqrt(np.maximum(errors**2 - sum(v[own] for v in added), 0.0))
+    off = abs(values - robot.true_trunk.vector)
+    low, high = np.array([p.consistent for p in mine]).T
+    inside = (low <= robot.true_trunk.vector) & (robot.true_trunk.vector <= high)
+    counts = [off <= NORMAL * noise, off <= found.quantile * errors, inside]
+    return Held(
+        np.sum(counts, axis=1),
+        f"{(off / errors).max():.2f} of {found.quantile:.2f}",
+        quadruped.trunk_errors(values, robot),
+    )
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--robot", choices=ROBOTS, default="quadruped")
-    parser.add_argument("--logs", type=int, default=4, help="simulated, each its seed")
-    parser.add_argument("--first", type=int, default=0, help="seed of the first")
+    parser.add_argument("--logs", type=int, default=8, help="simulated, each its seed")
+    parser.add_argument("--first", type=int, default=200, help="seed of the first")
+    parser.add_argument("--without-friction", action="store_true", help="no dry one")
     options = parser.parse_args()
     robot = ROBOTS[options.robot]()
-    trunk = robot.true_trunk.vector
-    own = slice(10 * robot.number, 10 * robot.number + 10)
     model = ci.TorqueModel(robot.nominal, quadruped.DRIVE)
     constraints = [*quadruped.SIGNS, ci.FixedParameters(robot.known())]
-    print("log | by noise | with blocks | consistent robots | farthest, errors")
-    totals = np.zeros(3, dtype=int)
+    print("log | by noise | uncertainty | consistent robots | farthest, errors")
+    totals, logs = np.zeros(3, dtype=int), 0
     for seed in range(options.first, options.first + options.logs):
         started = process_time()
-        whole = prepared(simulated(robot, seed))
-        log = ci.without_impacts(whole, ci.impact_guard(CUTOFF))
-        free = ci.contact_free_model(model)
-        log = quadruped.moving_rows(free, log, constraints).log
-        found = uncertainty(
-            model,
-            segment_regressions(model, log),
-            constraints=constraints,
-            base=ci.contact_free_base(model, log.contacts),
-            replicates=2,
-        )
-        mine = found.parameters[own]
-        values, errors = (
-            np.array([getattr(p, what) for p in mine])
-            for what in ("value", "standard_error")
-        )
-        between = np.zeros(10) if found.blocks is None else found.blocks.variance[own]
-        noise = np.sqrt(np.maximum(errors**2 - between, 0.0))
-        off = abs(values - trunk)
-        low, high = np.array([p.consistent for p in mine]).T
-        held = np.array(
-            [
-                np.sum(off <= NORMAL * noise),
-                np.sum(off <= found.quantile * errors),
-                np.sum((low <= trunk) & (trunk <= high)),
-            ]
-        )
-        totals += held
+        try:
+            raw = simulated(robot, seed, dry_friction=not options.without_friction)
+        except RobotFellError as error:
+            print(f"{seed} | {error}")
+            continue
+        moving = moving_log(robot, model, raw, constraints)
+        one = held(robot, model, moving, constraints)
+        totals, logs = totals + one.counts, logs + 1
         print(
-            f"{seed} | {' | '.join(map(str, held))} | {(off / errors).max():.2f} of "
-            f"{found.quantile:.2f} | {process_time() - started:.0f} CPU s",
+            f"{seed} | {' | '.join(map(str, one.counts))} | {one.farthest} | "
+            f"{one.trunk} | {moving.said} | {process_time() - started:.0f} CPU s",
             flush=True,
         )
-    print(f"all | {' | '.join(map(str, totals))} | of {10 * options.logs}")
+    print(f"all | {' | '.join(map(str, totals))} | of {10 * logs}")
 
 
 if __name__ == "__main__":

@@ -14,9 +14,9 @@ import argparse
 from dataclasses import replace
 
 import numpy as np
-from quadruped import DRIVE, REACH, SIGNS, trunk_errors
+from quadruped import DRIVE, SIGNS, trunk_errors
 from standing_robots import ROBOTS, StandingRobot
-from standing_simulation import CUTOFF, RATE, SETTLE, prepared, simulated
+from standing_simulation import RATE, SETTLE, prepared, simulated
 
 import consistent_id as ci
 from consistent_id.excitation.standing import trunk_errors as predictions
@@ -112,15 +112,15 @@ def trunks(
     rng, errors = np.random.default_rng(0), []
     for _ in range(draws if noise else 1):
         torque = raw.torque + noise * rng.normal(size=raw.torque.shape)
-        whole = prepared(replace(raw, torque=torque))
-        log = ci.without_impacts(whole, ci.impact_guard(CUTOFF))
-        moving = ci.without_rests(log, REST, reach=REACH)
+        whole = prepared(replace(raw, torque=torque), robot.cutoff)
+        log = ci.without_impacts(whole, ci.impact_guard(robot.cutoff))
+        moving = ci.without_rests(log, REST, reach=ci.rest_guard(robot.cutoff))
         regression = ci.contact_free_regression(model, moving)
         found = ci.constrained_least_squares(
             model, regression, constraints=constraints, base=base
         )
         errors.append(found.links[robot.number] - robot.true_trunk.vector)
-        said = trunk_errors(found, robot)
+        said = trunk_errors(found.links[robot.number], robot)
         print(f"  {noise:g} N m: {regression.counts[0]} rows, {said}", flush=True)
     return np.array(errors)
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 from standing_robots import EXAMPLES, StandingRobot
-from standing_simulation import CUTOFF, simulated
+from standing_simulation import simulated
 
 import consistent_id as ci
 
@@ -67,13 +67,13 @@ def write_problem(folder: Path, robot: StandingRobot) -> Path:
         others=json.dumps([name for name in names if name != robot.trunk]),
         rotors=", ".join(rotors),
         last=len(log) - 50,
-        cutoff=CUTOFF,
+        cutoff=robot.cutoff,
     )
     for foot in robot.feet:
         text += (
             f'\n[[data.contacts]]\nframe = "{foot.frame}"\n'
             f'closed = "contact_{foot.frame}"\n'
-            f"guard = {ci.impact_guard(CUTOFF):.3f}\n"
+            f"guard = {ci.impact_guard(robot.cutoff):.3f}\n"
         )
         text += (
             "surface = true\n"

@@ -13,11 +13,14 @@ from standing_robots import Foot, StandingRobot, Sway
 import consistent_id as ci
 
 RATE, SECONDS, SETTLE = 500, 21, 1  # Hz, s, s before the log begins
-PARTS = 4  # steps of the simulation in one of the log
+PARTS = 16  # steps of the simulation in one of the log
 ENCODER, TORQUE, GYRO, ACCELEROMETER = 2e-5, 0.05, 0.002, 0.02  # rad, N m, rad/s, m/s^2
 GRIP = 0.9  # of the ground
-CUTOFF = 30.0  # Hz
 _NEWTON, _FIRST = 3, 30  # steps for a posture, and for the first
+
+
+class RobotFellError(Exception):
+    """The robot did not stay on its feet."""
 
 
 class Plan(Protocol):
@@ -40,6 +43,11 @@ def simulated(
 
     Controllers add `feedforward`, shape (samples at `RATE`, joints of the nominal
     robot), to what they make of errors; it begins after `SETTLE` seconds.
+
+    Raises
+    ------
+    RobotFellError
+        If it does not stay on its feet.
     """
     import mujoco
 
@@ -65,6 +73,8 @@ def simulated(
                 mujoco.mj_forward(model, data)  # all of it at one time
                 rows.append(_sample(robot, model, data))
             mujoco.mj_step(model, data)
+    if data.qpos[2] < robot.height / 2:
+        raise RobotFellError(f"{robot.nominal.name} fell with seed {seed}")
     return _recording(robot, model, np.array(rows), rng)
 
 
@@ -81,9 +91,9 @@ def _added(
     return added
 
 
-def prepared(log: ci.Recording) -> ci.Recording:
+def prepared(log: ci.Recording, cutoff: float) -> ci.Recording:
     """Return a log with derivatives, filtered, without its ends."""
-    smooth = ci.low_passed(log, motion_cutoff=CUTOFF, torque_cutoff=CUTOFF)
+    smooth = ci.low_passed(log, motion_cutoff=cutoff, torque_cutoff=cutoff)
     return ci.differentiated(smooth).samples(slice(50, -50))
 
 
@@ -186,7 +196,9 @@ def _sample(robot: StandingRobot, model: Any, data: Any) -> np.ndarray:
     touching = set(model.geom_bodyid[pairs.ravel()].tolist())
     closed = [model.body(foot.body).id in touching for foot in robot.feet]
     joints = data.qpos[7:], data.qfrc_actuator[6:]
-    return np.concatenate([*joints, data.qvel[3:6], felt, data.qpos[3:7], closed])
+    # Velocities of the integrator are those of half a step before its positions.
+    rate = data.qvel[3:6] + 0.5 * model.opt.timestep * data.qacc[3:6]
+    return np.concatenate([*joints, rate, felt, data.qpos[3:7], closed])
 
 
 def _recording(

@@ -49,6 +49,11 @@ from consistent_id.errors import (
 )
 from consistent_id.estimation.command_delay import CommandDelay, command_delay
 from consistent_id.estimation.constrained import constrained_least_squares
+from consistent_id.estimation.contact_radius import (
+    ContactRadius,
+    contact_radius,
+    with_radii,
+)
 from consistent_id.estimation.contradiction import Contradiction, contradiction
 from consistent_id.estimation.cross_validation import (
     RegularisationPath,
@@ -198,6 +203,7 @@ from consistent_id.recordings.signals import (
     mask_onto,
     motion_noise,
     resampled,
+    rest_guard,
     row_weights,
     saturated,
     savitzky_golay_differentiated,
@@ -322,6 +328,7 @@ __all__ = [
     "ConsistentIntervals",
     "ContactColumns",
     "ContactFlags",
+    "ContactRadius",
     "Contradiction",
     "CrossCheck",
     "CutoffChoice",
@@ -464,6 +471,7 @@ __all__ = [
     "contact_free_model",
     "contact_free_regression",
     "contact_jacobian",
+    "contact_radius",
     "contact_slip",
     "contradiction",
     "cross_check",
@@ -539,6 +547,7 @@ __all__ = [
     "repair_urdf",
     "report_html",
     "resampled",
+    "rest_guard",
     "rest_speed",
     "robot_record",
     "rotations",
@@ -586,6 +595,7 @@ __all__ = [
     "uncertainty",
     "validation_trajectory",
     "weighted_least_squares",
+    "with_radii",
     "with_shapes",
     "within_cones",
     "within_workspaces",

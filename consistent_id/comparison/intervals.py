@@ -21,6 +21,7 @@ import numpy as np
 from consistent_id._support.arrays import Array, Vector, freeze_arrays
 from consistent_id._support.threads import single_threaded, worker_threads
 from consistent_id.comparison.floating_blocks import FloatingBlocks
+from consistent_id.comparison.parameter_shifts import ParameterShifts
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.cones.programmes import (
     Ball,
@@ -107,6 +108,7 @@ def consistent_intervals(
     base: BaseParameters | None = None,
     noise: ResidualNoise | None = None,
     blocks: FloatingBlocks | None = None,
+    shifts: ParameterShifts | None = None,
 ) -> ConsistentIntervals:
     """Bound every standard parameter over all robots that fit and satisfy constraints.
 
@@ -127,6 +129,8 @@ def consistent_intervals(
         Of the regression; with scatter between recordings, if there are several.
     blocks : FloatingBlocks, optional
         What parameters differ by between blocks of the motion: intervals contain it.
+    shifts : ParameterShifts, optional
+        What things taken for granted move: intervals contain it.
 
     Raises
     ------
@@ -145,7 +149,7 @@ def consistent_intervals(
     least = max(best.misfit, best.scaled.size) ** 2
     if slack is None:
         noise = residual_noise(regression, base) if noise is None else noise
-        added = _added(noise, base, level, joint, blocks)
+        added = _added(noise, base, level, joint, blocks, shifts)
     else:
         added = np.full(len(model.layout), ((1.0 + slack) ** 2 - 1.0) * least)
     unit = best.scaled.unit
@@ -178,6 +182,7 @@ def _added(
     level: float,
     joint: bool,
     blocks: FloatingBlocks | None,
+    shifts: ParameterShifts | None,
 ) -> Vector:
     """Return the squared misfit that each parameter's interval allows."""
     from scipy.special import fdtri, stdtrit
@@ -188,6 +193,8 @@ def _added(
     if blocks is not None:
         freedom = np.minimum(freedom, blocks.freedom)
         squared = squared + blocks.squared_misfit
+    if shifts is not None:
+        squared = squared + shifts.squared_misfit
     if joint:
         ratio = noise.rank * fdtri(noise.rank, freedom, level)
     else:

@@ -16,6 +16,10 @@ from consistent_id._support.arrays import Matrix, Vector
 from consistent_id._support.threads import single_threaded
 from consistent_id.comparison.floating_blocks import FloatingBlocks, floating_blocks
 from consistent_id.comparison.intervals import ConsistentIntervals, consistent_intervals
+from consistent_id.comparison.parameter_shifts import (
+    ParameterShifts,
+    parameter_shifts,
+)
 from consistent_id.comparison.recording_scatter import (
     RecordingScatter,
     recording_scatter,
@@ -93,7 +97,8 @@ class Uncertainty:
     `scatter` says what standard errors rest on, and `recordings` what recordings differ
     by; None of one recording, or of several that do not tell by themselves.  `blocks`
     is what parameters of a floating base's one recording differ by between its blocks,
-    and `quantile` of the standard errors either way hold 95 %.
+    and `quantile` of the standard errors either way hold 95 %.  `shifts` is what things
+    taken for granted move.
     """
 
     parameters: tuple[ParameterUncertainty, ...]
@@ -103,6 +108,7 @@ class Uncertainty:
     recordings: RecordingScatter | None = None
     blocks: FloatingBlocks | None = None
     quantile: float = NORMAL
+    shifts: ParameterShifts | None = None
 
     def __getitem__(self, name: str) -> ParameterUncertainty:
         for parameter in self.parameters:
@@ -143,6 +149,7 @@ def uncertainty(
     seed: int = 0,
     progress: bool = False,
     sources: Sequence[int] | None = None,
+    variants: Sequence[Regression] = (),
 ) -> Uncertainty:
     """Say how sure the constrained estimate's parameters are.
 
@@ -160,6 +167,10 @@ def uncertainty(
     sources : sequence of int, optional
         The recording that each segment is from; see `segment_sources`.  By default all
         are from one.
+    variants : sequence of Regression
+        Of the same recordings, each with one thing that is taken for granted changed
+        by its standard error, such as where feet touch: what it moves is added to
+        standard errors and to intervals of consistent robots.
 
     Returns
     -------
@@ -192,6 +203,10 @@ def uncertainty(
     if blocks is not None:
         variance = variance + blocks.variance
         scores = scores.beside(blocks)
+    shifts = parameter_shifts(model, whole, variants, constraints)
+    if shifts is not None:
+        variance = variance + shifts.variance
+        scores = scores.beside(shifts)
     resampled = bootstrap(
         model,
         segments,
@@ -210,6 +225,7 @@ def uncertainty(
         base=base,
         noise=noise,
         blocks=blocks,
+        shifts=shifts,
     )
     verdicts = determinations(
         model,
@@ -231,6 +247,7 @@ def uncertainty(
         recordings=recordings,
         blocks=blocks,
         quantile=scores.quantile,
+        shifts=shifts,
     )
 
 
@@ -307,11 +324,13 @@ class _Scores(NamedTuple):
     sentence: str
     quantile: float = NORMAL
 
-    def beside(self, blocks: FloatingBlocks) -> "_Scores":
-        """Say what scatter between blocks adds."""
+    def beside(self, more: FloatingBlocks | ParameterShifts) -> "_Scores":
+        """Say what else is added."""
+        quantile = self.quantile
+        if isinstance(more, FloatingBlocks):
+            quantile = max(quantile, more.scatter.quantile)
         return self._replace(
-            sentence=f"{self.sentence}. {blocks.sentence}",
-            quantile=max(self.quantile, blocks.scatter.quantile),
+            sentence=f"{self.sentence}. {more.sentence}", quantile=quantile
         )
 
 

@@ -45,7 +45,15 @@ class FreeParameters:
 
     def determined(self, regression: Regression) -> "FreeParameters":
         """Return what data determine of what is free, in independent directions."""
-        A = regression.stacked()[:, :-1] @ self.directions
+        return self.spanned(regression.stacked()[:, :-1] @ self.directions)
+
+    def spanned(self, A: Matrix) -> "FreeParameters":
+        """Return what rows determine of what is free.
+
+        Parameters
+        ----------
+        A : ndarray, shape (rows, free)
+        """
         scale = np.linalg.norm(A, axis=0)
         unit = np.where(scale > 0.0, scale, 1.0)
         _, s, Vt = np.linalg.svd(A / unit, full_matrices=False)

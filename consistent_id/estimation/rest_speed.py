@@ -8,9 +8,8 @@ speed leaves.  Of the speeds whose squared error of these is near the least, the
 is chosen.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +20,9 @@ from consistent_id.constraints import Constraint
 from consistent_id.errors import NotExcitedError, ProblemError
 from consistent_id.estimation.equalities import FreeParameters, least_squares
 from consistent_id.recordings.recording import Recording, several
-from consistent_id.recordings.signals.masks import without_rests
+from consistent_id.recordings.signals.cuts import blocks_of
+from consistent_id.recordings.signals.rests import without_rests
+from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.noise import joint_noise
 from consistent_id.regression.regression import Regression, build_regression
 from consistent_id.regression.regressor import TorqueModel
@@ -29,20 +30,23 @@ from consistent_id.regression.row_names import CONTACT_FREE
 from consistent_id.regression.rows.contact_free import (
     base_of_recordings,
     contact_free_model,
-    contact_free_regression,
 )
+from consistent_id.regression.rows.masked_rows import masked_factors
 from consistent_id.regression.segments import merged
 
 BLOCKS = 6
 """Blocks of the motion, each left out once; as many as `block_scatter` has."""
 
-LEFT = 0.2
+LEFT = 0.1
 """Share of all rows that the highest speed leaves at the least.
 
 Errors are those of rows in motion; of few they say little.  In the first four logs of
 Go2 that `benchmarks/quadruped.py` simulates, of a twentieth of all rows the errors of
 speeds differ by as much as their standard error.
 """
+
+_REACHES = (1.0, 2 / 3, 1 / 3)
+"""Parts of the reach, of which the next is tried if no speed leaves enough rows."""
 
 GAIN = 0.025
 """Part of the least squared error that leaving out more rows must gain.
@@ -68,11 +72,15 @@ class RestSpeed:
     errors : ndarray, shape (speeds, blocks)
         Error of each block when it was left out, over the block's torque, both in rows
         that the highest speed leaves and weighted.
+    reach : float, [s]
+        Before and after a rest, for which torque is not known either: what was asked
+        for, or the part of it that leaves enough rows.
     """
 
     speed: float
     tried: Vector
     errors: Matrix
+    reach: float
 
     def __post_init__(self) -> None:
         shapes = {"tried": (None,), "errors": (len(self.tried), None)}
@@ -98,7 +106,7 @@ def rest_speed(
     constraints : sequence of Constraint
         Of these the equalities count, such as known bodies.
     reach : float, [s]
-        See `without_rests`.
+        See `without_rests`, and `rest_guard` for filtered recordings.
 
     Raises
     ------
@@ -122,73 +130,117 @@ def rest_speed(
     True
     """
     logs = several(recordings)
-    pieces = _pieces(logs)
+    pieces = blocks_of(logs, BLOCKS)
     speeds = _median_speed(logs) * 0.5 ** np.arange(_HALVINGS + 1)
     if model.robot.floating and all(log.contacts and not log.wrenches for log in logs):
         model = contact_free_model(model)  # which holds as much, and is soon compressed
     alone = model.torque_joints == (CONTACT_FREE,)
-    build = contact_free_regression if alone else _every_row
-
-    def blocks(speed: float) -> list[Regression]:
-        masked = [without_rests(p, speed, reach=reach) if speed else p for p in pieces]
-        return [build(model, piece) for piece in masked]
-
-    found = _tried(blocks, speeds.tolist())
-    tested = merged(found[0].parts)
-    sigma = (
-        tested.sigma  # there is one row
-        if alone
-        else joint_noise(model, tested, base=base_of_recordings(model, logs))
-    )
-    free = FreeParameters.of(constraints, model).determined(tested.weighted(sigma))
-    weighted = [[part.weighted(sigma) for part in one.parts] for one in found]
-    errors = np.array([_errors(parts, weighted[0], free) for parts in weighted])
+    free = FreeParameters.of(constraints, model)
+    combinations = np.column_stack([free.directions, free.start])
+    base = None if alone else base_of_recordings(model, logs)
+    for part in _REACHES:
+        masked = [_masked(pieces, v, part * reach) for v in (*speeds.tolist(), 0.0)]
+        found = (
+            _contact_free(model, masked, combinations)
+            if base is None
+            else _every_row(model, masked, combinations, base)
+        )
+        if len(found) > 1 or reach == 0.0:
+            break
+    yardstick = found[0].parts
+    turn = _independent(np.vstack(yardstick)[:, :-2])
+    errors = np.array([_errors(one.parts, yardstick, turn) for one in found])
     squared = np.maximum(np.mean(errors**2, axis=1), _EXACT**2)
     near = np.flatnonzero(squared <= (1.0 + GAIN) * squared.min())
     tried = np.array([one.speed for one in found])
-    return RestSpeed(float(tried[near[-1]]), tried, errors)
+    return RestSpeed(float(tried[near[-1]]), tried, errors, part * reach)
 
 
-class _Tried(NamedTuple):
+def _independent(A: Matrix) -> Matrix:
+    """Return independent combinations of columns that span what rows determine."""
+    size = A.shape[1]
+    return FreeParameters(np.zeros(size), np.eye(size)).spanned(A).directions
+
+
+class _Masked(NamedTuple):
     """Blocks without the torque of joints slower than a speed."""
 
     speed: float
-    parts: list[Regression]
+    blocks: list[Recording]
 
 
-def _tried(
-    blocks: Callable[[float], list[Regression]], speeds: Sequence[float]
+class _Tried(NamedTuple):
+    """Each block's weighted rows at a speed.
+
+    Of the free directions, of what is known, and last the torque.
+    """
+
+    speed: float
+    parts: list[Matrix]
+
+
+def _masked(pieces: Sequence[Recording], speed: float, reach: float) -> _Masked:
+    left = [without_rests(p, speed, reach=reach) if speed else p for p in pieces]
+    return _Masked(speed, left)
+
+
+def _contact_free(
+    model: TorqueModel, masked: Sequence[_Masked], combinations: Matrix
 ) -> list[_Tried]:
-    """Return blocks at speeds that leave `LEFT` of all rows, and at zero."""
-    every = _Tried(0.0, blocks(0.0))
-    least = LEFT * sum(sum(part.counts) for part in every.parts)
+    """Return rows that no contact force enters, at speeds that leave enough of them."""
+    parts = [
+        masked_factors(model, block, combinations)
+        for block in zip(*(one.blocks for one in masked), strict=True)
+    ]
+    of_speeds = list(zip(*parts, strict=True))
+    least = LEFT * sum(part.rows for part in of_speeds[-1])
+    return [
+        _Tried(one.speed, [part.factor for part in parts])
+        for one, parts in zip(masked, of_speeds, strict=True)
+        if all(part.rows for part in parts) and sum(p.rows for p in parts) >= least
+    ]
+
+
+def _every_row(
+    model: TorqueModel,
+    masked: Sequence[_Masked],
+    combinations: Matrix,
+    base: BaseParameters,
+) -> list[_Tried]:
+    """Return all rows, weighted, at speeds that leave enough of them."""
     found = []
-    for speed in speeds:
+    for one in masked:
         try:
-            parts = blocks(speed)
+            built = [build_regression(model, b, noise=False) for b in one.blocks]
         except NotExcitedError:  # a joint is slower in all of a block
             continue
-        if sum(sum(part.counts) for part in parts) >= least:
-            found.append(_Tried(speed, parts))
-    return [*found, every]
+        found.append((one.speed, built))
+    least = LEFT * _rows(found[-1][1])
+    enough = [(speed, built) for speed, built in found if _rows(built) >= least]
+    sigma = joint_noise(model, merged(enough[0][1]), base=base)
+    tried = []
+    for speed, built in enough:
+        stacked = [part.weighted(sigma).stacked() for part in built]
+        parts = [np.column_stack([R[:, :-1] @ combinations, R[:, -1]]) for R in stacked]
+        tried.append(_Tried(speed, parts))
+    return tried
+
+
+def _rows(parts: Sequence[Regression]) -> int:
+    return sum(sum(part.counts) for part in parts)
 
 
 def _errors(
-    parts: Sequence[Regression], yardstick: Sequence[Regression], free: FreeParameters
+    parts: Sequence[Matrix], yardstick: Sequence[Matrix], turn: Matrix
 ) -> Vector:
     """Return how badly all other parts predict each part's rows of the yardstick."""
     found = []
     for k, tested in enumerate(yardstick):
-        R = merged([*parts[:k], *parts[k + 1 :]]).stacked()
-        y = least_squares(*free.reduced(R[:, :-1], R[:, -1]))
-        R = tested.stacked()
-        rest = R @ np.append(free.start + free.directions @ y, -1.0)
-        found.append(np.linalg.norm(rest) / np.linalg.norm(R[:, -1]))
+        R = np.vstack([*parts[:k], *parts[k + 1 :]])
+        y = turn @ least_squares(R[:, :-2] @ turn, R[:, -1] - R[:, -2])
+        rest = tested @ np.concatenate([y, [1.0, -1.0]])
+        found.append(np.linalg.norm(rest) / np.linalg.norm(tested[:, -1]))
     return np.array(found)
-
-
-def _every_row(model: TorqueModel, recording: Recording) -> Regression:
-    return build_regression(model, recording, noise=False)
 
 
 def _median_speed(logs: Sequence[Recording]) -> float:
@@ -201,15 +253,3 @@ def _median_speed(logs: Sequence[Recording]) -> float:
     if not len(moving):
         raise NotExcitedError("no joint moves, so that rests cannot be told")
     return float(np.quantile(moving, _HALF))
-
-
-def _pieces(logs: Sequence[Recording]) -> list[Recording]:
-    """Cut recordings into about `BLOCKS` pieces of like length."""
-    total = sum(map(len, logs))
-    found = []
-    for log in logs:
-        ends = np.linspace(0, len(log), max(round(BLOCKS * len(log) / total), 1) + 1)
-        found += [log.samples(slice(*ab)) for ab in pairwise(ends.astype(int).tolist())]
-    if len(found) < 2:
-        raise NotExcitedError("the motion is too short to be cut into blocks")
-    return found

@@ -196,8 +196,7 @@ class Draft:
             resample=self.resample,
             motion_cutoff=self.cutoff,
             torque_cutoff=self.cutoff,
-            most_slip=standing.most_slip if standing else None,
-            least_joint_speed=standing.least_joint_speed if standing else None,
+            **(standing.preparation if standing else {}),
         )
 
     @property

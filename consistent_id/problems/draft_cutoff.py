@@ -13,6 +13,10 @@ from consistent_id.regression.regressor import TorqueModel
 
 _CUTOFFS = (2.0, 3.0, 5.0, 7.5, 10.0, 15.0, 20.0, 30.0, 50.0)  # Hz
 _FOLDS = 6
+_USUAL = 10.0  # Hz
+_STANDING = 30.0
+"""Hz, of a robot on its feet: around joints that turn back a filter spreads friction's
+jump, and the lower the cut-off, the fewer rows are left (see `rest_guard`)."""
 _LOW = 5.0  # Hz; a choice among higher ones alone would be none
 
 
@@ -24,10 +28,10 @@ class DraftCutoff:
     reason: str
 
 
-def usual_cutoff(training: Sequence[Recording]) -> float:
+def usual_cutoff(training: Sequence[Recording], *, standing: bool = False) -> float:
     """Return a cut-off [Hz] that no data have chosen."""
     top = SHARE * min(own_rate(part) for part in training)
-    return float(f"{min(10.0, top):.2g}")
+    return float(f"{min(_STANDING if standing else _USUAL, top):.2g}")
 
 
 def draft_cutoff(

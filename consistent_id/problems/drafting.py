@@ -151,7 +151,8 @@ def draft_problem(
     stated = _stated(logs, drive, friction_velocity)
     standing = standing_draft(logs, raws, model, stated.common)
     select, searched = select and standing is None, select or standing is not None
-    chosen = _plain_cutoff(reading, stated, cutoff, searched)
+    on_feet = standing is not None and standing.rests
+    chosen = _plain_cutoff(reading, stated, cutoff, searched, standing=on_feet)
     draft = Draft(
         model=model,
         recordings=tuple(sorted(reading.split.entries, key=lambda entry: entry.role)),
@@ -236,13 +237,19 @@ def _fixed(
 
 
 def _plain_cutoff(
-    reading: _Reading, drive: StatedDrive, given: float | None, select: bool
+    reading: _Reading,
+    drive: StatedDrive,
+    given: float | None,
+    select: bool,
+    *,
+    standing: bool,
 ) -> DraftCutoff:
     """Return the cut-off of a draft whose model has not been selected."""
     if given is not None:
         return DraftCutoff(given, f"{given:g} Hz, as was asked for")
     if select:
-        return DraftCutoff(usual_cutoff(reading.split.training), "the plain default")
+        usual = usual_cutoff(reading.split.training, standing=standing)
+        return DraftCutoff(usual, "the plain default")
     logs = reading.logs
     measured = tuple(logs.columns.torque_joints)
     terms = drive.terms(logs.robot.joint_names)

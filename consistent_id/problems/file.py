@@ -126,6 +126,7 @@ class PreparationTable(Table, frozen=True, kw_only=True):
     trim_standstill: bool | Positive = False
     least_speed: Annotated[float, Meta(gt=0.0, lt=1.0)] | None = None
     least_joint_speed: Positive | Literal["estimated"] | None = None
+    contact_radius: Literal["estimated"] | None = None
     most_slip: Positive | None = None
 
 

@@ -28,6 +28,7 @@ from consistent_id.recordings.signals import (
     low_passed,
     motion_noise,
     resampled,
+    rest_guard,
     savitzky_golay_differentiated,
     split_at_gaps,
     track,
@@ -271,9 +272,10 @@ def filtered(part: Recording, table: PreparationTable) -> Recording:
 def rest_reach(table: PreparationTable) -> float:
     """Return for how long before and after a rest torque is not known, [s].
 
-    A filter spreads the jump of friction by half a period to either side.
+    A filter spreads the jump of friction to either side.
     """
-    return 0.0 if table.torque_cutoff is None else 0.5 / table.torque_cutoff
+    cutoffs = [c for c in (table.motion_cutoff, table.torque_cutoff) if c is not None]
+    return rest_guard(min(cutoffs)) if cutoffs else 0.0
 
 
 def moving(part: Recording, table: PreparationTable) -> Recording:

@@ -26,7 +26,7 @@ from consistent_id.problems.log_entries import (
 from consistent_id.problems.motions import sampled_motion
 from consistent_id.problems.paths import expanded, require_there
 from consistent_id.problems.preparation import Log, joined
-from consistent_id.problems.robot_preparation import FromTraining, with_robot
+from consistent_id.problems.robot_preparation import FoundInTraining, with_robot
 from consistent_id.recordings.readers import read_recording, read_track
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import DriveCalibration, PDGains, Track
@@ -254,14 +254,15 @@ class Problem:
         return data
 
     def _recordings(self, role: str) -> tuple[Recording, ...]:
-        return self._estimated.left_out(self._parts(role))
+        return self.found_in_training.applied(self._parts(role))
 
     def _parts(self, role: str) -> list[Recording]:
         return [p for log, span in self._logged(role) for p in log.prepared(*span)]
 
     @cached_property
-    def _estimated(self) -> FromTraining:
-        return FromTraining.of(self.table, self.model, self._parts, self.constraints)
+    def found_in_training(self) -> FoundInTraining:
+        """What preparation takes from the training data."""
+        return FoundInTraining.of(self.table, self.model, self._parts, self.constraints)
 
     def _logged(self, role: str) -> Iterator[tuple[Log, tuple[float, float]]]:
         """Yield logs, and the times between which they count."""

@@ -1,11 +1,16 @@
 """What is done to prepared recordings that takes the robot, as a problem file asks."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial, reduce
 
 from consistent_id._support.arrays import Vector
 from consistent_id.constraints import Constraint
+from consistent_id.estimation.contact_radius import (
+    ContactRadius,
+    contact_radius,
+    with_radii,
+)
 from consistent_id.estimation.rest_speed import rest_speed
 from consistent_id.problems.file import PreparationTable, ProblemTable
 from consistent_id.problems.preparation import rest_reach
@@ -14,6 +19,7 @@ from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import without_rests
 from consistent_id.regression.elastic_joints import as_rigid
 from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.rows.contact_free import contact_free_model
 from consistent_id.regression.rows.slip import without_slip
 from consistent_id.regression.rows.wrench_sensor import carried
 from consistent_id.robot.model import RobotModel
@@ -40,48 +46,26 @@ def with_robot(
     return lambda log: reduce(lambda part, step: step(part), steps, log)
 
 
-@dataclass(frozen=True, slots=True)
-class EstimatedRests:
-    """The speed below which joints rest, found in the training data.
+@dataclass(frozen=True, slots=True, eq=False)
+class FoundInTraining:
+    """What preparation takes from the training data, as a problem file asks.
 
     Parameters
     ----------
     speed : float, [rad/s or m/s]
-        Zero if no row is left out, or if it was not asked for.
+        Below which joints rest; zero if no row is left out, or if it was not asked for.
     reach : float, [s]
         See `without_rests`.
+    drift : SensorDrift
+        Biases of a wrench sensor.
+    feet : ContactRadius, optional
+        What is added to the radius of round feet.
     """
 
     speed: float
     reach: float
-
-    @staticmethod
-    def of(
-        table: PreparationTable,
-        model: TorqueModel,
-        training: Callable[[], Sequence[Recording]],
-        constraints: Sequence[Constraint],
-    ) -> "EstimatedRests":
-        """Find it, if the table asks for it."""
-        reach = rest_reach(table)
-        if table.least_joint_speed != "estimated":
-            return EstimatedRests(0.0, reach)
-        found = rest_speed(model, training(), constraints=constraints, reach=reach)
-        return EstimatedRests(found.speed, reach)
-
-    def left_out(self, parts: Sequence[Recording]) -> tuple[Recording, ...]:
-        """Return recordings in which torque of joints at rest is not known."""
-        if self.speed == 0.0:
-            return tuple(parts)
-        return tuple(without_rests(p, self.speed, reach=self.reach) for p in parts)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FromTraining:
-    """What preparation takes from the training data: rests, and a sensor's drift."""
-
-    rests: EstimatedRests
     drift: SensorDrift
+    feet: ContactRadius | None = None
 
     @staticmethod
     def of(
@@ -89,13 +73,31 @@ class FromTraining:
         model: TorqueModel,
         parts: Callable[[str], Sequence[Recording]],
         constraints: Sequence[Constraint],
-    ) -> "FromTraining":
+    ) -> "FoundInTraining":
         """Find what the file asks for; `parts` are recordings of a role."""
         training = partial(parts, "training")
         how = PreparationTable() if table.data is None else table.data.preparation
-        rests = EstimatedRests.of(how, model, training, constraints)
-        return FromTraining(rests, SensorDrift.of(table, model, training))
+        reach, drift = rest_reach(how), SensorDrift.of(table, model, training)
+        found = FoundInTraining(0.0, reach, drift)
+        if how.least_joint_speed == "estimated":
+            rests = rest_speed(model, training(), constraints=constraints, reach=reach)
+            found = replace(found, speed=rests.speed, reach=rests.reach)
+        if how.contact_radius != "estimated":
+            return found
+        free = contact_free_model(model)
+        feet = contact_radius(free, found.applied(training()), constraints=constraints)
+        return replace(found, feet=feet)
 
-    def left_out(self, parts: Sequence[Recording]) -> tuple[Recording, ...]:
-        """Return recordings without rests and drift."""
-        return self.drift.left_out(self.rests.left_out(parts))
+    def applied(self, parts: Sequence[Recording]) -> tuple[Recording, ...]:
+        """Return recordings with feet as found, without drift and torque at rest."""
+        if self.speed > 0.0:
+            parts = [without_rests(p, self.speed, reach=self.reach) for p in parts]
+        if self.feet is not None:
+            parts = [with_radii(p, self.feet.offset) for p in parts]
+        return self.drift.left_out(parts)
+
+    def varied(self, parts: Sequence[Recording]) -> list[list[Recording]]:
+        """Return applied recordings once for each value found, changed by its error."""
+        if self.feet is None:
+            return []
+        return [[with_radii(p, self.feet.standard_error) for p in parts]]

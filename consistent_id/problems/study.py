@@ -28,6 +28,7 @@ from consistent_id.problems.problem_estimates import (
 from consistent_id.problems.published import PublishedReport, check_published
 from consistent_id.problems.published_fit import published_least_squares
 from consistent_id.problems.sensor_drift_preparation import segments_of_problem
+from consistent_id.problems.variants import variant_regressions
 from consistent_id.recordings.finding import Finding
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import BaseParameters
@@ -236,6 +237,7 @@ class Study:
             seed=self.seed,
             progress=self.progress,
             sources=segment_sources(self.training),
+            variants=variant_regressions(self.problem, self.training),
         )
 
     @cached_property

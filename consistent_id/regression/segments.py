@@ -37,7 +37,7 @@ def segment_regressions(
         With velocity, acceleration and torque.
     count : int
         Of segments in all; each recording is at least one, each segment at least two
-        samples.
+        samples.  Neighbours are one where one of them has no row of a joint.
     sigma : array_like, shape (joints,), optional, [N m or N]
         Noise levels by which joints are weighted; see `joint_noise`.
 
@@ -148,8 +148,29 @@ def _runs(recordings: Sequence[Recording], count: int) -> Iterator[tuple[int, sl
     """Yield the samples of each segment, and the recording that they are of."""
     length = max(sum(len(r) for r in recordings) / count, 2.0)
     for k, recording in enumerate(recordings):
-        for start, stop in segment_cuts(len(recording), length):
+        for start, stop in _spans(recording, length):
             yield k, slice(start, stop)
+
+
+def _spans(recording: Recording, length: float) -> list[tuple[int, int]]:
+    """Return where segments begin and end, each with rows of every joint.
+
+    What is left over at the end joins the last.
+    """
+    cuts = segment_cuts(len(recording), length)
+    if recording.torque_known is None and not recording.contacts:
+        return cuts
+    known = np.ones(recording.position.shape, dtype=np.bool_)
+    if recording.torque_known is not None:
+        known &= recording.torque_known
+    for flags in recording.contacts:  # an uncertain one leaves a sample no row
+        known &= flags.certain[:, None]
+    seen = known[:, known.any(axis=0)]
+    ends = [0]
+    for _, stop in cuts:
+        if seen[ends[-1] : stop].any(axis=0).all():
+            ends.append(stop)
+    return list(pairwise([*ends[: max(len(ends) - 1, 1)], len(recording)]))
 
 
 def segment_cuts(samples: int, length: float) -> list[tuple[int, int]]:

@@ -87,6 +87,19 @@ def test_rows_free_of_contact_forces_are_compared_too(tmp_path):
     assert left.mean() > 0.5
 
 
+def test_a_reach_that_leaves_too_few_rows_is_shortened():
+    """Every 0.5 s a joint turns back: guards of 0.3 s to either side are all of it."""
+    model, _, log = pendulum(sticks=False)
+    time = log.time[:, None]
+    log = replace(
+        log, velocity=np.cos(2 * np.pi * time), position=np.sin(2 * np.pi * time)
+    )
+    assert ci.rest_speed(model, log, reach=0.06).reach == 0.06
+    found = ci.rest_speed(model, log, reach=0.3)
+    assert found.reach == pytest.approx(0.2)
+    assert len(found.tried) > 1
+
+
 def test_what_does_not_move_has_no_rests():
     model, _, log = pendulum(sticks=False)
     with pytest.raises(ci.NotExcitedError, match="no joint moves"):

@@ -53,22 +53,24 @@ def quadruped_text(joint="<freejoint/>", *, hips=ROW):
     return QUADRUPED.format(joint=joint, legs=legs)
 
 
-def standing(robot, closed, *, noise=0.0, seed=0):
+def standing(robot, closed, *, noise=0.0, seed=0, radius=0.0):
     """A recording of random states, on the feet that `closed` says, (samples, feet).
 
-    Forces at the feet are any that balance the base's rows; they are recorded, too.
-    A foot is a point, so that its contact transmits no moment: at least three feet
-    must be closed.
+    Forces at the feet are any that balance the base's rows; of points they are logged.
+    A foot is a point, or a ball of a radius [m] about it that touches level ground, the
+    base being level: its contact transmits no moment, so that at least three feet must
+    be closed.
     """
     rng = np.random.default_rng(seed)
     samples, n = len(closed), len(robot)
     q, dq, ddq = rng.uniform(-1.0, 1.0, (3, samples, n))
     w, dw, a = rng.uniform(-1.0, 1.0, (3, samples, 3))
-    base = BaseMotion(w, dw, a + np.array([0.0, 0.0, 9.81]))
+    level = np.tile(np.eye(3), (samples, 1, 1)) if radius else None
+    base = BaseMotion(w, dw, a + np.array([0.0, 0.0, 9.81]), level)
     forces = TorqueModel(robot).predict(robot.nominal, q, dq, ddq, base=base)
-    jacobians = [
-        contact_jacobian(robot, q, frame=foot, point=FOOT)[:, :3] for foot in FEET
-    ]
+    whole = [contact_jacobian(robot, q, frame=foot, point=FOOT) for foot in FEET]
+    arm = np.array([[0, -radius, 0], [radius, 0, 0], [0, 0, 0]])  # w x (0, 0, -radius)
+    jacobians = [J[:, :3] + arm @ J[:, 3:] for J in whole]
     pushes = np.concatenate(jacobians, axis=1) * np.repeat(closed, 3, axis=1)[..., None]
     balance = np.linalg.pinv(np.swapaxes(pushes[:, :, :6], 1, 2))
     acting = np.einsum("nfr,nr->nf", balance, forces[:, :6])
@@ -87,11 +89,14 @@ def standing(robot, closed, *, noise=0.0, seed=0):
         ddq,
         torque,
         base=base,
-        wrenches=tuple(
+        wrenches=()
+        if radius
+        else tuple(
             Wrench(foot, np.hstack([f, still]), FOOT, axes="base")
             for foot, f in zip(FEET, np.split(acting, 4, axis=1), strict=True)
         ),
         contacts=tuple(
-            ContactFlags(foot, closed[:, i], FOOT) for i, foot in enumerate(FEET)
+            ContactFlags(foot, closed[:, i], FOOT, radius=radius)
+            for i, foot in enumerate(FEET)
         ),
     )

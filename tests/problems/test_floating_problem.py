@@ -9,7 +9,9 @@ from some_fast import some_fast
 from walking import walk, write_csv
 
 import consistent_id as ci
+from consistent_id.comparison.parameter_shifts import parameter_shifts
 from consistent_id.problems.study import Study, run_study
+from consistent_id.problems.variants import variant_regressions
 from consistent_id.regression.rows.sensor_drift import driftless_regression
 
 BOX = ci.InertialParameters.from_central(2.0, [0.05, 0.02, 0.1], 0.02 * np.eye(3))
@@ -270,14 +272,16 @@ def test_below_which_speed_joints_rest_is_estimated_from_training(folder):
     )
     (folder / "asked.toml").write_text(asked)
     found = ci.load_problem(folder / "asked.toml")
-    reach = 0.5 / 30.0
-    speed = ci.rest_speed(
-        plain.model, plain.training, constraints=plain.constraints, reach=reach
-    ).speed
-    assert 0.02 < speed < 0.2
+    rests = ci.rest_speed(
+        plain.model,
+        plain.training,
+        constraints=plain.constraints,
+        reach=ci.rest_guard(30.0),
+    )
+    assert 0.02 < rests.speed < 0.2
     for role in ("training", "validation"):
         (one,), (other,) = getattr(plain, role), getattr(found, role)
-        expected = ci.without_rests(one, speed, reach=reach).torque_known
+        expected = ci.without_rests(one, rests.speed, reach=rests.reach).torque_known
         assert np.array_equal(other.torque_known, expected)
 
 
@@ -352,3 +356,28 @@ def test_logs_of_sensors_and_of_feet_that_slip_are_streamed_whole(wrist, folder)
             np.testing.assert_allclose(
                 mine, other, rtol=0, atol=1e-9 * abs(other).max()
             )
+
+
+@pytest.mark.slow
+def test_feet_that_are_said_to_be_balls_are_found_to_be_points(folder):
+    """Their radius is 5 mm too large by the file; its error moves the trunk."""
+    turned = UNIT + 'orientation = ["quat_w", "quat_x", "quat_y", "quat_z"]\n'
+    balls = CONTACTS.replace("point =", "radius = 0.005\npoint =")
+    parts = turned + 'order = "wxyz"\n', balls
+    problem(folder, *parts, name="balls.toml")
+    text = (folder / "balls.toml").read_text()
+    text = text.replace("motion_cutoff", 'contact_radius = "estimated"\nmotion_cutoff')
+    (folder / "balls.toml").write_text(text)
+    found = ci.load_problem(folder / "balls.toml")
+    feet = found.found_in_training.feet
+    assert 0.0 < feet.standard_error < 5e-4
+    assert abs(feet.offset + 0.005) < 4.0 * feet.standard_error + 5e-5
+    for role in ("training", "validation"):
+        (log,) = getattr(found, role)
+        radii = [flags.radius for flags in log.contacts]
+        assert radii == pytest.approx([0.005 + feet.offset] * 4, abs=1e-12)
+    (variant,) = variant_regressions(found, found.training)
+    whole = ci.build_regression(found.model, found.training)
+    shifts = parameter_shifts(found.model, whole, [variant], found.constraints)
+    assert (shifts.variance[:10] > 0.0).all()
+    assert not shifts.variance[10:].any()  # legs are known

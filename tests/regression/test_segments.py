@@ -1,18 +1,27 @@
 """Segments: nothing lost, nothing twice, nothing mixed."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from experiments import experiment
 from hypothesis import given
 from hypothesis import strategies as st
 
-from consistent_id import NotExcitedError, ProblemError, build_regression
+from consistent_id import (
+    ContactFlags,
+    NotExcitedError,
+    ProblemError,
+    Recording,
+    build_regression,
+)
 from consistent_id.regression.segments import (
     lengthened,
     merged,
     segment_cuts,
     segment_regressions,
     segment_sources,
+    segments_of,
 )
 
 
@@ -67,3 +76,32 @@ def test_segments_know_their_recording_and_are_joined_within_it():
     assert owners == (0, 0, 1)
     whole, together = merged(segments), merged(longer)
     assert together.residual_rms(truth) == pytest.approx(whole.residual_rms(truth))
+
+
+def test_neighbours_are_one_where_contacts_are_not_certain():
+    """The first joint's torque is known where contacts are doubtful, and at the end."""
+    known, certain = np.ones((60, 2), dtype=bool), np.ones(60, dtype=bool)
+    known[10:30, 0], certain[:10] = False, False
+    log = Recording(
+        ("a", "b"),
+        np.arange(60.0),
+        np.zeros((60, 2)),
+        torque_known=known,
+        contacts=[ContactFlags("foot", np.ones(60, dtype=bool), certain=certain)],
+    )
+    assert [len(part) for part in segments_of([log], count=6)] == [40, 10, 10]
+
+
+def test_neighbours_are_one_where_a_joint_s_torque_is_not_known():
+    """Of seven segments the second has no known torque of a joint: it takes the next.
+
+    What is left over at the end joins the last.
+    """
+    model, _, log = experiment(0, joints=3, noise=1.0, samples=700)
+    known = np.ones((700, 3), dtype=bool)
+    known[100:200, 1] = known[600:, 2] = False
+    part = replace(log, torque_known=known)
+    segments = segment_regressions(model, part, count=7)
+    assert [max(s.counts) for s in segments] == [100, 200, 100, 100, 200]
+    assert segment_sources([part], count=7) == (0,) * 5
+    assert merged(segments).counts == build_regression(model, part).counts

@@ -25,8 +25,8 @@ SLIP = 0.05
 some ten times as fast, one that rolls or creeps a fifth of it."""
 
 _STANDS = 0.9  # share of the samples in which feet are at rest, of a robot that stands
-# s; half a period of a draft's 10 Hz.  Two, as `impact_guard` says, err as much (Go2 of
-# benchmarks/quadruped.py --problem), and of a robot that trots leave nothing.
+# s; one and a half periods of a draft's 30 Hz.  Two, as `impact_guard` says, leave less
+# of a robot that trots.
 _GUARD = 0.05
 _SHORTEST = 1.0  # s, of a stretch between gaps in which motion is looked at
 _CUTOFF = 10.0  # Hz, of the motion by which feet are seen to stand

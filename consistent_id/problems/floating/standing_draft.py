@@ -3,16 +3,13 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-
-import numpy as np
+from typing import Any
 
 from consistent_id.problems.file import DriveTable
 from consistent_id.problems.floating.contact_guess import (
     SLIP,
     require_standing,
     share_at_rest,
-    smooth_motion,
-    without_gaps,
 )
 from consistent_id.problems.robot_logs import RobotLogs
 from consistent_id.recordings.recording import Recording
@@ -20,10 +17,7 @@ from consistent_id.robot.loaders.mjcf_assets import read_spec
 from consistent_id.robot.loaders.robot_file import is_mjcf
 from consistent_id.robot.model import RobotModel
 
-# rad/s; below, dry friction says little of the motion (benchmarks/quadruped.py: with
-# such joints the trunk's moments are 13 to 27 % off, without them 4 %).
-_REST = 0.1
-# Share of the samples that must keep rows, for joints at rest, or slipping feet, to go.
+# Share of the samples that must keep rows, for slipping feet to go.
 _ENOUGH = 0.25
 
 
@@ -39,14 +33,27 @@ class StandingDraft:
         Rotor inertias of the model's file, by parameter [kg m^2].
     most_slip : float, optional, [m/s]
         Of feet that stand on the ground.
-    least_joint_speed : float, optional, [rad/s or m/s]
-        Below which a joint's torque is declared unknown.
+    rests : bool
+        Whether torque of joints at rest is declared unknown.
+    round_feet : bool
+        Whether feet are balls, whose radius is found in the log.
     """
 
     known_links: tuple[str, ...]
     rotors: dict[str, float] = field(hash=False)
     most_slip: float | None
-    least_joint_speed: float | None
+    rests: bool
+    round_feet: bool
+
+    @property
+    def preparation(self) -> dict[str, Any]:
+        """Keys of the table of preparation."""
+        keys: dict[str, Any] = {"most_slip": self.most_slip}
+        if self.rests:
+            keys["least_joint_speed"] = "estimated"
+        if self.round_feet:
+            keys["contact_radius"] = "estimated"
+        return keys
 
     @property
     def comments(self) -> dict[str, str]:
@@ -58,8 +65,10 @@ class StandingDraft:
             "data.contacts": "GUESS: where feet touch; samples within guard [s] of a "
             "change are left out.",
             "data.preparation.most_slip": "m/s; feet that move faster slip",
-            "data.preparation.least_joint_speed": "rad/s; at rest, friction is "
-            "whatever balances the joint",
+            "data.preparation.least_joint_speed": "at rest, friction is whatever "
+            "balances the joint",
+            "data.preparation.contact_radius": "feet give way: where they touch is "
+            "found in the log",
         }
         if self.rotors:
             found["constraints.fixed"] = "GUESS: armatures of the file"
@@ -95,19 +104,9 @@ def standing_draft(
         robot.link_names[1:],
         _armatures(robot, model) if drive.rotor_inertia else {},
         SLIP if contacts > 1 and share_at_rest(robot, raws) > _ENOUGH else None,
-        _REST if contacts and _rows_left(robot, raws) > _ENOUGH else None,
+        contacts > 0,
+        any(contact.radius > 0.0 for contact in found.beside.contacts),
     )
-
-
-def _rows_left(robot: RobotModel, raws: Sequence[Recording]) -> float:
-    """Return the share of samples that keep a row without joints at rest."""
-    shares = []
-    for part in without_gaps(raws):
-        moving = smooth_motion(part)
-        held = sum((6 if c.surface else 3) * c.closed for c in moving.contacts)
-        slow = (abs(np.asarray(moving.velocity)) < _REST).sum(axis=1)
-        shares.append((len(robot) + 6 - held - slow > 0).mean())
-    return float(np.mean(shares)) if shares else 0.0
 
 
 def _armatures(robot: RobotModel, model: Path) -> dict[str, float]:

@@ -22,6 +22,11 @@ def obstacle(problem: Problem) -> str:
             "recordings at once; give the speed that a part of the log shows "
             "(rest_speed)"
         )
+    if data.preparation.contact_radius == "estimated":
+        return (
+            "[data.preparation]: a contact_radius that is estimated takes all "
+            "recordings at once; state the radius of each contact"
+        )
     if drift_of(problem.table) != "none":
         return "[wrist_sensor]: drift takes all recordings at once"
     gains = data.gains

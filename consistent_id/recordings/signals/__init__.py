@@ -34,10 +34,10 @@ from consistent_id.recordings.signals.masks import (
     saturated,
     speed_share,
     standstill,
-    without_rests,
 )
 from consistent_id.recordings.signals.period import estimated_period
 from consistent_id.recordings.signals.resolution import encoder_resolution
+from consistent_id.recordings.signals.rests import rest_guard, without_rests
 from consistent_id.recordings.signals.savitzky_golay import (
     savitzky_golay_differentiated,
 )
@@ -76,6 +76,7 @@ __all__ = [
     "mask_onto",
     "motion_noise",
     "resampled",
+    "rest_guard",
     "row_weights",
     "saturated",
     "savitzky_golay_differentiated",

@@ -1,12 +1,14 @@
 """Parts of a recording: between times, between gaps, without what is masked."""
 
+from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import IntArray
-from consistent_id.errors import RecordingError
+from consistent_id.errors import NotExcitedError, RecordingError
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.masks import as_mask, speed_share, standstill
 
@@ -165,3 +167,21 @@ def _parts(
         )
         for number, run in enumerate(kept, 1)
     )
+
+
+def blocks_of(recordings: Sequence[Recording], count: int) -> list[Recording]:
+    """Cut recordings into about `count` blocks of like length, each at least one.
+
+    Raises
+    ------
+    NotExcitedError
+        If there is one block only.
+    """
+    total = sum(map(len, recordings))
+    found = []
+    for log in recordings:
+        ends = np.linspace(0, len(log), max(round(count * len(log) / total), 1) + 1)
+        found += [log.samples(slice(*ab)) for ab in pairwise(ends.astype(int).tolist())]
+    if len(found) < 2:
+        raise NotExcitedError("the motion is too short to be cut into blocks")
+    return found

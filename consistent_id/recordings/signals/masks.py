@@ -1,7 +1,6 @@
 """Samples whose torque holds little information, or is wrong."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -184,26 +183,6 @@ def mask_onto(
             found[:, k] = at[np.minimum(near, len(at) - 1)] <= target.time + reach
             found[near == len(at), k] = False
     return found
-
-
-def without_rests(
-    recording: Recording, velocity: float, *, reach: float = 0.0
-) -> Recording:
-    """Return a recording in which the torque of joints at rest is not known.
-
-    Parameters
-    ----------
-    recording : Recording
-    velocity : float, [rad/s or m/s]
-        Below which a joint rests; see `standstill`.
-    reach : float, [s]
-        Before and after, for which its torque is not known either.
-    """
-    rests = standstill(recording, velocity)
-    known = ~mask_onto(recording, rests, recording, reach=reach)
-    if recording.torque_known is not None:
-        known &= recording.torque_known
-    return replace(recording, torque_known=known)
 
 
 def as_mask(recording: Recording, mask: ArrayLike) -> BoolArray:

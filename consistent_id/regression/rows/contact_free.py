@@ -1,6 +1,6 @@
 """The regression of a robot that stands or walks, without force sensors in its feet."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple
@@ -8,7 +8,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._support.arrays import IntArray, Matrix, Vector, checked
+from consistent_id._support.arrays import (
+    Array,
+    BoolArray,
+    IntArray,
+    Matrix,
+    Vector,
+    checked,
+)
 from consistent_id._support.threads import single_threaded, worker_threads
 from consistent_id.errors import NotExcitedError, ProblemError
 from consistent_id.recordings.contacts import ContactFlags
@@ -21,13 +28,13 @@ from consistent_id.regression.regression import Regression, triangle
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.row_names import CONTACT_FREE, row_names
 from consistent_id.regression.row_structure import row_structure
-from consistent_id.regression.rows.contact_maps import contact_maps
+from consistent_id.regression.rows.contact_maps import RowMap, contact_maps
 from consistent_id.regression.rows.contact_mixing import unmeasured_contacts
 
-_CHUNK = 512
+CHUNK = 512
 """Samples per chunk: of 18 rows and 130 columns, 10 MB."""
 
-_WORKERS = 2
+WORKERS = 2
 
 _EVERY = np.ones(0, dtype=bool)  # no flags: every sample is certain
 
@@ -63,23 +70,23 @@ def contact_free_regression(
     NotExcitedError
         If no sample has a row.
     """
-    whole = _every_row(model)
+    whole = every_row(model)
     rows = len(whole.torque_joints)
     levels = _levels(sigma, rows)
     kept, expand = row_structure(whole, mixed=True)[0]
     pieces = [
-        (recording.contacts, motion.samples(start, start + _CHUNK), start)
+        (recording.contacts, motion.samples(start, start + CHUNK), start)
         for recording in several(recordings)
         for motion in [motion_of(whole, replace(recording, contacts=()), None)]
-        for start in range(0, len(motion.q), _CHUNK)
+        for start in range(0, len(motion.q), CHUNK)
     ]
 
-    def compressed(piece: tuple[Sequence[ContactFlags], Motion, int]) -> _Part:
+    def compressed(piece: tuple[Sequence[ContactFlags], Motion, int]) -> MappedRows:
         return _compress(whole, kept, *piece, levels)
 
     R: Matrix = np.zeros((0, len(kept) + 1))
     count, peak = 0, 0.0
-    with worker_threads(_WORKERS) as pool:
+    with worker_threads(WORKERS) as pool:
         for part in pool.map(compressed, pieces):
             R = triangle(np.asfortranarray(np.vstack([R, part.factor])))
             count, peak = count + part.rows, max(peak, part.peak)
@@ -114,8 +121,8 @@ def contact_free_model(model: TorqueModel) -> TorqueModel:
     return replace(model, torque_joints=(CONTACT_FREE,), wrench_bias=False)
 
 
-class _Part(NamedTuple):
-    """What came of one chunk."""
+class MappedRows(NamedTuple):
+    """What came of one chunk: a triangular factor, of how many rows, largest torque."""
 
     factor: Matrix
     rows: int
@@ -129,7 +136,7 @@ def _compress(
     motion: Motion,
     start: int,
     levels: Vector,
-) -> _Part:
+) -> MappedRows:
     """Return the triangular factor of the kept columns, free of contact forces."""
     n = len(motion.q)
     flags = [contact.samples(slice(start, start + n)) for contact in contacts]
@@ -142,19 +149,34 @@ def _compress(
     unknown = None if motion.weights is None else motion.weights == 0.0
     if unknown is not None:
         rows[unknown] = 0.0
-    where = whole.robot, motion.q, flags, levels, turned
+    maps = contact_maps(whole.robot, motion.q, flags, levels, turned, unknown=unknown)
+    return mapped_rows(rows, maps, unknown)
+
+
+def mapped_rows(
+    rows: Array, maps: Iterable[RowMap], unknown: BoolArray | None
+) -> MappedRows:
+    """Compress samples' rows, mapped to those that no contact force enters.
+
+    Parameters
+    ----------
+    rows : ndarray, shape (samples, rows, columns)
+        Zero where they are unknown; the last column is the torque.
+    maps : iterable of RowMap
+    unknown : ndarray of bool, shape (samples, rows), optional
+    """
     mapped, count = [np.zeros((0, rows.shape[2]))], 0
-    for found in contact_maps(*where, unknown=unknown):
+    for found in maps:
         mapped.append((found.maps @ rows[found.samples]).reshape(-1, rows.shape[2]))
         lost = 0 if unknown is None else int(unknown[found.samples].sum())
         count += len(mapped[-1]) - lost
     stacked = np.vstack(mapped)
     peak = float(abs(stacked[:, -1]).max(initial=0.0))
-    return _Part(triangle(np.asfortranarray(stacked)), count, peak)
+    return MappedRows(triangle(np.asfortranarray(stacked)), count, peak)
 
 
 @lru_cache(maxsize=16)
-def _every_row(model: TorqueModel) -> TorqueModel:
+def every_row(model: TorqueModel) -> TorqueModel:
     """Return the model with all rows, before they are mixed.
 
     It is the same model every time: what its structure is, is kept for each model.
@@ -206,7 +228,7 @@ def contact_free_base(
     contacts : sequence of ContactFlags
         Those of the recordings, see `contact_free_regression`.
     """
-    whole = model if CONTACT_FREE not in model.torque_joints else _every_row(model)
+    whole = model if CONTACT_FREE not in model.torque_joints else every_row(model)
     Y = np.ascontiguousarray(np.moveaxis(random_regressor(whole, seed=seed), 2, 0))
     states = random_states(whole, seed=seed)
     q, turned = states.q, None if states.base is None else states.base.rotation

@@ -38,7 +38,8 @@ def test_the_trunk_is_found_without_force_sensors(name, monkeypatch):
     from standing_simulation import prepared, simulated
 
     robot = quadruped.ROBOTS[name]()
-    log = prepared(simulated(robot, seconds=8, dry_friction=False))
+    raw = simulated(robot, seconds=8, dry_friction=False)
+    log = prepared(raw, robot.cutoff)
     drive = ci.DriveTerms(rotor_inertia=True, viscous=True)
     model = ci.contact_free_model(ci.TorqueModel(robot.nominal, drive))
     found = ci.constrained_least_squares(
@@ -48,7 +49,7 @@ def test_the_trunk_is_found_without_force_sensors(name, monkeypatch):
         base=ci.contact_free_base(model, log.contacts),
     )
     assert found.certificate.verdict == "certified"
-    errors = quadruped.trunk_errors(found, robot)
+    errors = quadruped.trunk_errors(found.links[robot.number], robot)
     # What a box of a quarter of the trunk's mass, unknown to the model, does is found.
     assert abs(errors.mass) < 0.01
     assert errors.apart < 3e-3
