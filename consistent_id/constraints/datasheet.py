@@ -22,7 +22,7 @@ from consistent_id.robot.inertia import (
     PSEUDO_INERTIA_BASIS,
     pseudo_inertia,
 )
-from consistent_id.robot.parameters import did_you_mean
+from consistent_id.robot.parameters import require_known
 from consistent_id.robot.scaling import link_scales, reference_bodies
 
 
@@ -86,10 +86,7 @@ class FixedBodies:
             If a link's nominal parameters are unknown.
         """
         robot = model.robot
-        for name in self.links:
-            if name not in robot.link_names:
-                near = did_you_mean(name, robot.link_names)
-                raise ProblemError(f"known bodies: no link {name!r}; {near}")
+        require_known(self.links, robot.link_names, "known bodies: no link")
         wanted = [n for n in robot.link_names if not self.links or n in self.links]
         bodies = {link.name: link.nominal for link in robot.links}
         values: dict[str, float] = {}

@@ -9,7 +9,7 @@ from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.constraints.cones.sets import ConicSet, intersection
 from consistent_id.errors import ProblemError
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.robot.parameters import ParameterLayout, did_you_mean
+from consistent_id.robot.parameters import ParameterLayout, require_known
 
 
 class Constraint(Protocol):
@@ -40,10 +40,7 @@ def fixed_values(values: Mapping[str, float], layout: ParameterLayout) -> ConicS
 
 def known_links(named: Mapping[str, object], model: TorqueModel, what: str) -> None:
     """Refuse names that are not those of links."""
-    for name in named:
-        if name not in model.layout.links:
-            near = did_you_mean(name, model.layout.links)
-            raise ProblemError(f"{what}: no link named {name!r}; {near}")
+    require_known(named, model.layout.links, f"{what}: no link named")
 
 
 def stated(model: TorqueModel, key: str, constraint: str) -> dict[str, Any]:

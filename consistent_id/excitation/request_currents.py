@@ -9,7 +9,7 @@ from consistent_id._support.arrays import Vector
 from consistent_id.errors import ProblemError
 from consistent_id.motion.limits import MotionLimits
 from consistent_id.problems.excitation_tables import LimitsTable, PerJoint
-from consistent_id.robot.parameters import did_you_mean
+from consistent_id.robot.parameters import require_known
 
 _WHERE = "[excitation.limits]"
 
@@ -40,10 +40,7 @@ def with_current_limits(limits: MotionLimits, given: LimitsTable) -> MotionLimit
 def _by_joint(given: PerJoint, joints: tuple[str, ...], key: str) -> Vector:
     """Return a number for each joint, infinite where none is given."""
     if isinstance(given, Mapping):
-        for name in given:
-            if name not in joints:
-                near = did_you_mean(name, joints)
-                raise ProblemError(f"{_WHERE} {key}: no joint {name!r}; {near}")
+        require_known(given, joints, f"{_WHERE} {key}: no joint")
         return np.array([given.get(name, np.inf) for name in joints])
     values = np.asarray(given, dtype=np.float64)
     if values.shape not in ((), (len(joints),)):

@@ -40,7 +40,7 @@ from consistent_id.problems.laboratory_tables import (
 )
 from consistent_id.problems.problem import Problem
 from consistent_id.recordings.recording import Recording
-from consistent_id.robot.parameters import did_you_mean
+from consistent_id.robot.parameters import require_known
 
 
 def task_path(problem: Problem, name: str) -> TaskPath:
@@ -139,9 +139,7 @@ def laboratory_of(problem: Problem, inertial: ArrayLike) -> Laboratory:
 
 
 def _task_table(problem: Problem, name: str) -> TaskTable:
-    if name not in problem.table.tasks:
-        near = did_you_mean(name, problem.table.tasks)
-        raise ProblemError(f"problem {problem.name!r}: no task {name!r}; {near}")
+    require_known([name], problem.table.tasks, f"problem {problem.name!r}: no task")
     return problem.table.tasks[name]
 
 

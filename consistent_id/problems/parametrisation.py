@@ -18,7 +18,7 @@ from consistent_id.errors import ProblemError
 from consistent_id.recordings.recording import Recording, states
 from consistent_id.regression.regression import triangle
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.robot.parameters import did_you_mean
+from consistent_id.robot.parameters import require_known
 
 Effect = Literal["inertia", "gravity"]
 
@@ -130,10 +130,7 @@ class Parametrisation:
 
     def places(self, names: Sequence[str]) -> list[int]:
         """Return the places of named combinations."""
-        for name in names:
-            if name not in self.names:
-                near = did_you_mean(name, self.names)
-                raise ProblemError(f"no combination named {name!r}; {near}")
+        require_known(names, self.names, "no combination named")
         return [self.names.index(name) for name in names]
 
     def others(self, names: Sequence[str]) -> list[int]:

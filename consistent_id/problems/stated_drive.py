@@ -8,7 +8,7 @@ from consistent_id.errors import ProblemError
 from consistent_id.problems.drive_tables import DriveTable, JointTable, exceptions
 from consistent_id.problems.model import DEFAULT_DRIVE
 from consistent_id.regression.drive.drive_terms import DEFAULTS, DriveTerms
-from consistent_id.robot.parameters import did_you_mean
+from consistent_id.robot.parameters import did_you_mean, require_known
 
 _SWITCHES = tuple(name for name, value in DEFAULTS.items() if value in (False, "none"))
 
@@ -75,10 +75,7 @@ def drive_table(names: Sequence[str], width: float | None = None) -> DriveTable:
     ProblemError
         If there is no such term.
     """
-    for name in names:
-        if name not in _SWITCHES:
-            near = did_you_mean(name, _SWITCHES)
-            raise ProblemError(f"no drive term {name!r}; {near}")
+    require_known(names, _SWITCHES, "no drive term")
     keys: dict[str, Any] = dict.fromkeys(names, True)
     if keys.pop("coulomb", False):
         usual = DEFAULT_DRIVE.velocity_scale

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 from consistent_id.errors import ProblemError
 from consistent_id.regression.drive.gear_coupling import GearCoupling
 from consistent_id.robot.model import RobotModel
-from consistent_id.robot.parameters import did_you_mean
+from consistent_id.robot.parameters import require_known
 
 if TYPE_CHECKING:
     from consistent_id.regression.regressor import TorqueModel
@@ -46,9 +46,7 @@ def coupled_joints(robot: RobotModel, coupling: GearCoupling) -> tuple[int, int]
     """
     places = []
     for name in (coupling.first, coupling.second):
-        if name not in robot.joint_names:
-            near = did_you_mean(name, robot.joint_names)
-            raise ProblemError(f"coupling {coupling.label}: no joint {name!r}; {near}")
+        require_known([name], robot.joint_names, f"coupling {coupling.label}: no joint")
         places.append(robot.joint_names.index(name))
     first, second = places
     slide = [robot.driven[j].kind == "prismatic" for j in places]

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 from consistent_id.errors import ProblemError
 from consistent_id.regression.row_names import BASE_ROWS, CONTACT_FREE, row_names
 from consistent_id.robot.model import RobotModel
-from consistent_id.robot.parameters import did_you_mean
+from consistent_id.robot.parameters import require_known
 
 if TYPE_CHECKING:
     from consistent_id.regression.regressor import TorqueModel
@@ -25,10 +25,7 @@ def in_order(names: Sequence[str], robot: RobotModel) -> tuple[str, ...]:
     known = row_names(robot)
     if names and not robot.joint_names and not set(names) & set(known):
         return tuple(names)  # of one body alone, whose rows somebody else gives
-    for name in names:
-        if name not in known:
-            near = did_you_mean(name, known)
-            raise ProblemError(f"torque_joints: no joint {name!r}; {near}")
+    require_known(names, known, "torque_joints: no joint")
     return tuple(j for j in known if j in names) or known
 
 

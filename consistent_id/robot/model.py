@@ -21,7 +21,7 @@ from consistent_id.robot.mimic import (
     require_leaders,
     transmissions,
 )
-from consistent_id.robot.parameters import did_you_mean
+from consistent_id.robot.parameters import require_known
 
 JointKind = Literal["revolute", "continuous", "prismatic", "free"]
 
@@ -326,10 +326,7 @@ class RobotModel:
         ModelError
             If a name is not that of a moving link.
         """
-        for name in datasheets:
-            if name not in self.link_names:
-                near = did_you_mean(name, self.link_names)
-                raise ModelError(f"no moving link named {name!r}; {near}")
+        require_known(datasheets, self.link_names, "no moving link named", ModelError)
         if not datasheets:
             return self
         links = tuple(
@@ -352,7 +349,7 @@ class RobotModel:
         for k, link in enumerate(self.links):
             carriers |= {frame.name: k for frame in link.merged}
         carriers |= {link: k for k, link in enumerate(self.link_names)}
-        if name not in carriers:
-            near = did_you_mean(name, carriers)
-            raise ModelError(f"robot {self.name!r}: no link named {name!r}; {near}")
+        require_known(
+            [name], carriers, f"robot {self.name!r}: no link named", ModelError
+        )
         return carriers[name]

@@ -1,10 +1,10 @@
 """Names, units and places of the parameters in the vector that is estimated."""
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
 
 from consistent_id._support.arrays import freeze
-from consistent_id.errors import ProblemError
+from consistent_id.errors import ConsistentIdError, ProblemError
 from consistent_id.robot.inertia import INERTIAL_NAMES, INERTIAL_UNITS
 
 
@@ -81,6 +81,24 @@ class ParameterLayout:
         """Entries of one drive term, such as ``"viscous"``, over all joints."""
         start = self.inertial_size
         return tuple(start + i for i, (_, t) in enumerate(self.drive) if t == term)
+
+
+def require_known(
+    names: Iterable[str],
+    known: Collection[str],
+    what: str,
+    error: type[ConsistentIdError] = ProblemError,
+) -> None:
+    """Refuse names that are not known, with the nearest that are.
+
+    Parameters
+    ----------
+    what : str
+        Begins the sentence that the wrong name ends, such as ``"scene: no joint"``.
+    """
+    for name in names:
+        if name not in known:
+            raise error(f"{what} {name!r}; {did_you_mean(name, known)}")
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

@@ -18,7 +18,7 @@ from consistent_id.robot.loaders.robot_file import is_mjcf
 from consistent_id.robot.loaders.urdf_lint import read_bytes
 from consistent_id.robot.loaders.xml import parse
 from consistent_id.robot.model import RobotModel
-from consistent_id.robot.parameters import did_you_mean
+from consistent_id.robot.parameters import did_you_mean, require_known
 
 _SOLE = 0.8  # share of a sole's sides on which it may be pressed: edges are round
 _BENT = 0.15  # of a leg's length, by which the trunk is lowered to bend the knees
@@ -136,10 +136,7 @@ def standing_pose(
         If the knees cannot be bent.
     """
     stated = dict(given or {})
-    for name in stated:
-        if name not in robot.joint_names:
-            near = did_you_mean(name, robot.joint_names)
-            raise ProblemError(f"--stance: no joint {name!r}; {near}")
+    require_known(stated, robot.joint_names, "--stance: no joint")
     keyed = _keyframe(path)
     if keyed or stated:
         known = {**keyed, **stated}

@@ -23,7 +23,7 @@ from consistent_id.export.mjcf_tree import spec_tree
 from consistent_id.laboratory.rollout.springs import add_springs, fit_to_springs
 from consistent_id.recordings.signals import PDGains
 from consistent_id.robot.loaders import mjcf_assets
-from consistent_id.robot.parameters import did_you_mean
+from consistent_id.robot.parameters import require_known
 
 STEP = 5e-4
 """Longest time step [s].  MuJoCo's steps are of first order: a drive's stiffness counts
@@ -156,10 +156,7 @@ def _hold(
 ) -> None:
     """Take out the joints that do not move; bodies stay where the joints held them."""
     found = spec_tree(spec).joints
-    for joint in joints:
-        if joint not in found:
-            near = did_you_mean(joint, found)
-            raise ModelError(f"{name} has no joint {joint!r}; {near}")
+    require_known(joints, found, f"{name} has no joint", ModelError)
     followers = {e.name1 for e in spec.equalities if e.type == _joint_equality(mujoco)}
     for joint, item in found.items():
         if joint in joints or joint in followers:

@@ -13,7 +13,7 @@ from consistent_id.recordings.readers.units import (
     refuse_units_of_a_name,
 )
 from consistent_id.recordings.recording import COMMANDS
-from consistent_id.robot.parameters import did_you_mean
+from consistent_id.robot.parameters import did_you_mean, require_known
 
 CHANNELS = ("position", "velocity", "acceleration", "torque", *COMMANDS)
 
@@ -97,10 +97,9 @@ class Columns:
 
     def without_torque(self, joints: Sequence[str]) -> tuple[int, ...]:
         """Return the places of the joints whose torque the log does not have."""
-        for name in self.torque_joints:
-            if name not in joints:
-                near = did_you_mean(name, joints)
-                raise RecordingError(f"torque_joints: no joint {name!r}; {near}")
+        require_known(
+            self.torque_joints, joints, "torque_joints: no joint", RecordingError
+        )
         known = self.torque_joints or joints
         return tuple(i for i, joint in enumerate(joints) if joint not in known)
 
@@ -219,10 +218,7 @@ def require(where: str, names: Sequence[str], known: Sequence[str]) -> None:
 
 def _places(columns: Columns, in_log: Sequence[str]) -> tuple[int, ...]:
     order = columns.in_log(columns.array_joints)
-    for name in in_log:
-        if name not in order:
-            near = did_you_mean(name, order)
-            raise RecordingError(f"array_joints have no joint {name!r}; {near}")
+    require_known(in_log, order, "array_joints have no joint", RecordingError)
     return tuple(order.index(name) for name in in_log)
 
 

@@ -13,7 +13,7 @@ from consistent_id.errors import RecordingError
 from consistent_id.recordings.log_formats import HDF5
 from consistent_id.recordings.readers.mat_lint import damage
 from consistent_id.recordings.readers.named_arrays import Arrays
-from consistent_id.robot.parameters import did_you_mean
+from consistent_id.robot.parameters import require_known
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 # What SciPy lets through when a file is cut or overwritten.
@@ -85,10 +85,7 @@ def _loaded(path: Path, names: Sequence[str]) -> dict[str, Any]:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             known = [name for name, _, _ in whosmat(path)]
-            for name in names:
-                if name not in known:
-                    near = did_you_mean(name, known)
-                    raise RecordingError(f"{path}: no variable {name!r}; {near}")
+            require_known(names, known, f"{path}: no variable", RecordingError)
             return dict(loadmat(path, variable_names=list(names)))
     except (MatReadError, *_UNREADABLE) as cause:
         raise RecordingError(f"{path}: not readable as MATLAB file: {cause}") from None
@@ -99,9 +96,7 @@ def _field(path: Path, variables: dict[str, Any], name: str) -> NDArray[Any]:
     value, seen = variables[first], first
     for field in fields:
         known = getattr(getattr(value, "dtype", None), "names", None) or ()
-        if field not in known:
-            near = did_you_mean(field, known)
-            raise RecordingError(f"{path}: {seen!r} has no field {field!r}; {near}")
+        require_known([field], known, f"{path}: {seen!r} has no field", RecordingError)
         if value.size != 1:
             raise RecordingError(
                 f"{path}: {seen!r} is an array of {value.size} structures, expected one"

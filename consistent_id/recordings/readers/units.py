@@ -8,7 +8,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Vector
 from consistent_id.errors import RecordingError
-from consistent_id.robot.parameters import did_you_mean
+from consistent_id.robot.parameters import did_you_mean, require_known
 
 Units = Mapping[str, str | Sequence[str]]
 """Unit by channel: one for all joints, or one each."""
@@ -120,9 +120,7 @@ def checked_units(units: Units) -> dict[str, str | tuple[str, ...]]:
     """
     found: dict[str, str | tuple[str, ...]] = {}
     for channel, unit in units.items():
-        if channel not in KNOWN:
-            near = did_you_mean(channel, KNOWN)
-            raise RecordingError(f"units: no channel {channel!r}; {near}")
+        require_known([channel], KNOWN, "units: no channel", RecordingError)
         if isinstance(unit, str):
             found[channel] = standard_unit(channel, unit)
         else:

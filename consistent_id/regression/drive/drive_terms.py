@@ -22,7 +22,7 @@ from consistent_id.regression.drive.term import (
     term_columns,
 )
 from consistent_id.regression.drive.viscous import Viscous
-from consistent_id.robot.parameters import did_you_mean
+from consistent_id.robot.parameters import require_known
 
 CoulombShape = Literal["sign", "tanh", "none"]
 
@@ -233,10 +233,7 @@ def _given(values: Sequence[Any], options: Mapping[str, Any]) -> dict[str, Any]:
             f"{len(values)} drive options by place, and {', '.join(options) or 'none'} "
             f"by name; expected each of {', '.join(DEFAULTS)} once at most"
         )
-    for name in options:
-        if name not in DEFAULTS:
-            near = did_you_mean(name, DEFAULTS)
-            raise ProblemError(f"no drive term {name!r}; {near}")
+    require_known(options, DEFAULTS, "no drive term")
     return {**by_place, **options}
 
 
