@@ -1,5 +1,6 @@
 """What of a problem file takes a whole recording at once."""
 
+from consistent_id.problems.file import PreparationTable
 from consistent_id.problems.problem import Problem
 from consistent_id.recordings.log_formats import LOG_FORMATS, log_format
 
@@ -11,15 +12,8 @@ def obstacle(problem: Problem, role: str) -> str:
         return f"problem {problem.name!r} has no recordings"
     if data.gains is not None:
         return "[data.gains]: torque is made of the commands of a whole recording"
-    if problem.arm is not None:
-        return "[wrist_sensor]: what carries the sensor is looked at in memory"
-    if data.preparation.most_slip is not None:
-        return "[data.preparation] most_slip: feet that slip are found in memory"
-    if data.preparation.least_joint_speed == "estimated":
-        return (
-            '[data.preparation] least_joint_speed = "estimated" is found in memory; '
-            "give the speed that compare finds for a part of the log"
-        )
+    if found := _with_robot(problem, data.preparation):
+        return found
     where, table = "[data.preparation]", data.preparation
     if table.method in ("smoother", "fourier"):
         return (
@@ -46,4 +40,18 @@ def obstacle(problem: Problem, role: str) -> str:
                 f"{path}: cannot be read piece by piece; that takes {known} (of "
                 "version 7.3). Convert it"
             )
+    return ""
+
+
+def _with_robot(problem: Problem, table: PreparationTable) -> str:
+    """Return which preparation takes the robot, and whole recordings."""
+    if problem.arm is not None:
+        return "[wrist_sensor]: what carries the sensor is looked at in memory"
+    if table.most_slip is not None:
+        return "[data.preparation] most_slip: feet that slip are found in memory"
+    if table.least_joint_speed == "estimated":
+        return (
+            '[data.preparation] least_joint_speed = "estimated" is found in memory; '
+            "give the speed that compare finds for a part of the log"
+        )
     return ""
