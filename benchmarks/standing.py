@@ -125,6 +125,24 @@ def trunks(
     return np.array(errors)
 
 
+def compared(sizes: dict[tuple[str, float], np.ndarray], robot: StandingRobot) -> None:
+    """Print root-mean-square errors beside each other, by way and noise."""
+    for noise in NOISE:
+        relative = [relative_size(sizes[n, noise], robot.true_trunk) for n in WAYS]
+        said = ", ".join(f"{w} {r:.2%}" for w, r in zip(WAYS, relative, strict=True))
+        print(f"{noise:g} N m added: errors relative to the trunk's size: {said}")
+    for noise in NOISE:
+        ratios = sizes["by hand", noise] / sizes["designed", noise]
+        said = ", ".join(
+            f"{name} {ratio:.2f}"
+            for name, ratio in zip(INERTIAL_NAMES, ratios, strict=True)
+        )
+        print(
+            f"{noise:g} N m added: errors by hand over errors of the design {said}; "
+            f"geometric mean {np.exp(np.mean(np.log(ratios))):.2f}"
+        )
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--draws", type=int, default=12, help="of noise, each level")
@@ -153,20 +171,7 @@ def main() -> None:
             print(f"{name}:")
             errors = trunks(robot, raw, noise, options.draws)
             sizes[name, noise] = np.sqrt(np.mean(np.square(errors), axis=0))
-    for noise in NOISE:
-        relative = [relative_size(sizes[n, noise], robot.true_trunk) for n in WAYS]
-        said = ", ".join(f"{w} {r:.2%}" for w, r in zip(WAYS, relative, strict=True))
-        print(f"{noise:g} N m added: errors relative to the trunk's size: {said}")
-    for noise in NOISE:
-        ratios = sizes["by hand", noise] / sizes["designed", noise]
-        said = ", ".join(
-            f"{name} {ratio:.2f}"
-            for name, ratio in zip(INERTIAL_NAMES, ratios, strict=True)
-        )
-        print(
-            f"{noise:g} N m added: errors by hand over errors of the design {said}; "
-            f"geometric mean {np.exp(np.mean(np.log(ratios))):.2f}"
-        )
+    compared(sizes, robot)
 
 
 if __name__ == "__main__":

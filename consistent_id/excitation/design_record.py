@@ -36,7 +36,7 @@ def design_record(
     proofs : mapping of str to Proof, optional
         Of the whole moves, with run-in and run-out: ``"trajectory"``, ``"validation"``.
     """
-    aim, form = design.aim, design.form
+    form = design.form
     return {
         "format": FORMAT,
         "robot": design.model.robot.name,
@@ -51,21 +51,7 @@ def design_record(
             "rest": form.rest,
             "smooth": form.smooth,
         },
-        "aim": {
-            "objective": aim.objective,
-            "refine": aim.objectives[1] if len(aim.objectives) == 2 else None,
-            "interest": list(aim.interest),
-            "growth": aim.growth,
-            "condition_at_most": aim.condition_at_most,
-            "column_scaling": aim.scaling,
-            "noise": None
-            if aim.noise is None
-            else aim.noise_of(design.measured.torque_joints).tolist(),
-            "noise_is_assumed": aim.assumed_noise,
-            "rate_hz": aim.rate,
-            "correlation_time_s": aim.correlation_time,
-            "earlier_recordings": len(aim.recordings),
-        },
+        "aim": _aim(design),
         "limits": _limits(design.limits),
         "scene": _scene(design, proofs or {}),
         "before": _condition(design.unoptimised.condition),
@@ -81,6 +67,25 @@ def design_record(
             "clearance": _clearance(validation.proof.clearance),
             "velocity_correlation": validation.likeness.tolist(),
         },
+    }
+
+
+def _aim(design: ExcitationDesign) -> dict[str, Any]:
+    aim = design.aim
+    return {
+        "objective": aim.objective,
+        "refine": aim.objectives[1] if len(aim.objectives) == 2 else None,
+        "interest": list(aim.interest),
+        "growth": aim.growth,
+        "condition_at_most": aim.condition_at_most,
+        "column_scaling": aim.scaling,
+        "noise": None
+        if aim.noise is None
+        else aim.noise_of(design.measured.torque_joints).tolist(),
+        "noise_is_assumed": aim.assumed_noise,
+        "rate_hz": aim.rate,
+        "correlation_time_s": aim.correlation_time,
+        "earlier_recordings": len(aim.recordings),
     }
 
 

@@ -91,11 +91,6 @@ def playable_design(
     """
     request, moved = design_request(problem), what_moves(problem, parameters)
     known = [*earlier, *([_training(problem)] if sequential else [])]
-    if known and drift_of(problem.table) != "none":
-        raise ProblemError(
-            "[wrist_sensor] drift: what recordings without their biases tell is not "
-            "counted yet; leave out --sequential and --earlier"
-        )
     aim = _with_recordings(problem, request.aim, known) if known else request.aim
     design = design_trajectory(
         moved.torque,
@@ -188,6 +183,11 @@ def _training(problem: Problem) -> Regression:
 
 def _with_recordings(problem: Problem, aim: Aim, known: Sequence[Regression]) -> Aim:
     """Return the aim with what recordings tell, and their noise if none is stated."""
+    if drift_of(problem.table) != "none":
+        raise ProblemError(
+            "[wrist_sensor] drift: what recordings without their biases tell is not "
+            "counted yet; leave out --sequential and --earlier"
+        )
     model, noise = problem.model, aim.noise
     base = base_parameters(model)
     for regression in known:

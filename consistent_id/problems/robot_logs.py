@@ -125,13 +125,11 @@ def robot_logs(
         _require_order(model, log)
     selection = Selection() if selection is None else selection
     robot = load_robot(model, **asdict(selection))
-    hints = base or BaseHints()
-    require_floating(hints, floating=robot.floating)
     if log in tables:
         _require_fixed(robot)
     else:
         _require_base(model, log, robot, selection)
-    floating = floating_columns(log, robot, model, hints) if robot.floating else None
+    floating = _floating(log, robot, model, base or BaseHints())
     names = table_names(tables[log], log.name) if log in tables else None
     wrenches = wrenches_in_log(log, names)
     felt = wrench_note(wrenches, robot)
@@ -163,6 +161,14 @@ def robot_logs(
         found = replace(found, beside=floating.beside)
         notes = (*notes, *floating.notes)
     return RobotLogs(robot, found, locked, gain, notes, gains, floating, tables)
+
+
+def _floating(
+    log: Path, robot: RobotModel, model: Path, hints: BaseHints
+) -> FloatingColumns | None:
+    """Return what a log has beside the joints, if the robot's base floats."""
+    require_floating(hints, floating=robot.floating)
+    return floating_columns(log, robot, model, hints) if robot.floating else None
 
 
 def _guessed(felt: str, *logged: Any, **known: Any) -> ColumnGuess:
