@@ -31,6 +31,7 @@ def test_optima_in_a_box_are_those_of_scipy(seed):
     found = free_optimum(problem, np.zeros(N)).solution
     truth = lsq_linear(G, g, (low, high), method="bvls", tol=1e-15).x
     np.testing.assert_allclose(found.u, truth, rtol=0, atol=1e-9)
+    assert (found.u >= low).all() and (found.u <= high).all()  # not by a rounding error
     assert (found.multipliers.at_most > 0.0).sum() == (
         (truth <= low + 1e-9) | (truth >= high - 1e-9)
     ).sum()

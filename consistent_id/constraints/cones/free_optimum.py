@@ -66,7 +66,7 @@ def free_optimum(problem: LeastNorm, centre: Vector) -> FreeOptimum:
         found = _with_rows(R, z, C, domain.b_in - domain.A_in @ start)
     if found is None or not np.isfinite(found.d).all():
         return nothing
-    u = start + known.steps @ found.d
+    u = domain.snapped(start + known.steps @ found.d)
     if domain.blocks and block_rows(domain).margins(u).min() < -_ROUNDING:
         return nothing
     none = tuple(np.zeros_like(block.constant) for block in domain.blocks)
