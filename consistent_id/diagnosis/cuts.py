@@ -17,6 +17,12 @@ from consistent_id.estimation.best_fit import BestFit
 from consistent_id.regression.linear import DATA_RANK_TOLERANCE
 
 
+_NEAR = 1e-3
+"""Distance of a fit from least squares, over its misfit, below which it bounds nothing:
+a gradient that is all but zero points anywhere, and less of it is seen in the misfit
+than certificates allow."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Cut:
     """``slope.(v - point) >= 0`` for the base parameters ``v`` of possible robots.
@@ -31,7 +37,9 @@ class Cut:
 
 
 def cuts_at(factors: ChannelFactors, fit: BestFit) -> list[Cut]:
-    """Return the half-space that a log's best possible robot gives, if it is certified.
+    """Return the half-space that a log's best possible robot gives.
+
+    None, if it is not certified, or as good as least squares.
 
     Parameters
     ----------
@@ -42,7 +50,10 @@ def cuts_at(factors: ChannelFactors, fit: BestFit) -> list[Cut]:
         return []
     R = factors.joined()
     point = factors.base.projection @ fit.parameters
-    return [Cut(R[:, :-1].T @ (R @ np.append(point, -1.0)), point)]
+    left = R @ np.append(point, -1.0)
+    if np.linalg.norm(left[:-1]) <= _NEAR * np.linalg.norm(left):
+        return []
+    return [Cut(R[:, :-1].T @ left, point)]
 
 
 def least_within(R: Matrix, cuts: Sequence[Cut]) -> float:
