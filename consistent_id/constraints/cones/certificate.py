@@ -15,7 +15,7 @@ centre (the nominal robot) that is `RADIUS` times as large as the centre itself,
 reaches `RADIUS` times as far as ``u`` is from it.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Literal
@@ -91,6 +91,9 @@ class Optimality:
     def within(self, gap: float) -> bool:
         """Return whether the point is feasible and at most so far from the optimum."""
         return self.gap <= gap and self.violation <= FEASIBILITY_TOLERANCE
+
+
+_Judged = tuple[ConeSolution, Optimality]
 
 
 def certify(
@@ -196,44 +199,6 @@ def solve_certified(
     SolverError
         If no way gives a point.
     """
-    within = ball_about(centre, reach)
-    solve = partial(solve_least_norm, problem)
-    found: list[tuple[ConeSolution, Optimality]] = []
-    failures: list[str] = []
-
-    def best() -> tuple[ConeSolution, Optimality]:
-        return min(found, key=_quality)
-
-    def about_the_best() -> Iterator[Callable[[], ConeSolution]]:
-        tried: set[tuple[int, float]] = set()
-        for tolerance in 2 * _FINE:
-            if not found:
-                return
-            start = best()[0]
-            # The same programme has the same solution: only a better start is new.
-            if (id(start), tolerance) not in tried:
-                tried.add((id(start), tolerance))
-                yield partial(solve, tolerance=tolerance, within=within, origin=start.u)
-
-    def is_flat() -> bool:
-        solved = [o.gap for _, o in found if o.violation <= FEASIBILITY_TOLERANCE]
-        return len(solved) > 1 and min(solved) > _FLAT
-
-    def ways() -> Iterator[Callable[[], ConeSolution]]:
-        if gap > GAP_TOLERANCE:
-            yield partial(solve, tolerance=COARSE)
-        elif len(centre) >= _MANY:
-            yield partial(solve, tolerance=TOLERANCES[0], refined=False)
-        yield partial(solve, tolerance=TOLERANCES[0])
-        yield partial(solve, tolerance=_FINE[0], magnified=True)
-        if not is_flat():
-            yield from (partial(solve, tolerance=t) for t in TOLERANCES[1:])
-        for ball in (within, Ball(centre, RADIUS * within.radius)):
-            tolerances = _FINE[:1] if is_flat() else _FINE
-            yield from (partial(solve, tolerance=t, within=ball) for t in tolerances)
-        if not is_flat():
-            yield from about_the_best()
-
     free = free_optimum(problem, centre)
     judged = partial(
         certify,
@@ -247,7 +212,9 @@ def solve_certified(
         optimality = judged(free.solution)
         if optimality.within(gap):
             return free.solution, optimality
-    for way in ways():
+    found: list[_Judged] = []
+    failures: list[str] = []
+    for way in _ways(problem, centre, found, reach=reach, gap=gap):
         try:
             solution = way()
         except SolverError as failure:
@@ -259,10 +226,51 @@ def solve_certified(
             break
     if not found:
         raise SolverError("; ".join(dict.fromkeys(failures)))
-    return best()
+    return min(found, key=_quality)
 
 
-def _quality(pair: tuple[ConeSolution, Optimality]) -> tuple[bool, float]:
+def _ways(
+    problem: LeastNorm,
+    centre: Vector,
+    found: Sequence[_Judged],
+    *,
+    reach: float,
+    gap: float,
+) -> Iterator[Callable[[], ConeSolution]]:
+    """Yield cone programmes to try, knowing what was found so far."""
+    within = ball_about(centre, reach)
+    solve = partial(solve_least_norm, problem)
+    if gap > GAP_TOLERANCE:
+        yield partial(solve, tolerance=COARSE)
+    elif len(centre) >= _MANY:
+        yield partial(solve, tolerance=TOLERANCES[0], refined=False)
+    yield partial(solve, tolerance=TOLERANCES[0])
+    yield partial(solve, tolerance=_FINE[0], magnified=True)
+    if not _is_flat(found):
+        yield from (partial(solve, tolerance=t) for t in TOLERANCES[1:])
+    for ball in (within, Ball(centre, RADIUS * within.radius)):
+        tolerances = _FINE[:1] if _is_flat(found) else _FINE
+        yield from (partial(solve, tolerance=t, within=ball) for t in tolerances)
+    if _is_flat(found):
+        return
+    tried: set[tuple[int, float]] = set()
+    for tolerance in 2 * _FINE:
+        if not found:
+            return
+        start = min(found, key=_quality)[0]
+        # The same programme has the same solution: only a better start is new.
+        if (id(start), tolerance) not in tried:
+            tried.add((id(start), tolerance))
+            yield partial(solve, tolerance=tolerance, within=within, origin=start.u)
+
+
+def _is_flat(found: Sequence[_Judged]) -> bool:
+    """Return whether two solutions show that the objective is `_FLAT`."""
+    solved = [o.gap for _, o in found if o.violation <= FEASIBILITY_TOLERANCE]
+    return len(solved) > 1 and min(solved) > _FLAT
+
+
+def _quality(pair: _Judged) -> tuple[bool, float]:
     optimality = pair[1]
     return optimality.violation > FEASIBILITY_TOLERANCE, optimality.gap
 
