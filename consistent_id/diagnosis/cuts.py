@@ -16,7 +16,6 @@ from consistent_id.diagnosis.channel_factors import ChannelFactors
 from consistent_id.estimation.best_fit import BestFit
 from consistent_id.regression.linear import DATA_RANK_TOLERANCE
 
-
 _NEAR = 1e-3
 """Distance of a fit from least squares, over its misfit, below which it bounds nothing:
 a gradient that is all but zero points anywhere, and less of it is seen in the misfit

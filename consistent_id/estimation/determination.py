@@ -10,8 +10,9 @@ from typing import Literal
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
+from consistent_id.constraints.cones.row_spaces import Equalities, row_spaces
 from consistent_id.regression.base import BaseParameters, parameter_origins
-from consistent_id.regression.linear import null_space, solve_linear
+from consistent_id.regression.linear import solve_linear
 from consistent_id.regression.noise import base_solution
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
@@ -111,11 +112,17 @@ def linear_errors(base: BaseParameters, noise: ResidualNoise, known: Matrix) -> 
     solution, and means nothing.
     """
     M = coordinates(noise) @ base.projection
-    T = null_space(known, _NULL)
-    A = M @ T
+    free = _unseen(known)
+    A = free.along(M)
     if not A.any():
         return np.zeros(M.shape[1])
     inverse = solve_linear(A, np.zeros(len(A))).pseudo_inverse
     values, axes = np.linalg.eigh(noise.scatter)
     root = axes * np.sqrt(np.maximum(values, 0.0))
-    return np.asarray(np.linalg.norm(T @ inverse @ root, axis=1))
+    return np.asarray(np.linalg.norm(free.steps @ (inverse @ root), axis=1))
+
+
+def _unseen(rows: Matrix) -> Equalities:
+    """Return the steps that rows do not see."""
+    norms = np.linalg.norm(rows, axis=1, keepdims=True)
+    return row_spaces(rows / np.where(norms > 0.0, norms, 1.0), tolerance=_NULL)

@@ -24,8 +24,10 @@ class LinearSolution:
     ----------
     x : ndarray, shape (columns,)
         The smallest solution.
-    pseudo_inverse : ndarray, shape (columns, rows)
-        ``x = pseudo_inverse @ b``.
+    steps : ndarray, shape (columns, rank)
+        Less its part along the kernel, ``x = steps @ (left.T @ b)``.
+    left : ndarray, shape (rows, rank)
+        Orthonormal columns that the matrix spans.
     kernel : ndarray, shape (columns, columns - rank)
         Directions that do not change ``A x``.
     row_space : ndarray, shape (rank, columns)
@@ -35,7 +37,8 @@ class LinearSolution:
     """
 
     x: Vector
-    pseudo_inverse: Matrix
+    steps: Matrix
+    left: Matrix
     kernel: Matrix
     row_space: Matrix
     singular_values: Vector
@@ -44,6 +47,11 @@ class LinearSolution:
     def rank(self) -> int:
         """Rank of the matrix."""
         return len(self.x) - int(self.kernel.shape[1])
+
+    @cached_property
+    def pseudo_inverse(self) -> Matrix:
+        """``x = pseudo_inverse @ b``, shape (columns, rows)."""
+        return _without(self.kernel, self.steps @ self.left.T)
 
     @cached_property
     def null_space(self) -> Matrix:
@@ -67,13 +75,18 @@ def solve_linear(
     U, s, Vt = np.linalg.svd(scaled, full_matrices=len(A) < A.shape[1])
     s = np.append(s, np.zeros(A.shape[1] - len(s)))
     rank = int((s > tolerance * s[0]).sum())
-    inverse = (Vt[:rank].T / s[:rank]) @ U[:, :rank].T / unit[:, None]
+    steps, left = (Vt[:rank].T / s[:rank]) / unit[:, None], U[:, :rank]
     null = Vt[rank:].T / unit[:, None]
-    if null.shape[1]:
-        # The smallest solution has no part along the null space.
-        basis, _ = np.linalg.qr(null)
-        inverse = inverse - basis @ (basis.T @ inverse)
-    return LinearSolution(inverse @ b, inverse, null, Vt[:rank] * unit, s)
+    x = _without(null, steps @ (left.T @ b))
+    return LinearSolution(x, steps, left, null, Vt[:rank] * unit, s)
+
+
+def _without(kernel: Matrix, x: Matrix) -> Matrix:
+    """Return vectors less their parts along the kernel."""
+    if not kernel.shape[1]:
+        return x
+    basis, _ = np.linalg.qr(kernel)
+    return np.asarray(x - basis @ (basis.T @ x))
 
 
 def column_sizes(A: Matrix) -> Vector:

@@ -10,6 +10,7 @@ from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.linear import DATA_RANK_TOLERANCE, LinearSolution
 from consistent_id.regression.noise import base_solution, residual_sigma
 from consistent_id.regression.regression import Regression
+from consistent_id.regression.triangles import triangle
 
 _EXACT = 1e-6  # residual, relative to the torque, that counts as none
 _FEW = 3.0  # spare effective samples for each parameter, below which errors are rough
@@ -177,7 +178,7 @@ def residual_noise(regression: Regression, base: BaseParameters) -> ResidualNois
             own = regression.noise.scores[j][:, columns]
             scores = _product(own, steps) / weight**2
         parts += [scores, floor[j] * rows]
-    root = np.asarray(np.linalg.qr(np.vstack(parts), mode="r"))
+    root = triangle(np.asfortranarray(np.vstack(parts)))
     return ResidualNoise(
         sigma=np.maximum(sigma, floor),
         length=length,
@@ -210,8 +211,7 @@ def _steps(A: Matrix, solution: LinearSolution) -> Matrix:
     """Return ``S`` with ``S^T A^T A S = 1`` that spans what the rows determine."""
     norms = np.linalg.norm(A, axis=0)
     if norms.min() > DATA_RANK_TOLERANCE * norms.max():
-        s = solution.singular_values[: solution.rank]
-        return np.asarray((solution.row_space / norms).T / s / norms[:, None])
+        return solution.steps
     unit = np.where(norms > DATA_RANK_TOLERANCE * norms.max(), norms, np.inf)
     _, s, Vt = np.linalg.svd(A / unit, full_matrices=False)
     rank = int((s > DATA_RANK_TOLERANCE * s[0]).sum())

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
+from consistent_id.constraints.cones import certificate
 from consistent_id.constraints.cones.certificate import certify, solve_certified
 from consistent_id.constraints.cones.free_optimum import free_optimum
 from consistent_id.constraints.cones.least_norm import LeastNorm, solve_least_norm
@@ -11,6 +12,7 @@ from consistent_id.constraints.cones.row_spaces import row_spaces
 from consistent_id.constraints.cones.sets import ConicSet, SemidefiniteBlock
 
 N = 7
+ONE = np.ones((1, 1))
 
 
 def below(A, b):
@@ -109,3 +111,26 @@ def test_two_rows_of_the_same_parameter_are_no_rows_of_one_each():
         found.inverse, np.linalg.pinv([[1.0, 0.0], [2.0, 0.0]]), atol=1e-15
     )
     assert found.steps.shape == (2, 1)
+
+
+def test_a_large_problem_is_first_tried_without_refinement(monkeypatch):
+    size, rng, refined = 210, np.random.default_rng(0), []
+
+    def noted(*args, **options):
+        refined.append(options.get("refined", True))
+        return solve_least_norm(*args, **options)
+
+    monkeypatch.setattr(certificate, "solve_least_norm", noted)
+    blocks = [  # each entry is to be positive
+        SemidefiniteBlock(f"u{i}", np.eye(size)[i].reshape(-1, 1, 1), 0 * ONE, ONE[0])
+        for i in range(size)
+    ]
+    target = rng.normal(size=size)
+    domain = ConicSet.semidefinite(blocks, size)
+    problem = LeastNorm(np.eye(size), target, domain)
+    solution, optimality = solve_certified(problem, np.ones(size), reference=0.5)
+    assert refined[0] is False and optimality.verdict == "certified"
+    error = solution.u - np.maximum(target, 0.0)
+    # The optimum's own gap bounds the distance; 1e-7 is what violation may add.
+    excess = optimality.gap * max(optimality.objective, 0.5)
+    assert np.linalg.norm(error) <= np.sqrt(2.0 * excess) + 1e-7 * np.sqrt(size)

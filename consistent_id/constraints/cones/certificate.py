@@ -15,8 +15,8 @@ centre (the nominal robot) that is `RADIUS` times as large as the centre itself,
 reaches `RADIUS` times as far as ``u`` is from it.
 """
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import Literal
 
@@ -91,6 +91,9 @@ class Optimality:
     def within(self, gap: float) -> bool:
         """Return whether the point is feasible and at most so far from the optimum."""
         return self.gap <= gap and self.violation <= FEASIBILITY_TOLERANCE
+
+
+_Judged = tuple[ConeSolution, Optimality]
 
 
 def certify(
@@ -194,8 +197,6 @@ def solve_certified(
     SolverError
         If no way gives a point.
     """
-    so_far = _SoFar()
-    failures: list[str] = []
     free = free_optimum(problem, centre)
     judged = partial(
         certify,
@@ -209,69 +210,65 @@ def solve_certified(
         optimality = judged(free.solution)
         if optimality.within(gap):
             return free.solution, optimality
-    for way in _ways(problem, so_far, ball_about(centre, reach), gap):
+    found: list[_Judged] = []
+    failures: list[str] = []
+    for way in _ways(problem, centre, found, reach=reach, gap=gap):
         try:
             solution = way()
         except SolverError as failure:
             failures.append(str(failure))
             continue
         optimality = judged(solution)
-        so_far.found.append((solution, optimality))
+        found.append((solution, optimality))
         if optimality.within(gap):
             break
-    if not so_far.found:
+    if not found:
         raise SolverError("; ".join(dict.fromkeys(failures)))
-    return so_far.best
-
-
-@dataclass(slots=True)
-class _SoFar:
-    """The solutions that one way after another has given."""
-
-    found: list[tuple[ConeSolution, Optimality]] = field(default_factory=list)
-
-    @property
-    def best(self) -> tuple[ConeSolution, Optimality]:
-        return min(self.found, key=_quality)
-
-    @property
-    def is_flat(self) -> bool:
-        """Whether two ways show that no digits of the solver's close the gap."""
-        feasible = (o for _, o in self.found if o.violation <= FEASIBILITY_TOLERANCE)
-        gaps = [o.gap for o in feasible]
-        return len(gaps) > 1 and min(gaps) > _FLAT
+    return min(found, key=_quality)
 
 
 def _ways(
-    problem: LeastNorm, so_far: _SoFar, within: Ball, gap: float
+    problem: LeastNorm,
+    centre: Vector,
+    found: Sequence[_Judged],
+    *,
+    reach: float,
+    gap: float,
 ) -> Iterator[Callable[[], ConeSolution]]:
-    """Yield ways to a solution, in the light of what others have given."""
+    """Yield cone programmes to try, knowing what was found so far."""
+    within = ball_about(centre, reach)
     solve = partial(solve_least_norm, problem)
     if gap > GAP_TOLERANCE:
         yield partial(solve, tolerance=COARSE)
-    elif len(within.centre) >= _MANY:
+    elif len(centre) >= _MANY:
         yield partial(solve, tolerance=TOLERANCES[0], refined=False)
     yield partial(solve, tolerance=TOLERANCES[0])
     yield partial(solve, tolerance=_FINE[0], magnified=True)
-    if not so_far.is_flat:
+    if not _is_flat(found):
         yield from (partial(solve, tolerance=t) for t in TOLERANCES[1:])
-    for ball in (within, Ball(within.centre, RADIUS * within.radius)):
-        tolerances = _FINE[:1] if so_far.is_flat else _FINE
+    for ball in (within, Ball(centre, RADIUS * within.radius)):
+        tolerances = _FINE[:1] if _is_flat(found) else _FINE
         yield from (partial(solve, tolerance=t, within=ball) for t in tolerances)
-    if so_far.is_flat:
+    if _is_flat(found):
         return
     tried: set[tuple[int, float]] = set()
     for tolerance in 2 * _FINE:
-        if not so_far.found:
+        if not found:
             return
-        start = so_far.best[0]
+        start = min(found, key=_quality)[0]
         # The same programme has the same solution: only a better start is new.
         if (id(start), tolerance) not in tried:
             tried.add((id(start), tolerance))
             yield partial(solve, tolerance=tolerance, within=within, origin=start.u)
 
 
-def _quality(pair: tuple[ConeSolution, Optimality]) -> tuple[bool, float]:
+def _is_flat(found: Sequence[_Judged]) -> bool:
+    """Return whether two solutions show that the objective is `_FLAT`."""
+    solved = [o.gap for _, o in found if o.violation <= FEASIBILITY_TOLERANCE]
+    return len(solved) > 1 and min(solved) > _FLAT
+
+
+def _quality(pair: _Judged) -> tuple[bool, float]:
     optimality = pair[1]
     return optimality.violation > FEASIBILITY_TOLERANCE, optimality.gap
 

@@ -30,10 +30,10 @@ def equalities(domain: ConicSet) -> Equalities:
     return row_spaces(domain.A_eq)
 
 
-def row_spaces(A: Matrix) -> Equalities:
+def row_spaces(A: Matrix, tolerance: float = _NULL) -> Equalities:
     """Return the pseudo-inverse of a matrix and an orthonormal basis of its null space.
 
-    Singular values below 1e-12 of the largest count as zero.
+    Singular values up to the tolerance, relative to the largest, count as zero.
     """
     alone = np.count_nonzero(A, axis=1) == 1
     fixed = A.any(axis=0)
@@ -42,5 +42,5 @@ def row_spaces(A: Matrix) -> Equalities:
         inverse = np.divide(1.0, A.T, where=A.T != 0.0, out=np.zeros(A.T.shape))
         return Equalities(inverse, np.eye(A.shape[1])[:, kept], kept)
     U, s, Vt = np.linalg.svd(A)
-    rank = int((s > _NULL * s.max(initial=0.0)).sum())
+    rank = int((s > tolerance * s.max(initial=0.0)).sum())
     return Equalities((Vt[:rank].T / s[:rank]) @ U[:, :rank].T, Vt[rank:].T)
