@@ -31,6 +31,7 @@ COUNTED = {
     ),
     "regressions built": ("build_regression",),
     "cone programmes": ("solve_cones",),
+    "quadratic programmes over one set, solved together": ("minimisers",),
     "constraints lowered": ("lowered",),
 }
 LOG = (
