@@ -268,10 +268,7 @@ class Estimate:
             "certificate": {
                 "verdict": self.certificate.verdict,
                 "reason": self.certificate.reason,
-                "figures": {
-                    name: _finite(value)
-                    for name, value in self.certificate.figures.items()
-                },
+                "figures": {k: _finite(v) for k, v in self.certificate.figures.items()},
             },
             "parameters": {
                 name: {"value": float(value), "unit": unit, "origin": origin}
