@@ -156,12 +156,14 @@ FIELD = st.sampled_from(
     "0 1 -2.5 3e1 1e9 nan inf , ,, ; \" ' \n \r\n \t x é".split(" ")
 )
 FREE_TEXT = st.text(alphabet='01234.,-+eE"\n\r nainf;\x00\ufeffé', max_size=40)
+# All that UTF-8 can write, without hypothesis' trying it, which takes a second.
+ANY_TEXT = st.text(st.characters(exclude_categories=["Cs"]), max_size=40)
 
 
 @REPEATABLE
 @given(
     st.sampled_from(["", "time,q_elbow\n", "q_elbow,time,x\n"]),
-    st.lists(FIELD, max_size=20).map(",".join) | FREE_TEXT | st.text(max_size=40),
+    st.lists(FIELD, max_size=20).map(",".join) | FREE_TEXT | ANY_TEXT,
 )
 def test_any_text_is_a_recording_or_a_recording_error(tmp_path_factory, header, text):
     path = tmp_path_factory.getbasetemp() / "fuzz.csv"

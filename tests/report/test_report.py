@@ -10,7 +10,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from logged import write_arm
 from robots import random_body
+from some_fast import some_fast
 
 from consistent_id import (
     DHRow,
@@ -25,6 +27,7 @@ from consistent_id import (
     compare,
     comparison_html,
     constrained_least_squares,
+    draft_problem,
     from_modified_dh,
     least_squares,
     load_problem,
@@ -79,9 +82,15 @@ class Page(HTMLParser):
         return " ".join(self.texts)
 
 
-@pytest.fixture(scope="module")
-def study():
-    return run_study(load_problem("problems/rx60"))
+@pytest.fixture(scope="module", params=some_fast(["arm", "rx60"]))
+def study(request, tmp_path_factory):
+    """Of a small arm and its log, and of a paper's simulated experiment."""
+    if request.param == "rx60":
+        return run_study(load_problem("problems/rx60"))
+    folder = tmp_path_factory.mktemp("arm")
+    draft = draft_problem(*write_arm(folder), select=False, cutoff=10.0)
+    (folder / "problem.toml").write_text(draft.text(folder))
+    return run_study(load_problem(folder, trust=True))
 
 
 @pytest.fixture(scope="module")
@@ -133,8 +142,7 @@ def experiment():
     )
 
 
-@pytest.mark.slow
-def test_a_study_has_every_section_that_applies_in_order(html):
+def test_a_study_has_every_section_that_applies_in_order(study, html):
     sections = Page(html).sections
     assert sections[0] == "verdict"
     assert set(sections) == {
@@ -146,7 +154,7 @@ def test_a_study_has_every_section_that_applies_in_order(html):
         "torque",
         "residuals",
         "costs",
-        "published",
+        "friction" if study.published is None else "published",
         "delivered",
         "certificate",
         "reproduce",
