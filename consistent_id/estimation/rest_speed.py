@@ -32,7 +32,7 @@ from consistent_id.regression.rows.contact_free import (
     contact_free_model,
 )
 from consistent_id.regression.rows.masked_rows import masked_factors
-from consistent_id.regression.segments import merged
+from consistent_id.regression.segments import known_torque, merged
 
 BLOCKS = 6
 """Blocks of the motion, each left out once; as many as `block_scatter` has."""
@@ -197,8 +197,21 @@ def _contact_free(
     return [
         _Tried(one.speed, [part.factor for part in parts])
         for one, parts in zip(masked, of_speeds, strict=True)
-        if all(part.rows for part in parts) and sum(p.rows for p in parts) >= least
+        if all(part.rows for part in parts)
+        and sum(part.rows for part in parts) >= least
+        and _tells_of_each_joint(one.blocks, masked[-1].blocks)
     ]
+
+
+def _tells_of_each_joint(
+    blocks: Sequence[Recording], whole: Sequence[Recording]
+) -> bool:
+    """Return whether some torque of each joint is left, of those that had any."""
+    left, had = (
+        np.any([known_torque(block).any(axis=0) for block in some], axis=0)
+        for some in (blocks, whole)
+    )
+    return bool((left | ~had).all())
 
 
 def _every_row(

@@ -11,7 +11,7 @@ from operator import itemgetter
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._support.arrays import Vector
+from consistent_id._support.arrays import BoolArray, Vector
 from consistent_id.errors import NotExcitedError, ProblemError
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.regression import Regression, compressed_pieces
@@ -160,17 +160,23 @@ def _spans(recording: Recording, length: float) -> list[tuple[int, int]]:
     cuts = segment_cuts(len(recording), length)
     if recording.torque_known is None and not recording.contacts:
         return cuts
-    known = np.ones(recording.position.shape, dtype=np.bool_)
-    if recording.torque_known is not None:
-        known &= recording.torque_known
-    for flags in recording.contacts:  # an uncertain one leaves a sample no row
-        known &= flags.certain[:, None]
+    known = known_torque(recording)
     seen = known[:, known.any(axis=0)]
     ends = [0]
     for _, stop in cuts:
         if seen[ends[-1] : stop].any(axis=0).all():
             ends.append(stop)
     return list(pairwise([*ends[: max(len(ends) - 1, 1)], len(recording)]))
+
+
+def known_torque(recording: Recording) -> BoolArray:
+    """Return where each joint's torque enters a row, shape (samples, joints)."""
+    known = np.ones(recording.position.shape, dtype=np.bool_)
+    if recording.torque_known is not None:
+        known &= recording.torque_known
+    for flags in recording.contacts:  # an uncertain one leaves a sample no row
+        known &= flags.certain[:, None]
+    return known
 
 
 def segment_cuts(samples: int, length: float) -> list[tuple[int, int]]:

@@ -87,6 +87,30 @@ def test_rows_free_of_contact_forces_are_compared_too(tmp_path):
     assert left.mean() > 0.5
 
 
+def test_some_torque_of_each_joint_is_left(tmp_path):
+    """One joint is slow all the time: what would leave it out is not tried."""
+    path = tmp_path / "quadruped.xml"
+    path.write_text(quadruped_text())
+    robot = ci.load_mjcf(path, base="floating")
+    patterns = np.array([[i != j for j in range(4)] for i in range(4)] * 50)
+    log = standing(robot, patterns, noise=0.05)
+    velocity = log.velocity.copy()
+    velocity[:, 3] *= 0.01
+    log = replace(log, velocity=velocity, wrenches=())
+    known = dict(
+        zip(
+            ci.TorqueModel(robot).layout.names[10:],
+            robot.nominal[10:],
+            strict=True,
+        )
+    )
+    model = ci.contact_free_model(ci.TorqueModel(robot))
+    found = ci.rest_speed(model, log, constraints=[ci.FixedParameters(known)])
+    assert found.tried.max() < 0.01 < np.median(abs(log.velocity))
+    for speed in found.tried[:-1]:
+        assert ci.without_rests(log, speed).torque_known.any(axis=0).all()
+
+
 def test_a_reach_that_leaves_too_few_rows_is_shortened():
     """Every 0.5 s a joint turns back: guards of 0.3 s to either side are all of it."""
     model, _, log = pendulum(sticks=False)
