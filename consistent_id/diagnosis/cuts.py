@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
+from consistent_id.constraints.cones.certificate import GAP_TOLERANCE
 from consistent_id.diagnosis.channel_factors import ChannelFactors
 from consistent_id.estimation.best_fit import BestFit
 from consistent_id.regression.linear import DATA_RANK_TOLERANCE
@@ -33,6 +34,8 @@ class Cut:
 def cuts_at(factors: ChannelFactors, fit: BestFit) -> list[Cut]:
     """Return the half-space that a log's best possible robot gives, if it is certified.
 
+    None where constraints cost that fit nothing: its slope is rounding then.
+
     Parameters
     ----------
     factors : ChannelFactors
@@ -43,7 +46,11 @@ def cuts_at(factors: ChannelFactors, fit: BestFit) -> list[Cut]:
         return []
     R = factors.joined()
     point = factors.base.projection @ fit.parameters
-    return [Cut(R[:, :-1].T @ (R @ np.append(point, -1.0)), point)]
+    rest = R @ np.append(point, -1.0)
+    cost = float(np.sum(rest[:-1] ** 2))
+    if cost <= GAP_TOLERANCE * float(np.sum(rest**2)):
+        return []
+    return [Cut(R[:, :-1].T @ rest, point)]
 
 
 def least_within(R: Matrix, cuts: Sequence[Cut]) -> float:
