@@ -12,14 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
+from consistent_id.constraints.cones.certificate import GAP_TOLERANCE
 from consistent_id.diagnosis.channel_factors import ChannelFactors
 from consistent_id.estimation.best_fit import BestFit
 from consistent_id.regression.linear import DATA_RANK_TOLERANCE
-
-_NEAR = 1e-3
-"""Distance of a fit from least squares, over its misfit, below which it bounds nothing:
-a gradient that is all but zero points anywhere, and less of it is seen in the misfit
-than certificates allow."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,12 +32,13 @@ class Cut:
 
 
 def cuts_at(factors: ChannelFactors, fit: BestFit) -> list[Cut]:
-    """Return the half-space that a log's best possible robot gives.
+    """Return the half-space that a log's best possible robot gives, if it is certified.
 
-    None, if it is not certified, or as good as least squares.
+    None where constraints cost that fit nothing: its slope is rounding then.
 
     Parameters
     ----------
+    factors : ChannelFactors
     fit : BestFit
         Of the factors, under constraints.
     """
@@ -49,10 +46,11 @@ def cuts_at(factors: ChannelFactors, fit: BestFit) -> list[Cut]:
         return []
     R = factors.joined()
     point = factors.base.projection @ fit.parameters
-    left = R @ np.append(point, -1.0)
-    if np.linalg.norm(left[:-1]) <= _NEAR * np.linalg.norm(left):
+    rest = R @ np.append(point, -1.0)
+    cost = float(np.sum(rest[:-1] ** 2))
+    if cost <= GAP_TOLERANCE * float(np.sum(rest**2)):
         return []
-    return [Cut(R[:, :-1].T @ left, point)]
+    return [Cut(R[:, :-1].T @ rest, point)]
 
 
 def least_within(R: Matrix, cuts: Sequence[Cut]) -> float:
@@ -63,6 +61,7 @@ def least_within(R: Matrix, cuts: Sequence[Cut]) -> float:
     R : ndarray, shape (base + 1, base + 1)
         Triangular; see `ChannelFactors.joined`.  Where it leaves base parameters open,
         half-spaces are taken to ask for nothing.
+    cuts : sequence of Cut
     """
     from scipy.linalg import solve_triangular
 

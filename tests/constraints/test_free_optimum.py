@@ -57,6 +57,11 @@ def test_equalities_hold_and_multipliers_prove_the_optimum(alone):
         assert judged.gap < 1e-12 and judged.violation < 1e-12
     by_cones = solve_least_norm(problem)
     np.testing.assert_allclose(found.solution.u, by_cones.u, rtol=0, atol=1e-5)
+    for name in ("equal", "at_most"):  # what constraints cost is read off them
+        mine, theirs = (
+            getattr(one.multipliers, name) for one in (found.solution, by_cones)
+        )
+        np.testing.assert_allclose(mine, theirs, rtol=0, atol=1e-4)
 
 
 def test_where_the_objective_is_flat_the_optimum_is_the_nearest_to_the_centre():

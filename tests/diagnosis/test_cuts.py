@@ -57,3 +57,12 @@ def test_no_half_space_comes_of_a_fit_that_is_not_certified(fitted):
     factors, fit = fitted[1]
     loose = replace(fit, optimality=replace(fit.optimality, gap=1.0))
     assert cuts_at(factors, loose) == []
+
+
+def test_no_half_space_comes_of_a_fit_that_constraints_cost_nothing(fitted):
+    factors, fit = fitted[0]
+    R = factors.joined()
+    free = factors.base.lift(np.linalg.solve(R[:-1, :-1], R[:-1, -1]))
+    found = replace(fit.solution, u=free / fit.scaled.unit)
+    assert cuts_at(factors, replace(fit, solution=found)) == []
+    assert cuts_at(*fitted[1])  # while reversed torque has one

@@ -70,7 +70,8 @@ def free_optimum(problem: LeastNorm, centre: Vector) -> FreeOptimum:
     if domain.blocks and block_rows(domain).margins(u).min() < -_ROUNDING:
         return nothing
     none = tuple(np.zeros_like(block.constant) for block in domain.blocks)
-    multipliers = Multipliers(np.zeros(len(domain.b_eq)), found.prices, none)
+    slope = problem.G.T @ (problem.G @ u - problem.g) + domain.A_in.T @ found.prices
+    multipliers = Multipliers(-known.inverse.T @ slope, found.prices, none)
     seconds = perf_counter() - started
     return FreeOptimum(ConeSolution(u, multipliers, "Free", 0.0, seconds), factor)
 
