@@ -1,6 +1,6 @@
 """Logs of a robot that has no problem file: its joints, their columns and units."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -125,11 +125,13 @@ def robot_logs(
         _require_order(model, log)
     selection = Selection() if selection is None else selection
     robot = load_robot(model, **asdict(selection))
+    hints = base or BaseHints()
+    require_floating(hints, floating=robot.floating)
     if log in tables:
         _require_fixed(robot)
     else:
         _require_base(model, log, robot, selection)
-    floating = _floating(log, robot, model, base or BaseHints())
+    floating = floating_columns(log, robot, model, hints) if robot.floating else None
     names = table_names(tables[log], log.name) if log in tables else None
     wrenches = wrenches_in_log(log, names)
     felt = wrench_note(wrenches, robot)
@@ -150,10 +152,7 @@ def robot_logs(
         chains=chains_of(robot),
     )
     require_torque(guess.columns.torque, torque_gain)
-    absent = [name for name in robot.joint_names if name not in guess.joints]
-    locked = dict(selection.locked or {}) | dict.fromkeys(absent, 0.0)
-    if absent:
-        robot = load_robot(model, **asdict(replace(selection, locked=locked)))
+    robot, locked = _without_absent(model, robot, selection, guess.joints)
     gain = gains_of(torque_gain, len(robot.joint_names))
     kept = (f"{path} stands for a table in memory" for path in tables)
     found, notes = guess.columns, (*guess.notes, *kept, *[felt] * bool(felt))
@@ -163,12 +162,15 @@ def robot_logs(
     return RobotLogs(robot, found, locked, gain, notes, gains, floating, tables)
 
 
-def _floating(
-    log: Path, robot: RobotModel, model: Path, hints: BaseHints
-) -> FloatingColumns | None:
-    """Return what a log has beside the joints, if the robot's base floats."""
-    require_floating(hints, floating=robot.floating)
-    return floating_columns(log, robot, model, hints) if robot.floating else None
+def _without_absent(
+    model: Path, robot: RobotModel, selection: Selection, joints: Collection[str]
+) -> tuple[RobotModel, dict[str, float]]:
+    """Return the robot without joints that the log does not have, and the locked."""
+    absent = [name for name in robot.joint_names if name not in joints]
+    locked = dict(selection.locked or {}) | dict.fromkeys(absent, 0.0)
+    if absent:
+        robot = load_robot(model, **asdict(replace(selection, locked=locked)))
+    return robot, locked
 
 
 def _guessed(felt: str, *logged: Any, **known: Any) -> ColumnGuess:
