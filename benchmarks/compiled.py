@@ -14,7 +14,7 @@ from pathlib import Path
 from time import process_time, thread_time
 
 import numpy as np
-from marked import renew
+from pages import written_to
 from speed import arm, log, truth
 from threadpoolctl import threadpool_limits
 
@@ -107,12 +107,13 @@ def main() -> None:
     parser.add_argument("--chunk", type=int, default=CHUNK)
     parser.add_argument("--write", type=Path, help="page whose part is renewed")
     options = parser.parse_args()
-    with tempfile.TemporaryDirectory() as folder, threadpool_limits(1):
+    with (
+        written_to(options.write, "compiled"),
+        tempfile.TemporaryDirectory() as folder,
+        threadpool_limits(1),
+    ):
         os.environ["XDG_CACHE_HOME"] = folder
-        text = measured(options.samples, options.runs, options.chunk)
-    print(text)
-    if options.write:
-        renew(options.write, "compiled", "compiled.py", text)
+        print(measured(options.samples, options.runs, options.chunk))
 
 
 if __name__ == "__main__":

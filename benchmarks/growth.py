@@ -20,7 +20,7 @@ from time import process_time
 from typing import TypeVar
 
 import numpy as np
-from marked import renew
+from pages import written_to
 from threadpoolctl import threadpool_limits
 
 import consistent_id as ci
@@ -248,11 +248,8 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=3)
     parser.add_argument("--write", type=Path, help="page whose part is renewed")
     given = parser.parse_args()
-    with threadpool_limits(1):
-        text = page(given)
-    print(text)
-    if given.write:
-        renew(given.write, "growth", "growth.py", text)
+    with written_to(given.write, "growth"), threadpool_limits(1):
+        print(page(given))
 
 
 def _exponent(sizes: Sequence[int], times: Sequence[float]) -> float:

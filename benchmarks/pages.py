@@ -4,12 +4,15 @@ import io
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
+from datetime import date
 from pathlib import Path
 
 
 @contextmanager
 def written_to(page: Path | None, name: str) -> Iterator[None]:
     """Put what is printed inside also between the marks of a page, if there is one.
+
+    The page says which command measured it, and when.
 
     Raises
     ------
@@ -24,7 +27,9 @@ def written_to(page: Path | None, name: str) -> Iterator[None]:
     with redirect_stdout(printed):
         yield
     before, after = _between(page.read_text(), name, page)
-    page.write_text(f"{before}{printed.getvalue().strip()}\n{after}")
+    script = Path(sys.argv[0]).resolve().relative_to(Path(__file__).parent)
+    said = f"Measured by `python benchmarks/{script}` on {date.today()}:"
+    page.write_text(f"{before}{said}\n\n{printed.getvalue().strip()}\n{after}")
 
 
 class _Both(io.StringIO):

@@ -5,32 +5,25 @@ of the prior's bias together; the bootstrap's interval; and the 95 % interval am
 consistent robots.
 """
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from consistent_id._support.arrays import Matrix, Vector
 from consistent_id._support.threads import single_threaded
-from consistent_id.comparison.floating_blocks import FloatingBlocks, floating_blocks
+from consistent_id.comparison.floating_blocks import FloatingBlocks
 from consistent_id.comparison.intervals import ConsistentIntervals, consistent_intervals
-from consistent_id.comparison.parameter_shifts import (
-    ParameterShifts,
-    parameter_shifts,
+from consistent_id.comparison.parameter_scatter import (
+    NORMAL,
+    ParameterScatter,
+    long_enough,
+    parameter_scatter,
+    root,
 )
-from consistent_id.comparison.recording_scatter import (
-    RecordingScatter,
-    recording_scatter,
-)
+from consistent_id.comparison.parameter_shifts import ParameterShifts
+from consistent_id.comparison.recording_scatter import RecordingScatter
 from consistent_id.comparison.segment_bootstrap import Bootstrap, bootstrap
-from consistent_id.comparison.sensitivity import (
-    covariance,
-    segment_scores,
-    shift_scores,
-    white_scores,
-)
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.priors import Prior
 from consistent_id.errors import ProblemError
@@ -40,18 +33,9 @@ from consistent_id.estimation.determination import determinations
 from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.regression.residual_noise import ResidualNoise, residual_noise
-from consistent_id.regression.segments import lengthened, merged
+from consistent_id.regression.residual_noise import residual_noise
+from consistent_id.regression.segments import merged
 from consistent_id.robot.parameters import did_you_mean
-
-NORMAL = 1.96
-"""Standard errors either way that hold 95 % if their number of data is large."""
-LONG = 10.0
-"""Length of a segment, in correlation lengths, from which on segments are independent:
-their scatter then shows the noise, whatever it is like."""
-FEW = 10
-"""Degrees of freedom below which segments are called few: the quantile for 95 % is
-then above 2.2, and standard errors are off by a fifth or more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,29 +171,12 @@ def uncertainty(
     whole = merged(segments)
     fitted = constrained_fit(model, whole, constraints, prior, base)
     noise = residual_noise(whole, base)
-    parts = _by_source(segments, sources)
-    segments, sources = _long_enough(segments, sources, LONG * noise.length)
-    scores = _scores(fitted, segments, sources, whole, base, noise)
-    recordings = recording_scatter(parts, base)
-    variance = np.diag(covariance(fitted, scores.rows))
-    between = np.full(len(variance), np.nan)
-    if recordings is not None:
-        noise = recordings.added_to(noise, parts, base)
-        variance = variance + _moved(fitted, parts, base, recordings)
-        between = _root(_moved(fitted, [whole], base, recordings))
-    blocks = None
-    if recordings is None and model.robot.floating:
-        blocks = floating_blocks(model, segments, constraints, base)
-    if blocks is not None:
-        variance = variance + blocks.variance
-        scores = scores.beside(blocks)
-    shifts = parameter_shifts(model, whole, variants, constraints)
-    if shifts is not None:
-        variance = variance + shifts.variance
-        scores = scores.beside(shifts)
+    scatter = parameter_scatter(
+        model, fitted, segments, sources, constraints, base, noise, variants
+    )
     resampled = bootstrap(
         model,
-        segments,
+        long_enough(segments, sources, noise)[0],
         constraints=constraints,
         prior=prior,
         base=base,
@@ -223,62 +190,43 @@ def uncertainty(
         constraints=constraints,
         slack=slack,
         base=base,
-        noise=noise,
-        blocks=blocks,
-        shifts=shifts,
+        noise=scatter.noise,
+        blocks=scatter.blocks,
+        shifts=scatter.shifts,
     )
     verdicts = determinations(
         model,
         whole,
         base,
-        noise,
+        scatter.noise,
         fitted.parameters,
         known=fitted.best.scaled.constraints.A_eq,
         elsewhere="prior",
         width=intervals.width,
     )
     return Uncertainty(
-        parameters=_stated(
-            model, fitted, variance, between, resampled, intervals, verdicts
-        ),
+        parameters=_stated(model, fitted, scatter, resampled, intervals, verdicts),
         bootstrap=resampled,
         intervals=intervals,
-        scatter=scores.sentence,
-        recordings=recordings,
-        blocks=blocks,
-        quantile=scores.quantile,
-        shifts=shifts,
+        scatter=scatter.sentence,
+        recordings=scatter.recordings,
+        blocks=scatter.blocks,
+        quantile=scatter.quantile,
+        shifts=scatter.shifts,
     )
-
-
-def _moved(
-    fitted: ConstrainedFit,
-    parts: Sequence[Regression],
-    base: BaseParameters,
-    recordings: RecordingScatter,
-) -> Vector:
-    """Return each parameter's variance as the scatter of recordings moves it."""
-    scores = shift_scores(fitted, parts, base, recordings.deviations)
-    return np.diag(covariance(fitted, scores))
-
-
-def _root(variance: Vector) -> Vector:
-    """Return standard deviations; rounding may leave a variance below zero."""
-    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 
 def _stated(
     model: TorqueModel,
     fitted: ConstrainedFit,
-    variance: Vector,
-    between: Vector,
+    scatter: ParameterScatter,
     resampled: Bootstrap,
     intervals: ConsistentIntervals,
     verdicts: Sequence[str],
 ) -> tuple[ParameterUncertainty, ...]:
     """Return what is said of each parameter: errors only where they are known."""
     shift = abs(fitted.parameters - fitted.best.parameters)
-    errors = np.hypot(_root(variance), shift)
+    errors = np.hypot(root(scatter.variance), shift)
     known = np.array([v in ("data", "constraint") for v in verdicts])
     seen = known | np.array([v == "loose" for v in verdicts])
     layout = model.layout
@@ -293,77 +241,9 @@ def _stated(
             resampled.interval().tolist(),
             intervals.bounds.tolist(),
             verdicts,
-            np.where(seen, between, np.nan).tolist(),
+            np.where(seen, scatter.between, np.nan).tolist(),
             strict=True,
         )
-    )
-
-
-def _by_source(
-    segments: Sequence[Regression], sources: Sequence[int]
-) -> list[Regression]:
-    """Return the regression of each recording."""
-    return [
-        merged([s for s, k in zip(segments, sources, strict=True) if k == source])
-        for source in dict.fromkeys(sources)
-    ]
-
-
-def _long_enough(
-    segments: Sequence[Regression], sources: Sequence[int], least: Vector
-) -> tuple[Sequence[Regression], Sequence[int]]:
-    """Join segments until they are long, if two or more are left."""
-    joined = lengthened(segments, sources, least)
-    return joined if len(joined[0]) > 1 else (segments, sources)
-
-
-class _Scores(NamedTuple):
-    """Factor of the scores' covariance, and where it comes from."""
-
-    rows: Matrix
-    sentence: str
-    quantile: float = NORMAL
-
-    def beside(self, more: FloatingBlocks | ParameterShifts) -> "_Scores":
-        """Say what else is added."""
-        quantile = self.quantile
-        if isinstance(more, FloatingBlocks):
-            quantile = max(quantile, more.scatter.quantile)
-        return self._replace(
-            sentence=f"{self.sentence}. {more.sentence}", quantile=quantile
-        )
-
-
-def _scores(
-    fitted: ConstrainedFit,
-    segments: Sequence[Regression],
-    sources: Sequence[int],
-    whole: Regression,
-    base: BaseParameters,
-    noise: ResidualNoise,
-) -> _Scores:
-    """Take the scatter between segments where they are long, else effective samples."""
-    shortest = np.min([segment.counts for segment in segments], axis=0)
-    count = len(segments)
-    alone = min(Counter(sources).values()) < 2
-    if (shortest >= LONG * noise.length).all() and not alone:
-        from scipy.special import stdtrit  # scipy.stats takes a second to import
-
-        freedom = count - len(set(sources))
-        t = float(stdtrit(freedom, 0.975))
-        few = "; they are few, so that errors are rough" if freedom < FEW else ""
-        return _Scores(
-            segment_scores(fitted, segments, base, sources),
-            f"scatter is that between {count} segments, each {LONG:.0f} correlation "
-            f"lengths long or longer: 95 % are {t:.2f} standard errors either way{few}",
-            t,
-        )
-    longest = float(noise.length.max())
-    return _Scores(
-        white_scores(fitted, whole, base, noise.level),
-        f"recordings are shorter than two segments of {LONG:.0f} correlation lengths, "
-        f"{longest:.0f} samples each; scatter is that of noise with as much "
-        f"correlation: {noise.sentence}. The bootstrap's intervals are too narrow",
     )
 
 

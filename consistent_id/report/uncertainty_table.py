@@ -3,8 +3,8 @@
 import numpy as np
 
 from consistent_id._support.tables import Table
+from consistent_id.comparison.parameter_scatter import FEW
 from consistent_id.comparison.parameter_uncertainty import (
-    FEW,
     ParameterUncertainty,
     Uncertainty,
 )
