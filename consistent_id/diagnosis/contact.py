@@ -63,10 +63,10 @@ class JointResidual:
         raised = _along(others, seen)
         if raised is not None:
             return float(r @ r + raised)
-        told, directions = np.linalg.eigh(others)
-        kept = told > _RANK
+        sizes, directions = np.linalg.eigh(others)
+        kept = sizes > _RANK
         along = directions[:, kept].T @ seen
-        return float(r @ r + along @ (along / told[kept]))
+        return float(r @ r + along @ (along / sizes[kept]))
 
     def without(self, samples: IntArray) -> "JointResidual":
         """Return the residual of a fit without samples; theirs is set to zero."""

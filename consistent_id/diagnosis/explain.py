@@ -238,13 +238,13 @@ def explanations(
     found: list[Explanation] = []
     cuts = cuts_at(as_is.factors, as_is.fit)
     for i in sorted(range(len(bounds)), key=bounds.__getitem__):
-        candidate, asked = candidates[i], as_is.misfit / candidates[i].cause.threshold
+        candidate, wanted = candidates[i], as_is.misfit / candidates[i].cause.threshold
         best = min([e.misfit for e in found], default=np.inf)
         # Nor do constraints allow what least squares does not reach.
-        if bounds[i] > min(asked, _RIVAL * best):
+        if bounds[i] > min(wanted, _RIVAL * best):
             continue
         alike = _same_robots(as_is, candidate)
-        if alike and _SURE * least_within(factors[i], cuts) > asked:
+        if alike and _SURE * least_within(factors[i], cuts) > wanted:
             continue
         try:
             fit = _fit(candidate.factors, candidate.constraints, gap=1.0 - _SURE)
@@ -253,7 +253,7 @@ def explanations(
         if alike:
             cuts += cuts_at(candidate.factors, fit)
         misfit = candidate.factors.relative(fit.misfit)
-        if misfit <= asked:
+        if misfit <= wanted:
             found.append(Explanation(candidate.cause, misfit, as_is.misfit))
     return Explanations(tuple(sorted(found, key=lambda e: e.misfit)), floor, usual)
 

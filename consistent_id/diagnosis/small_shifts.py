@@ -139,7 +139,7 @@ def moved_channels(
         worth = shifts.misfits**2 <= (1.0 - _SHARE) * as_is**2
         fresh = (scores >= 1.0) & worth & ~np.isin(range(len(least)), off)
         rest = [int(k) for k in np.flatnonzero(fresh)]
-        settled = abs(found - sizes) <= _SETTLED * abs(found)
+        converged = abs(found - sizes) <= _SETTLED * abs(found)
         if rest:
             best = min(rest, key=lambda k: shifts.misfits[k])
             rivals[best] = _rivals(as_is, shifts, rest, best)
@@ -147,10 +147,10 @@ def moved_channels(
         elif not off and (several := _together(pooled, shifts, least[:joints])):
             off = list(several)
             found[off] = list(several.values())
-        elif settled[off].all():
+        elif converged[off].all():
             break
         sizes[off] = found[off]
-    shown = (abs(found) <= _LARGEST) | (settled & (abs(found) <= _HALF_TURN))
+    shown = (abs(found) <= _LARGEST) | (converged & (abs(found) <= _HALF_TURN))
     low, high = _FACTORS
     shown[joints:] = (found[joints:] > low - 1.0) & (found[joints:] < high - 1.0)
     sure = np.isin(range(len(least)), off) & (scores >= 1.0) & shown

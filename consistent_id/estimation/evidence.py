@@ -88,8 +88,8 @@ def loose_trunk(estimate: Estimate) -> tuple[str, ...]:
 
     Of mass and first moments, whose sums with other bodies the data may well determine.
     """
-    robot, told = estimate.model.robot, ("data", "constraint")
+    robot, determined = estimate.model.robot, ("data", "constraint")
     if not robot.floating or not len(robot):
         return ()
     pairs = zip(estimate.model.layout.names[:4], estimate.origins, strict=False)
-    return tuple(name for name, origin in pairs if origin not in told)
+    return tuple(name for name, origin in pairs if origin not in determined)

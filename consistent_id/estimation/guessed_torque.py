@@ -59,9 +59,9 @@ def guessed_share(
     noise = residual_noise(regression, base)
     free = null_space(known * unit, DATA_RANK_TOLERANCE)
     seen = coordinates(noise) @ base.projection * unit @ free
-    told = np.linalg.solve(noise.root.T, seen)  # in standard errors
+    scaled = np.linalg.solve(noise.root.T, seen)  # in standard errors
     prior = 1.0 / max(float(np.mean(u**2)), np.finfo(float).tiny)
-    guess = unit * (free @ _left_of(free.T @ u, np.asarray(told), prior))
+    guess = unit * (free @ _left_of(free.T @ u, np.asarray(scaled), prior))
     torque, guessed = rows.rms(x), rows.rms(guess)
     matters = _matters(every, torque)
     share = guessed[matters] / torque[matters]
@@ -74,14 +74,14 @@ def _with_all_rows(model: TorqueModel) -> TorqueModel:
     return model if model.torque_joints == every.torque_joints else every
 
 
-def _left_of(guess: Vector, told: Matrix, prior: float) -> Vector:
-    """Return ``x`` of the least ``||told x||^2 + prior ||x - guess||^2``."""
+def _left_of(guess: Vector, scaled: Matrix, prior: float) -> Vector:
+    """Return ``x`` of the least ``||scaled x||^2 + prior ||x - guess||^2``."""
     from scipy.linalg import solve_triangular
 
     size = len(guess)
-    rows = np.zeros((len(told) + size, size + 1), order="F")
-    rows[: len(told), :size], rows[: len(told), size] = told, -told @ guess
-    np.fill_diagonal(rows[len(told) :, :size], np.sqrt(prior))
+    rows = np.zeros((len(scaled) + size, size + 1), order="F")
+    rows[: len(scaled), :size], rows[: len(scaled), size] = scaled, -scaled @ guess
+    np.fill_diagonal(rows[len(scaled) :, :size], np.sqrt(prior))
     R = triangle(rows)
     step = solve_triangular(R[:size, :size], R[:size, size], check_finite=False)
     return np.asarray(guess + step)

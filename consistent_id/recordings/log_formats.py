@@ -57,8 +57,8 @@ class LogFormat:
         """Return whether a file can be read piece by piece."""
         if not self.streams:
             return False
-        asked = getattr(self.reader(path), "in_pieces", None)
-        return asked is None or bool(asked(path))
+        in_pieces = getattr(self.reader(path), "in_pieces", None)
+        return in_pieces is None or bool(in_pieces(path))
 
     def reader(self, where: object) -> Any:
         """Return the module that reads it.

@@ -8,7 +8,7 @@ from consistent_id._support.arrays import Array, Vector
 from consistent_id.recordings.recording import Recording
 
 _SEGMENTS = 8  # of a log, each half over the next (Welch)
-_POWER = 0.01  # of the command's largest, below which a frequency was not asked for
+_POWER = 0.01  # of the command's largest, below which a frequency was not commanded
 
 
 class FrequencyResponse(NamedTuple):
@@ -38,12 +38,12 @@ def frequency_response(log: Recording, position: Array) -> FrequencyResponse:
     from scipy.signal import csd, welch
 
     length = max(2 * len(log) // (_SEGMENTS + 1), 16)
-    told = log.position_command
+    command = log.position_command
     options = {"fs": log.rate, "nperseg": min(length, len(log)), "axis": 0}
-    frequency, power = welch(told, **options)
-    cross = csd(told, position, **options)[1]
+    frequency, power = welch(command, **options)
+    cross = csd(command, position, **options)[1]
     power[0] = 0.0  # the mean is no motion
-    asked = power >= _POWER * power.max(axis=0)
+    excited = power >= _POWER * power.max(axis=0)
     response = np.full(cross.shape, np.nan + 0j)
-    np.divide(cross, power, out=response, where=asked)
+    np.divide(cross, power, out=response, where=excited)
     return FrequencyResponse(frequency, response)

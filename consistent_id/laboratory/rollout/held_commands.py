@@ -28,11 +28,11 @@ def drive_commands(
     -------
     ndarray, shape (steps, joints), [N m or N]
     """
-    told = gains.kp * _known(log.position_command)
-    told = told + gains.kd * _known(log.velocity_command)
-    told = told + _known(log.torque_command)
+    command = gains.kp * _known(log.position_command)
+    command = command + gains.kd * _known(log.velocity_command)
+    command = command + _known(log.torque_command)
     edges = log.time[0] + np.arange(steps + 1) * step - delay
-    return np.diff(_integral(log.time, told, edges), axis=0) / step
+    return np.diff(_integral(log.time, command, edges), axis=0) / step
 
 
 def _known(values: Matrix | None) -> Matrix:

@@ -83,11 +83,11 @@ class DriveCalibration:
         """
         known = self.of(len(recording.joints))
         bias, scale = known.encoder_bias, known.scale
-        told, forward = recording.position_command, recording.torque_command
+        command, forward = recording.position_command, recording.torque_command
         return replace(
             recording,
             position=recording.position - bias,
-            position_command=None if told is None else told - bias,
+            position_command=None if command is None else command - bias,
             torque_command=None if forward is None else forward * scale,
         )
 
