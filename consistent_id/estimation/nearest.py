@@ -22,6 +22,7 @@ _BEYOND = 0.3  # by how much to step beyond what that slope says, so as to brack
 _STEP = np.log(1e3)  # by which the weight grows or shrinks, at the most
 _AIM = 0.98  # share of the slack to use up, unless the proof asks for more
 _HALF = 0.5  # of the allowed gap that the slack's unused rest is to cost
+_LEAST = 1e-6  # share of the slack, of which less is rounding: no step hangs on it
 _APART = 1e-6  # shares closer than that, in logarithms, show no curvature
 _SMALL = 0.01  # squared distance that is as good as none
 
@@ -133,7 +134,7 @@ class _Search:
 
         It aims at a weight that uses the share `aim`.
         """
-        here = _Point(self.log_weight, float(np.log(max(used, 1e-12))))
+        here = _Point(self.log_weight, float(np.log(max(used, _LEAST))))
         tried = (*self.tried, here)
         low = max((p for p in tried if p.used <= 0.0), default=None)
         high = min((p for p in tried if p.used > 0.0), default=None)
