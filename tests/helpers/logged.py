@@ -37,6 +37,19 @@ URDF = """<robot name="arm">
 </robot>
 """
 DRIVE = DriveTerms(viscous=True, coulomb="tanh", velocity_scale=0.02, offset=True)
+HEAD = """
+name = "arm"
+[model]
+urdf = "arm.urdf"
+[drive]
+viscous = true
+coulomb = "tanh"
+velocity_scale = 0.02
+offset = true
+[constraints]
+masses = "free"
+[data]
+"""
 FRICTION = [2.0, 3.0, 0.5, 1.0, 1.5, -0.3]
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from logged import DRIVE, moved, write_arm
+from logged import DRIVE, HEAD, moved, write_arm
 
 import consistent_id as ci
 from consistent_id.errors import RecordingError
@@ -14,19 +14,9 @@ pytest.importorskip("rosbags")
 from ros_topics import header, write_mcap, write_ros1
 
 START = 1_700_000_000_000_000_000  # ns
-TEXT = """
-name = "arm"
-[model]
-urdf = "arm.urdf"
-[drive]
-viscous = true
-coulomb = "tanh"
-velocity_scale = 0.02
-offset = true
-[constraints]
-masses = "free"
-[data]
-[data.columns]
+TEXT = (
+    HEAD
+    + """[data.columns]
 time = "{time}"
 position = "position"
 torque = "effort"
@@ -37,6 +27,7 @@ role = "training"
 resample = 100.0
 motion_cutoff = 5.0
 """
+)
 
 
 @pytest.fixture(autouse=True)

@@ -4,7 +4,7 @@ import logging
 
 import numpy as np
 import pytest
-from logged import DRIVE, moved, write_arm
+from logged import DRIVE, HEAD, moved, write_arm
 
 import consistent_id as ci
 from consistent_id.errors import ProblemError, RecordingError
@@ -43,19 +43,7 @@ def folder(tmp_path_factory):
 
 def problem(folder, entry="", preparation=FILTERED, columns="", data="", file=None):
     columns = columns or 'position = "q_{joint}"\ntorque = "tau_{joint}"'
-    text = f"""
-name = "arm"
-[model]
-urdf = "arm.urdf"
-[drive]
-viscous = true
-coulomb = "tanh"
-velocity_scale = 0.02
-offset = true
-[constraints]
-masses = "free"
-[data]
-{data}
+    text = f"""{HEAD}{data}
 [data.columns]
 {columns}
 [[data.recordings]]

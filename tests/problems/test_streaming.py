@@ -4,7 +4,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from logged import DRIVE, moved, write_arm
+from logged import DRIVE, HEAD, moved, write_arm
 
 import consistent_id as ci
 from consistent_id.cli import main
@@ -67,19 +67,7 @@ def _written(folder, form, columns):
 
 
 def _problem(folder, file, preparation, entry=""):
-    text = f"""
-name = "arm"
-[model]
-urdf = "arm.urdf"
-[drive]
-viscous = true
-coulomb = "tanh"
-velocity_scale = 0.02
-offset = true
-[constraints]
-masses = "free"
-[data]
-[data.columns]
+    text = f"""{HEAD}[data.columns]
 position = "q_{{joint}}"
 torque = "tau_{{joint}}"
 [[data.recordings]]
