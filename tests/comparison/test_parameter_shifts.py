@@ -58,6 +58,23 @@ def test_parameters_of_a_torque_a_percent_larger_are_a_percent_larger(arm, log):
     assert added == pytest.approx(expected, rel=1e-6)
 
 
+def test_variants_are_weighted_as_the_whole(arm, log):
+    """By hand: least squares whose rows are divided by the noise of their joint."""
+    sigma, columns = np.array([1.0, 7.0]), list(ci.base_parameters(arm).independent)
+    other = replace(log, torque=log.torque + [0.3, 0.0] * np.sign(log.velocity))
+    found = parameter_shifts(
+        arm,
+        ci.build_regression(arm, log).weighted(sigma),
+        [ci.build_regression(arm, other)],
+        fixed(arm),
+    )
+    Y = arm.regressor(log.position, log.velocity, log.acceleration)[:, columns]
+    rows = np.concatenate(np.moveaxis(Y, 2, 1) / sigma[:, None, None])
+    change = ((other.torque - log.torque) / sigma).T.ravel()
+    moved = np.linalg.lstsq(rows, change)[0]
+    assert found.variance[columns] == pytest.approx(moved**2, rel=1e-6)
+
+
 def test_shifts_are_in_standard_errors_and_in_intervals(arm, log):
     segments, constraints = segment_regressions(arm, log), fixed(arm)
     variant = ci.build_regression(arm, louder(log, 0.05))

@@ -45,9 +45,8 @@ def test_its_standard_error_is_that_of_many_logs(robot, known):
     ]
     offsets = np.array([one.offset for one in found])
     errors = np.array([one.standard_error for one in found])
-    assert np.sqrt(np.mean(errors**2)) == pytest.approx(
-        np.sqrt(np.mean(offsets**2)), rel=0.5
-    )
+    ratio = np.sqrt(np.mean(errors**2) / np.mean(offsets**2))
+    assert 2 / 3 < ratio < 3 / 2  # of twelve logs it is known to a fifth
 
 
 def test_what_a_log_does_not_tell_stays_as_it_was_said(robot, known):

@@ -6,6 +6,8 @@ import pytest
 from published_robots import FOLDER
 
 import consistent_id as ci
+from consistent_id.excitation.standing.ground_forces import GroundForces
+from consistent_id.excitation.standing.ground_shares import ground_shares
 from consistent_id.excitation.standing.standing_motion import standing_motion
 from consistent_id.excitation.standing.trunk_errors import trunk_errors
 from consistent_id.robot.kinematics import frame_places
@@ -79,6 +81,19 @@ def test_wrenches_of_the_ground_carry_the_humanoid_as_pinocchio_says(stance):
         needed = pin.rnea(model, data, q, v, a, pushes)
         assert np.allclose(needed[:6], 0.0, atol=1e-7)
         assert np.allclose(needed[6:][order], motion.ground.torque[k], atol=1e-7)
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_sole_on_its_edge_uses_all_of_it(stance, axis):
+    """Where two corners beside each other bear all, the middle of pressure is there."""
+    forces = np.zeros((1, 8, 3))
+    for k, foot in enumerate(stance.feet):
+        edge = foot.points[:, axis] > foot.points[:, axis].mean()
+        forces[0, 4 * k : 4 * k + 4, 2] = np.where(edge, 80.0, 0.0)
+    ground = GroundForces(forces, np.zeros((1, len(stance.robot))), 40.0)
+    shares = ground_shares(stance, ground, friction=0.6, least_press=0.2)
+    middle = [one.share[0] for one in shares if one.what == "centre of pressure"]
+    assert middle == pytest.approx([1.0, 1.0], rel=1e-3)
 
 
 def test_any_body_may_be_the_one_that_is_not_known(stance):
