@@ -33,9 +33,14 @@ def impact_guard(cutoff: float) -> float:
     >>> impact_guard(20.0)
     0.1
     """
+    return spread(_PERIODS, cutoff)
+
+
+def spread(periods: float, cutoff: float) -> float:
+    """Return how long so many periods of a cut-off [Hz] are, [s]."""
     if not (np.isfinite(cutoff) and cutoff > 0.0):
         raise RecordingError(f"cut-off is {cutoff} Hz, expected a positive number")
-    return _PERIODS / cutoff
+    return periods / cutoff
 
 
 def without_impacts(recording: Recording, guard: float) -> Recording:

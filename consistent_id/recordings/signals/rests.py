@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from consistent_id._support.arrays import BoolArray
-from consistent_id.errors import RecordingError
 from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.signals.impacts import spread
 from consistent_id.recordings.signals.masks import mask_onto, standstill
 
 # Half a period after friction has jumped, its filtered value is still 7 % of the jump
@@ -38,9 +38,7 @@ def rest_guard(cutoff: float) -> float:
     >>> rest_guard(60.0)
     0.025
     """
-    if not (np.isfinite(cutoff) and cutoff > 0.0):
-        raise RecordingError(f"cut-off is {cutoff} Hz, expected a positive number")
-    return _PERIODS / cutoff
+    return spread(_PERIODS, cutoff)
 
 
 def without_rests(
